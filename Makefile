@@ -53,12 +53,12 @@ lint: .venv/.ready-lint
 
 # Spoilt inputs of seeds that nobody has seen, and doubles of any bits in every estimator: COUNT, SEED.
 fuzz: .venv/.ready-test
-	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing --count $(COUNT) --seed $(SEED) --keep out/fuzz
+	PYTHONPATH=tests/fuzz:tests/sample_models $(BIN)/python -m fuzzing --count $(COUNT) --seed $(SEED) --keep out/fuzz
 	PYTHONPATH=tests/fuzz:tests/sample_models $(BIN)/python -m fuzzing.random_samples --seed $(SEED)
 
 # Commands that are ended at random moments.
 kills: .venv/.ready-test
-	PYTHONPATH=tests/fuzz $(BIN)/python -m fuzzing.kills --seed $(SEED)
+	PYTHONPATH=tests/fuzz:tests/sample_models $(BIN)/python -m fuzzing.kills --seed $(SEED)
 
 # Arms from URDF to `estimate`, into docs/arms.md; goes on where it was stopped.
 arms: .venv/.ready-test

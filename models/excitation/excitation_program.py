@@ -41,6 +41,7 @@ _STEP = 1e-4  # rad, of the differences of q in the torque
 
 _SHRINKS, _MORE_SHRINKS = 4, 9  # of a random motion, by .6 each
 _MOST_POSTURES = 2000  # that random motions are drawn about
+UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +79,14 @@ class MotionBounds:
             problem = f"{acceleration.size} numbers, expected 1 or {n}"
             raise InputError("excite", "acceleration", problem)
         # A joint without position limits gains nothing from more than a turn each way.
+        speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, UNSTATED_SPEED)
         lower = np.maximum(robot.position_lower, -2.0 * np.pi) + limits.position_margin
         upper = np.minimum(robot.position_upper, 2.0 * np.pi) - limits.position_margin
         positive("position_margin", upper - lower, "rad of travel")
         return cls(
             lower,
             upper,
-            positive("velocity_share", limits.velocity_share * robot.velocity_limit, "rad/s"),
+            positive("velocity_share", limits.velocity_share * speed, "rad/s"),
             positive("acceleration", np.broadcast_to(acceleration, n).copy(), "rad/s^2"),
             positive("torque_share", limits.torque_share * robot.effort_limit, "N m"),
         )

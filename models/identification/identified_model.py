@@ -291,7 +291,7 @@ class IdentifiedModel:
                 "kinematics_digest",
                 f"the model was identified with other kinematics of '{robot.name}' "
                 f"({self.kinematics_digest}, now {robot.kinematics_digest})",
-                "identify it again with this robot file",
+                "identify it again: wrenchsight identify LOGS --robot THIS_ROBOT",
             )
 
     def save(self, path: Path) -> None:

@@ -107,7 +107,7 @@ def resolved_mesh(name: str, urdf: Path) -> Path | None:
 def _mesh_places(name: str, urdf: Path) -> list[Path]:
     folder = urdf.resolve().parent
     if name.startswith("package://"):
-        relative = name.removeprefix("package://")
+        relative = name.removeprefix("package://").lstrip("/")  # package:///p/f is written, too
         inside = relative.partition("/")[2]
         candidates = [parent / relative for parent in (folder, *folder.parents)]
         candidates += [

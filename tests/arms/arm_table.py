@@ -31,7 +31,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-EXCITATION = ExcitationConfig(num_starts=2, iterations=8)
+EXCITATION = ExcitationConfig(num_starts=2, iterations=8, time_step=0.004)
 _CHECKED = 0.02  # s between the postures that are held against the package's meshes
 _BAND = 1.96
 
@@ -96,7 +96,7 @@ ARMS = (
         None, "j2s6s200_end_effector"),
     Arm("b1 with a z1", "wheel", "b1_description/urdf/b1-z1.urdf"),
     Arm("baxter, left arm", "wheel", "baxter_description/urdf/baxter.urdf",
-        None, "left_gripper_base"),
+        None, "left_hand_link"),
     Arm("pr2, right arm", "wheel", "pr2_description/urdf/pr2.urdf",
         "torso_lift_link", "r_gripper_palm_link"),
     Arm("romeo, left arm", "wheel", "romeo_description/urdf/romeo.urdf", "torso", "l_wrist"),

@@ -283,11 +283,12 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     if strange:
         warnings.append(
             f"friction does not explain the residual of {', '.join(strange)} N m: a load, contact "
-            "or other changes; identify again, or see `payload`"
+            "or other changes; wrenchsight payload LOG --robot R --model MODEL reads a load, "
+            "identify finds the model anew"
         )
     law = outcome.after
     warnings += [
-        f"{names[j]}: {term} friction comes out negative, {value[j]:.3g} {UNITS[term]}; log more "
+        f"{names[j]}: {term} friction comes out negative, {value[j]:.2g} {UNITS[term]}; log more "
         "motion of it"
         for term, value in (("coulomb", law.coulomb), ("viscous", law.viscous))
         for j in np.flatnonzero((value < 0.0) & (getattr(outcome.before, term) >= 0.0))

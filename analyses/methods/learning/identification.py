@@ -293,7 +293,7 @@ def _identify(
         readings = held_out_readings(
             recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
-        model = replace(model, torque_error=learn_torque_error(readings))
+        model = replace(model, torque_error=learn_torque_error(readings, robot))
         if contact_noise:
             model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
     of_torque = all(recording.tau_J is not None for recording in recordings)

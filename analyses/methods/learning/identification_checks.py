@@ -210,12 +210,22 @@ def warnings_of(
             f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}"
         )
     law = model.friction.coulomb_viscous
+    kinds = (
+        ("Coulomb", law.coulomb, np.ones(len(names))),
+        ("viscous", law.viscous, np.array(model.validity.v_max)),
+    )
     result += [
-        f"{names[i]}: {kind} friction comes out negative, {value[i]:.3g}; do not trust it"
-        for kind, value, speed in (
-            ("Coulomb", law.coulomb, np.ones(len(names))),
-            ("viscous", law.viscous, np.array(model.validity.v_max)),
-        )
+        f"{names[i]}: {kind} friction comes out negative, {value[i]:.2g}; do not trust it: log "
+        "more motion of that joint, slow and fast (wrenchsight excite finds one)"
+        for kind, value, speed in kinds
         for i in np.flatnonzero(value * speed < -NO_FRICTION * torque)
     ]
+    for kind, value, speed in kinds:
+        slight = np.flatnonzero((value < 0.0) & (value * speed >= -NO_FRICTION * torque))
+        if len(slight):
+            shown = ", ".join(f"{names[i]} {value[i]:.2g}" for i in slight)
+            result.append(
+                f"{kind} friction below zero stands for none: {shown}; it is less than "
+                f"{100 * NO_FRICTION:.2g} % of the joint's torque"
+            )
     return result

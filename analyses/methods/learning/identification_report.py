@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.law_choice import Extrapolated, law_scores
 from wrenchsight.models.arrays import Array
@@ -59,5 +61,12 @@ def inconsistent_links_text(links: Sequence[str], count: int) -> str | None:
 
 
 def residual_text(mean: Array, sd: Array) -> str:
-    """Mean ± 1 sd by joint."""
-    return ", ".join(f"{m:+.2f} ± {s:.2f}" for m, s in zip(mean, sd, strict=True))
+    """Mean ± 1 sd by joint, to two digits of the sd."""
+    return ", ".join(f"{_rounded(m, s)} ± {s:.2g}" for m, s in zip(mean, sd, strict=True))
+
+
+def _rounded(value: float, sd: float) -> str:
+    """To the second digit of the sd; nothing is "-0.00"."""
+    decimals = 1 - int(np.floor(np.log10(sd))) if sd > 0.0 else 2
+    text = f"{value:+.{min(max(decimals, 0), 9)}f}"
+    return text if float(text) else "0"

@@ -27,7 +27,7 @@ from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 ProgressCallback = Callable[[float, str], None]
 
 # A joint that moves less, or slower, than this shows neither its friction nor its inertia.
-LEAST_TRAVEL = 0.05  # rad or m, peak to peak
+LEAST_TRAVEL, LEAST_SLIDE = 0.05, 0.02  # rad, and m of a joint that slides, peak to peak
 LEAST_SPEED = 0.01  # rad/s or m/s
 # In periods of the cutoff:
 POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
@@ -184,7 +184,8 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
     used_q = np.vstack([run.q[run.used] for run in runs])
     travel = np.ptp(used_q, axis=0)
     speed = np.max([np.abs(run.v[run.used]).max(axis=0) for run in runs], axis=0)
-    still = np.flatnonzero((travel < LEAST_TRAVEL) | (speed < LEAST_SPEED))
+    least = np.where(robot.chain.prismatic, LEAST_SLIDE, LEAST_TRAVEL)
+    still = np.flatnonzero((travel < least) | (speed < LEAST_SPEED))
     if still.size:
         units = ["m" if prismatic else "rad" for prismatic in robot.chain.prismatic]
         result = ", ".join(
@@ -196,7 +197,8 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
             ", ".join(run.log.name for run in runs),
             "",
             f"too little motion of {result}",
-            f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad (or m) and more",
+            f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) "
+            "and more",
         )
 
 

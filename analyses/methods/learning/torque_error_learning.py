@@ -12,6 +12,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.learning.law_fits import HeldOutModel
 from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
@@ -24,6 +25,8 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
+FINEST = 1e-4  # of the effort limit: a current's step where robot.yaml states none, 13 bits
+_POSTURES = 100  # of a log, at which gravity's slope is looked at
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
 
 
@@ -86,10 +89,37 @@ def held_out_readings(
     return readings
 
 
-def learn_torque_error(readings: Sequence[HeldOutReading]) -> TorqueErrorModel | None:
-    """The torque error that held-out readings show; None where all logs are too short."""
+def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
+    """(n,) N m, sd of the rounding of current and gravity's torque.
+
+    A step d has the error d / sqrt(12). The current's is that of robot.yaml, or FINEST of the
+    effort limit where it states none; the encoder's is the log's, through gravity's slope.
+    """
+    stated = robot.current_resolution * robot.torque_per_ampere
+    effort = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
+    step = np.where(stated > 0.0, stated, FINEST * effort)
+    slope = np.zeros(robot.num_joints)
+    for entry in readings:
+        q = entry.q[np.isfinite(entry.q).all(axis=1)]
+        q = np.ascontiguousarray(q[:: max(1, len(q) // _POSTURES)])
+        gravity = np.asarray(robot.chain.gravity_torque(q))
+        for j, rounding in enumerate(entry.resolution):
+            if rounding > 0.0:
+                moved = q.copy()
+                moved[:, j] += rounding
+                change = np.asarray(robot.chain.gravity_torque(moved)) - gravity
+                slope = np.maximum(slope, np.abs(change).max(axis=0, initial=0.0))
+    return np.asarray(np.hypot(step, slope) / np.sqrt(12.0))
+
+
+def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> TorqueErrorModel | None:
+    """The torque error that held-out readings show; None where all logs are too short.
+
+    It is no smaller than what the steps of currents and encoders leave: a simulation may have none.
+    """
     largest = max(float(np.abs(entry.transmitted).max()) for entry in readings)
+    floor = np.maximum(_LEAST_SHARE * max(largest, 1e-3), resolution_floor(readings, robot))
     try:
-        return fit_torque_error(readings, _LEAST_SHARE * max(largest, 1e-3))
+        return fit_torque_error(readings, floor)
     except ValueError:  # too few samples
         return None

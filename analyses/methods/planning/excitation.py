@@ -46,6 +46,7 @@ RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
 LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
 LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
 UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
+_NAMED = 3  # lost shapes that a note names
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,10 +425,11 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
         warnings.append(
             f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
         )
-    if robot.unusable_collisions:
+    if lost := robot.unusable_collisions:
+        more = f" and {len(lost) - _NAMED} more" if len(lost) > _NAMED else ""
         warnings.append(
             "collision shapes cannot be used, so that no clearance is claimed: "
-            + ", ".join(robot.unusable_collisions)
+            f"{', '.join(lost[:_NAMED])}{more}"
         )
     warnings += [
         f"{pair} are near each other in the home posture: they keep {1e3 * kept:.3g} mm, "

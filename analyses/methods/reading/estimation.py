@@ -198,10 +198,11 @@ def estimate(
         InputError: something is wrong in the log.
     """
     warnings: list[str] = []
+    again = f"wrenchsight identify LOGS --robot {settings.robot}"
     if not model.provenance.logs:
         warnings.append(
             "the model is not identified from logs: its friction and its noise are assumed"
-            + ("" if settings.model else ", so that no reading is valid; run identify first")
+            + ("" if settings.model else f", so that no reading is valid; first: {again}")
         )
     else:
         warnings += model.fitted_robot.doubts(robot)
@@ -210,12 +211,12 @@ def estimate(
     if model.provenance.logs and model.torque_error is None:
         warnings.append(
             "the model does not state its torque error at rest and in motion: one covariance "
-            "stands for both; identify it again"
+            f"stands for both; identify it again: {again}"
         )
     elif model.provenance.logs and model.contact_noise is None:
         warnings.append(
             "the model does not state its readings without contact: how often contact is reported "
-            "where nothing touches the arm is not known; identify it again"
+            f"where nothing touches the arm is not known; identify it again: {again}"
         )
     option = "track" if settings.estimate.track else "drift"
     if (settings.estimate.track or settings.estimate.drift is not None) and not model.torque_error:

@@ -196,7 +196,7 @@ class FrictionWatch:
         if not self._free:
             return np.zeros(0, bool)
         free = np.concatenate(self._free)
-        return free if free.mean() >= 1.0 - MOSTLY else np.ones_like(free)
+        return free if len(free) and free.mean() >= 1.0 - MOSTLY else np.ones_like(free)
 
     def _contact_free(self) -> ResidualRows | None:
         """The rows that are judged."""

@@ -10,6 +10,7 @@ from fuzzing.clean_inputs import CleanInputs
 from fuzzing.mutators import BINARY, NUMBERS, TABLE, WORDS, XML, YAML, Mutator, spoilt
 
 _ESTIMATE = ("estimate", "log.csv", "--robot", "robot", "--prior", "30,2", "--out", "out")
+_DATA_SET = ("estimate", "set", *_ESTIMATE[2:])
 _SHOW = ("robot", "show", "robot", "--out", "arm.html")
 
 
@@ -59,6 +60,9 @@ _KINDS = {
         (("estimate", "--config", "estimate.yaml", "--out", "out"),),
         3,
     ),
+    "data set": _Kind("set/meta/info.json", tuple(YAML), (_DATA_SET,), 2),
+    "episodes": _Kind("set/meta/episodes.jsonl", tuple(YAML), (_DATA_SET,), 1),
+    "frames": _Kind("set/data/chunk-000/episode_000001.parquet", tuple(BINARY), (_DATA_SET,), 1),
     "map": _Kind("jcn-map.yaml", tuple(YAML), (("jcn-map", "--config", "jcn-map.yaml"),), 1),
 }
 

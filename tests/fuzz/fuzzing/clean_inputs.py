@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from lerobot_data_sets import write_data_set
 
 from wrenchsight.models.identification.fitted_robot import FittedRobot
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -134,4 +135,12 @@ def make_clean_inputs(folder: Path) -> CleanInputs:
     model.save(folder / "model.yaml")
     for name, text in _OTHERS.items():
         (folder / name).write_text(text)
+    episodes = [_frames(motion(1000, start)) for start in (0.0, 2.0)]
+    write_data_set(folder / "set", "v2.1", episodes, 100)
     return inputs
+
+
+def _frames(log: Recording) -> dict[str, np.ndarray]:
+    """Features of a LeRobot data set, at 100 frames a second."""
+    features = {"state": log.q, "velocity": log.v, "current": log.current}
+    return {f"observation.{name}": signal[::10] for name, signal in features.items()}

@@ -56,9 +56,7 @@ def test_a_vertical_axis_shows_nothing(ur10e: Robot) -> None:
     assert found.gravity[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def _held(
-    robot: Robot, postures: np.ndarray, tau: np.ndarray, rng: np.random.Generator
-) -> Recording:
+def _held(postures: np.ndarray, tau: np.ndarray, rng: np.random.Generator) -> Recording:
     """A second in each posture, with a motion between."""
     rows = 50
     q = np.repeat(postures, rows, axis=0)

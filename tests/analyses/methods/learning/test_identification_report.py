@@ -77,5 +77,10 @@ def test_the_residual_is_a_mean_and_an_sd() -> None:
     np.testing.assert_allclose(both.residual_sd, 0.1, rtol=0.1)
     np.testing.assert_allclose(both.rmse**2, both.bias**2 + both.residual_sd**2)
     assert residual_text(np.array([0.5, -0.25]), np.array([0.1, 0.2])) == (
-        "+0.50 ± 0.10, -0.25 ± 0.20"
+        "+0.50 ± 0.1, -0.25 ± 0.2"
     )
+
+
+def test_residuals_have_two_digits_and_no_negative_zero() -> None:
+    text = residual_text(np.array([-0.001, 1.234, -12.6]), np.array([0.19, 0.84, 33.0]))
+    assert text == "0 ± 0.19, +1.23 ± 0.84, -13 ± 33"
