@@ -31,7 +31,7 @@ from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.stream_order import StreamOrder
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.sample_check import BEYOND, SampleCheck
+from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, SampleCheck
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.resampling import (
     UNIFORM_TOLERANCE,
@@ -237,7 +237,8 @@ class LiveEstimator:
         """Finds the encoders' step, as `estimate` does; whether it is another than was taken."""
         if self._seen_q is None:
             return False
-        found = position_resolution(np.array(self._seen_q))
+        q = np.array(self._seen_q)
+        found = position_resolution(np.where(np.abs(q) < FURTHEST, q, np.nan))
         if not found.any():
             if len(self._seen_q) >= RESOLUTION_SAMPLES:
                 self._seen_q = None  # there is none
