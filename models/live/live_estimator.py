@@ -32,6 +32,7 @@ from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.stream_order import StreamOrder
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.sample_check import BEYOND, SampleCheck
+from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.resampling import (
     UNIFORM_TOLERANCE,
     default_max_gap,
@@ -42,6 +43,9 @@ STEP_TIME = 0.5  # s, over which the step of a stream is measured
 STEP_SAMPLES = 8  # at least
 SILENT_TIME = 0.05  # s without a sample, or
 SILENT_STEPS = 4.0  # steps, whichever is longer
+RESOLUTION_SAMPLES = 2000  # that the encoders' step is looked for in
+RESOLUTION_EVERY = 100
+ALIKE = 0.2  # steps that differ by no more are one
 _LEAST_PERIOD = 1e-9  # s
 _FAR = 10.0  # times the time of zeroing, after which a clock has jumped
 
@@ -132,6 +136,12 @@ class LiveEstimator:
         self._n = robot.num_joints
         self._stated_step = step
         self._estimator: WrenchEstimator | None = None
+        stated = self._config.estimator.position_resolution is not None
+        stated = stated or bool(np.isfinite(robot.position_resolution).all())
+        self._seen_q: list[Array] | None = None if stated else []
+        self._resolution: list[float] | None = None
+        if not stated and model.torque_error is not None:
+            self._resolution = model.torque_error.resolution.tolist()  # until the stream tells
         self.tracked: TrackedEstimator | None = None
         """What follows friction and takes off a payload, where that is asked for."""
         self._order = StreamOrder(self._config.late, rate)
@@ -168,6 +178,9 @@ class LiveEstimator:
             if not self._step_is_known():
                 return out
             waiting, self._waiting = self._waiting, []
+            if self._seen_q is not None:
+                self._seen_q += [held.q for held in waiting]
+                self._measure_resolution()
             self._begin(self._measured_step(waiting))
             for held in waiting:
                 self._take(held, out, stale=sample.received - held.received > self._config.late)
@@ -220,13 +233,38 @@ class LiveEstimator:
             return stated
         return min(max(median, 1e-4), 0.25)
 
+    def _measure_resolution(self) -> bool:
+        """Finds the encoders' step, as `estimate` does; whether it is another than was taken."""
+        if self._seen_q is None:
+            return False
+        found = position_resolution(np.array(self._seen_q))
+        if not found.any():
+            if len(self._seen_q) >= RESOLUTION_SAMPLES:
+                self._seen_q = None  # there is none
+            return False
+        self._seen_q = None
+        before, self._resolution = self._resolution, found.tolist()
+        return before is None or not np.allclose(found, before, rtol=ALIKE, atol=0.0)
+
+    def _look_at_resolution(self, sample: Sample, out: list[Reading | StreamEvent]) -> None:
+        """Begins anew where the stream shows another step of the encoders than was taken."""
+        if self._seen_q is None:
+            return
+        self._seen_q.append(sample.q)
+        count = len(self._seen_q)
+        if count % RESOLUTION_EVERY or not self._measure_resolution():
+            return
+        assert self._resolution is not None
+        step = 1e3 * max(self._resolution)
+        text = f"the encoders' step is {step:.3g} mrad (or mm): reading begins anew"
+        out.append(StreamEvent(EventKind.CHECK, text, sample.received))
+        self._prepare(self.step)  # the grid goes on
+
     def _prepare(self, step: float) -> None:
         config = self._config.estimator
         config = replace(config, observer=replace(config.observer, time_step=step))
-        error, known = self._model.torque_error, np.isfinite(self._robot.position_resolution)
-        if config.position_resolution is None and error is not None and not known.all():
-            # Of the logs that were fitted; `estimate` finds it in the log that it reads.
-            config = replace(config, position_resolution=error.resolution.tolist())
+        if self._resolution is not None:
+            config = replace(config, position_resolution=self._resolution)
         self._estimator = WrenchEstimator(self._robot, self._model, config)
         detection = self._config.detection
         self.tracked = None
@@ -239,7 +277,9 @@ class LiveEstimator:
             self._reader = self.tracked
 
     def _begin(self, step: float) -> None:
-        if self._estimator is None or self._estimator.observer.time_step != step:
+        own = self._estimator
+        taken = None if own is None else own.config.position_resolution
+        if own is None or own.observer.time_step != step or taken != self._resolution:
             self._prepare(step)
         self.step = step
         self._order.step = step
@@ -272,6 +312,7 @@ class LiveEstimator:
             return
         if anew:
             self._restart()
+        self._look_at_resolution(sample, out)
         if not sample.running:
             out += self._unusable(sample.received)
             return

@@ -199,3 +199,19 @@ def test_a_sample_of_another_arm_is_left_out(ur10e, model, samples):
     live = LiveEstimator(ur10e, model, CONFIG)
     (event,) = live.take(replace(samples[0], q=np.zeros(7)))
     assert event.kind is EventKind.RECIPE
+
+
+def test_the_encoders_step_is_found_in_the_stream(ur10e, model, samples):
+    coarse = [replace(s, q=np.round(s.q / 4e-4) * 4e-4) for s in samples]
+    live = LiveEstimator(ur10e, model, CONFIG)
+    readings, events = taken(live, coarse)
+    assert [event.kind for event in events] == [EventKind.CHECK]
+    assert "0.4 mrad" in events[0].text
+    np.testing.assert_allclose(live.estimator.config.position_resolution, 4e-4, rtol=1e-9)
+    assert len(readings) == len(coarse)
+    assert readings[-1].valid
+    stated = replace(CONFIG.estimator, position_resolution=[4e-4] * 6)
+    told, none = taken(LiveEstimator(ur10e, model, LiveConfig(stated)), coarse)
+    assert not none
+    # What was read before settles.
+    np.testing.assert_allclose(readings[-1].wrench, told[-1].wrench, atol=1e-3)
