@@ -8,6 +8,7 @@ a run that was stopped goes on; remove a file to have its arm again.
 
 import argparse
 import json
+import re
 import shutil
 import time
 from dataclasses import dataclass
@@ -151,7 +152,7 @@ def run_arm(arm: Arm, folder: Path, excitation: ExcitationConfig = EXCITATION) -
         row["doubts"] = list(read.warnings)
         row["stage"] = "through"
     except InputError as error:
-        row["refused"] = str(error).replace(str(arm.path), arm.path.name)
+        row["refused"] = re.sub(r"\S*/([^/\s:]+)", r"\1", str(error))
     except Exception as error:
         row["refused"] = f"{type(error).__name__}: {error}"
         row["defect"] = True
@@ -173,7 +174,10 @@ def _collisions(
 
     Apart those of links whose distance `excite` says that it does not keep.
     """
-    meshes = PackageMeshes(robot, None if arm.source == "bundled" else arm.path)
+    try:
+        meshes = PackageMeshes(robot, None if arm.source == "bundled" else arm.path)
+    except ValueError:  # pinocchio does not read every URDF that Drake does
+        return {"collisions": {}, "said": {"not read by pinocchio": -1}}
     motions = [result.trajectory for result in results]
     q = [motion.sample(np.arange(0.0, motion.period, _CHECKED))[0] for motion in motions]
     notes = [note for result in results for note in result.warnings if "is not checked" in note]
@@ -238,7 +242,8 @@ def page(rows: list[dict[str, Any]]) -> str:
         band = "–" if row["band_pct"] is None else f"{row['band_pct']:.0f}"
         hits = str(max(row["collisions"].values(), default=0))
         if row["said"]:
-            hits += f" ({max(row['said'].values())})"
+            most = max(row["said"].values())
+            hits = f"{hits} ({most})" if most > 0 else "not read"
         cells = [row["arm"], row["source"], row["joints"], f"{row['condition']:.3g}",
                  f"{row['valid_pct']:.0f}", band, closest, hits]  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")

@@ -8,6 +8,7 @@ from arm_table import ARMS, Arm, is_wrong, page, run_arm
 
 from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
 
+_DOCS = Path(__file__).parents[2] / "docs" / "arms.md"
 _QUICK = ExcitationConfig(num_starts=1, iterations=2)
 
 
@@ -41,3 +42,10 @@ def test_a_collision_that_nothing_says_is_wrong() -> None:
     assert is_wrong(row)
     assert not is_wrong(row | {"closest_mm": None})  # no clearance was claimed
     assert is_wrong({"arm": "a", "stage": "identify", "refused": "KeyError: 1", "defect": True})
+
+
+def test_the_page_holds_every_arm() -> None:
+    text = _DOCS.read_text(encoding="utf-8")
+    for arm in ARMS:
+        assert f"| {arm.name} | {arm.source} |" in text
+    assert "wrong: none" in text

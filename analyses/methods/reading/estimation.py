@@ -59,6 +59,7 @@ from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
+from wrenchsight.models.detection.pure_force import force_alone_explains
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -302,6 +303,10 @@ def estimate(
                     *(found, chunk.t, batch.J, alone, batch.torque_sd),
                     None if error is None else error.correlation,
                 )
+                if error is not None and config.reconstruction.method == "force_only":
+                    trusted &= force_alone_explains(
+                        chunk.t, batch.J, tau_ext, batch.torque_sd, error.correlation
+                    )
                 batch = batch._replace(valid=batch.valid & trusted)
             sd, valid = batch.standard_deviation, summary.judge(chunk, batch, config)
             table.write(

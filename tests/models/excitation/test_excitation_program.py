@@ -12,6 +12,7 @@ from wrenchsight.models.excitation.excitation_information import (
 )
 from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
 from wrenchsight.models.excitation.excitation_program import (
+    UNSTATED_SPEED,
     ExcitationProgram,
     MotionBounds,
     torque_gradients,
@@ -151,3 +152,12 @@ def test_torque_that_cannot_even_hold_the_arm(sts, information):
     program = ExcitationProgram(sts.chain, bounds, information, num_samples=40)
     with pytest.raises(InputError, match="torque: no trajectory found"):
         program.random_feasible(np.random.default_rng(0), num_draws=5)
+
+
+def test_a_joint_without_a_speed_limit_gets_one(serial_robot):
+    """A URDF may state none; the motion then keeps to UNSTATED_SPEED."""
+    robot = serial_robot([("revolute", "0 0 1", "0 0 0"), ("revolute", "0 1 0", "0 0 .3")])
+    robot.velocity_limit.setflags(write=True)
+    robot.velocity_limit[1] = np.inf
+    bounds = MotionBounds.of_robot(robot, ExcitationLimits())
+    np.testing.assert_allclose(bounds.velocity, [0.5, 0.5 * UNSTATED_SPEED])

@@ -9,6 +9,7 @@ import yaml
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.urdf_pictures import resolved_mesh
 
 _INERTIAL = """<inertial><mass value="{m}"/><origin xyz="0 0 -.2"/>
 <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -111,3 +112,12 @@ def test_the_world_need_not_be_declared(tmp_path: Path) -> None:
     path = tmp_path / "machine.urdf"
     path.write_text(path.read_text().replace("</robot>", joint + "</robot>"))
     assert _hits(Robot.load(tmp_path / "robot.yaml"))
+
+
+@pytest.mark.parametrize("slashes", ["package://", "package:///"])
+def test_a_mesh_of_a_package_is_found_however_it_is_written(tmp_path: Path, slashes: str) -> None:
+    folder = tmp_path / "arm_description"
+    (folder / "urdf").mkdir(parents=True)
+    (folder / "a.stl").write_text("")
+    found = resolved_mesh(f"{slashes}arm_description/a.stl", folder / "urdf" / "arm.urdf")
+    assert found == folder / "a.stl"
