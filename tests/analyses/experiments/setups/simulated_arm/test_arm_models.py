@@ -73,9 +73,9 @@ def test_the_torque_error_is_what_the_held_out_logs_show(sts):
     np.testing.assert_allclose(error.constant, expected, rtol=0.2)
     np.testing.assert_array_equal(error.K_0, K_0)
     estimator = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"))
-    assert estimator.trusted is not None  # the band follows the joints' state
+    assert estimator.learnt  # the band follows the joints' state
     constant = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"), False)
-    assert constant.trusted is None
+    assert not constant.learnt
 
 
 def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_path, monkeypatch):
