@@ -31,7 +31,8 @@ found in ROUNDS rounds of detection, from START times the windows' sd. In motion
 times the median of |tau - its low-pass|, over all moving samples, most of which are taken as free.
 
 The constants were settled on five recordings of a Franka Panda that a hand touches (`link_contact`:
-f2, d3, c2, b6, a4) and checked on five others; only START was lowered, from 3, after f3 of these.
+f2, d3, c2, b6, a4) and checked on five others. After these had been seen START was lowered from 3,
+and STILL was set.
 """
 
 from typing import NamedTuple

@@ -218,7 +218,7 @@ def page(rows: list[dict[str, Any]]) -> str:
         "",
         "<!-- `make arms` writes this page. -->",
         "",
-        f"Every arm of example-robot-data {metadata.version('example-robot-data')}, the arms among "
+        f"Arms of example-robot-data {metadata.version('example-robot-data')}, the arms among "
         f"the examples of Drake {metadata.version('drake')}, and the bundled ones, from URDF to",
         "`estimate`: `robot`, `excite` with 2 starts and 8 iterations, a simulated log of 10 s "
         "with assumed friction, noise and resolution, `identify`, and `estimate` on a second",
