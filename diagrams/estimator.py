@@ -84,10 +84,11 @@ def make_estimator(
     "held" no output but feeds through from `current`, so that a controller may use the wrench. The
     estimator starts by itself at its first update.
 
-    Inside are `samples`, `terms`, `motor`, `friction`, `torque_error`, `observer` and
-    `reconstruction` (and demultiplexers), whose numeric parameters (torque_per_ampere; coulomb,
-    viscous, offset, v_crit, or the slip elements of a law with memory; K_0; the prior's sds) are
-    changed through their Contexts. What depends on them follows: stated sd, lag, `valid`.
+    Inside are `samples`, `terms`, `motor`, `friction`, `observer`, `reconstruction`, and where
+    somebody asks for it `torque_error` (and demultiplexers). Their numeric parameters
+    (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law with memory;
+    K_0; the prior's sds) are changed through their Contexts. What depends on them follows: stated
+    sd, lag, `valid`.
 
     With `fused` all of them are one block, `block`, with the same parameters
     (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers in a third of the time.
@@ -117,7 +118,6 @@ def make_estimator(
     period = estimator.observer.time_step
     friction = builder.AddNamedSystem("friction", _friction_system(estimator.friction, period))
     observer = builder.AddNamedSystem("observer", _observer_system(estimator.observer))
-    error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
     reconstruction = builder.AddNamedSystem(
         "reconstruction",
         JacobianWrenchReconstruction(estimator.reading, period if estimator.learnt else 0.0),
@@ -147,14 +147,22 @@ def make_estimator(
         (terms.GetOutputPort("terms"), reconstruction, "terms"),
         (tau_ext, reconstruction, "tau_ext"),
         (tau_ext_valid, reconstruction, "tau_ext_valid"),
-        (terms.GetOutputPort("terms"), error, "terms"),
-        (motor.GetOutputPort("tau_J"), error, "tau_J"),
-        (friction.GetOutputPort("tau_f"), error, "tau_f"),
-        (friction.GetOutputPort("law"), error, "law"),
-        (observer.GetOutputPort("pole"), error, "pole"),
-        (error.get_output_port(), observer, "torque_error"),
     ):
         builder.Connect(output, target.GetInputPort(input_port))
+    error: TorqueErrorSystem | None = None
+    uses_sd = not isinstance(estimator.observer, MomentumObserver)
+    if estimator.learnt or uses_sd or detection is not None:  # else nobody asks for it
+        error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
+        for output, input_port in (
+            (terms.GetOutputPort("terms"), "terms"),
+            (motor.GetOutputPort("tau_J"), "tau_J"),
+            (friction.GetOutputPort("tau_f"), "tau_f"),
+            (friction.GetOutputPort("law"), "law"),
+            (observer.GetOutputPort("pole"), "pole"),
+        ):
+            builder.Connect(output, error.GetInputPort(input_port))
+        if uses_sd:
+            builder.Connect(error.get_output_port(), observer.GetInputPort("torque_error"))
 
     if estimator.observed_size:
         builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
@@ -163,9 +171,10 @@ def make_estimator(
     builder.Connect(position, terms.GetInputPort("q"))
     builder.Connect(velocity, terms.GetInputPort("v"))
     builder.Connect(current, motor.GetInputPort("current"))
-    builder.Connect(position, error.GetInputPort("q"))
-    builder.Connect(velocity, error.GetInputPort("v"))
-    if estimator.learnt:
+    if error is not None:
+        builder.Connect(position, error.GetInputPort("q"))
+        builder.Connect(velocity, error.GetInputPort("v"))
+    if error is not None and estimator.learnt:
         builder.Connect(error.get_output_port(), reconstruction.GetInputPort("torque_error"))
         builder.Connect(observer.GetOutputPort("pole"), reconstruction.GetInputPort("pole"))
     if taught and remembers:
@@ -183,7 +192,7 @@ def make_estimator(
         builder.ExportOutput(reading.get_output_port(i), name_of_part)
     builder.ExportOutput(terms.GetOutputPort("terms"), "terms")
     builder.ExportOutput(fault, "fault")
-    if detection is not None:
+    if error is not None and detection is not None:
         _detect(
             builder,
             ContactDetector.of(estimator, detection),
