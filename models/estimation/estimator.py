@@ -232,7 +232,7 @@ class WrenchEstimator:
             covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
         )
         reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
-        rates = getattr(self.observer, "K_0", None)
+        rates = self.observer.pole
         self.knowledge = ModelKnowledge(
             model.torque_error,
             np.sqrt(np.diag(covariance)),
@@ -323,7 +323,6 @@ class WrenchEstimator:
         current: ArrayLike,
         *,
         taught: Taught | None = None,
-        tau_f: ArrayLike | None = None,
     ) -> TickEstimate:
         """Takes one sample.
 
@@ -331,7 +330,7 @@ class WrenchEstimator:
             state: of `initial_state`, changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
-            taught, tau_f: as `run`, of this sample.
+            taught: as `run`, of this sample.
 
         Raises:
             ValueError: shapes that disagree.
@@ -340,10 +339,8 @@ class WrenchEstimator:
         self._check_state(state)
         sample, known = self._sample, self._nothing
         sample[0], sample[1], sample[2] = q, v, current
-        if taught is not None or tau_f is not None:
-            known = self._known(taught, tau_f, ())
-            if tau_f is not None:
-                sample[2] -= self._current_of(tau_f)
+        if taught is not None:
+            known = self._known(taught, None, ())
         estimate_tick(self.choice, *self.packed, state, sample, known, out, self._scratch)
         return TickEstimate(
             out[:n],
