@@ -32,8 +32,8 @@ class Ros2Source:
     """Reads one topic.
 
     Args:
-        reader: of the topic.
-        topic: its name, for messages.
+        participant: of DDS; the topic is subscribed to when it is first read.
+        topic: its name.
         robot: whose joints are looked for.
         effort: one of EFFORTS.
     """
@@ -41,8 +41,9 @@ class Ros2Source:
     rate = 1.0
     step = None
 
-    def __init__(self, reader: TopicReader, topic: str, robot: Robot, effort: str) -> None:
-        self._reader, self._topic, self._robot = reader, topic, robot
+    def __init__(self, participant: Any, topic: str, robot: Robot, effort: str) -> None:
+        self._participant, self._topic, self._robot = participant, topic, robot
+        self._reader: TopicReader | None = None
         self._is_torque = None if effort == "found" else effort == "torque"
         self._held: list[Sample] = []  # until the unit is known
         self._names: list[str] = []
@@ -50,14 +51,14 @@ class Ros2Source:
         self._is_there = self._closed = False
         self._counts: Counter[str] = Counter()
         self._told: dict[str, float] = {}
-        self._begin = time.monotonic()
+        self._begin = 0.0
 
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "Ros2Source":
         """As `SourceOpener`."""
         address.require_known("effort", *OPTIONS)
         topic, effort = topic_name(address), address.choice("effort", EFFORTS)
-        return cls(TopicReader(join(address), topic, JOINT_STATE), topic, robot, effort)
+        return cls(join(address), topic, robot, effort)
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
         """As the protocol."""
@@ -65,6 +66,9 @@ class Ros2Source:
             return []
         items: list[Sample | StreamEvent] = []
         try:
+            if self._reader is None:
+                self._reader = TopicReader(self._participant, self._topic, JOINT_STATE)
+                self._begin = time.monotonic()
             received = self._reader.take(timeout)
         except DDSException as error:
             self._say(items, EventKind.LOST, f"cannot be read ({error})")
@@ -114,8 +118,9 @@ class Ros2Source:
             items.append(sample)
             return
         self._held.append(sample)
-        first = self._held[0].received
-        if len(self._held) >= UNIT_SAMPLES and now - first >= UNIT_TIME:
+        first = self._held[0]
+        span = max(abs(sample.t - first.t), now - first.received)
+        if len(self._held) >= UNIT_SAMPLES and span >= UNIT_TIME:
             items += self._settle(now)
 
     def _settle(self, now: float) -> list[Sample | StreamEvent]:
