@@ -38,7 +38,7 @@ class WatchSettings:
     """All that a run of `watch` depends on, as its config.yaml holds it."""
 
     command: str = "watch"  # which wrote it
-    source: str = ""  # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL
+    source: str = ""  # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL, ros2://TOPIC
     robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
     model: str | None = None
     # model.yaml that identify wrote; else the robot's own files, and no reading is valid
@@ -46,7 +46,7 @@ class WatchSettings:
     record: str | None = None  # a new folder for what is read
     record_format: str = "mcap"  # of the recording: mcap (as estimate --mcap) or parquet
     publish: list[str] = field(default_factory=list)
-    # where readings are sent: udp://HOST:PORT, lcm://CHANNEL
+    # where readings are sent: udp://HOST:PORT, lcm://CHANNEL, ros2://TOPIC
     view: str = "terminal"
     # what shows readings: terminal, lines (one a second), meshcat (arm and arrow besides), none
     watch: WatchConfig = field(default_factory=WatchConfig)  # how
