@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 
+_SIGNALS = ("t", "q", "v", "current", "tau_J", "dropout", "row")
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -68,16 +70,11 @@ class Recording:
 
     def __getitem__(self, part: slice | Flags) -> "Recording":
         """The samples of a slice, or those (T,) that are chosen."""
+        signals = {name: getattr(self, name) for name in _SIGNALS}
         return replace(
             self,
-            t=self.t[part],
-            q=self.q[part],
-            v=self.v[part],
-            current=self.current[part],
-            tau_J=None if self.tau_J is None else self.tau_J[part],
-            dropout=self.dropout[part],
             extra={name: signal[part] for name, signal in self.extra.items()},
-            row=None if self.row is None else self.row[part],
+            **{name: None if own is None else own[part] for name, own in signals.items()},
         )
 
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -110,21 +107,15 @@ def concatenated(chunks: Sequence[Recording]) -> Recording:
     first = chunks[0]
     if len(chunks) == 1:
         return first
+    signals = {name: [getattr(c, name) for c in chunks] for name in _SIGNALS}
     return replace(
         first,
-        t=np.concatenate([c.t for c in chunks]),
-        q=np.concatenate([c.q for c in chunks]),
-        v=np.concatenate([c.v for c in chunks]),
-        current=np.concatenate([c.current for c in chunks]),
-        tau_J=_joined([c.tau_J for c in chunks]),
-        dropout=np.concatenate([c.dropout for c in chunks]),
         extra={name: np.concatenate([c.extra[name] for c in chunks]) for name in first.extra},
-        row=_joined([c.row for c in chunks]),
+        **{
+            name: None if any(part is None for part in parts) else np.concatenate(parts)
+            for name, parts in signals.items()
+        },
     )
-
-
-def _joined(parts: Sequence[Any]) -> Any:
-    return None if any(part is None for part in parts) else np.concatenate(parts)
 
 
 def place_of(recording: Recording, sample: int) -> str:
