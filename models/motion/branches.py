@@ -11,12 +11,10 @@ import itertools
 import math
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.damped_least_squares import approach_pose, space_of
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.damped_least_squares import approach_poses
 from wrenchsight.models.motion.inverse_kinematics import closed_form
 from wrenchsight.models.rigid_body.ties import whole_turns
 from wrenchsight.models.robot.robot import Robot
@@ -27,7 +25,6 @@ _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
 _POLISH_STEPS = 6
 _SEARCH_STEPS = 100
 _NUM_SEEDS = 12
-_BLOCK = 32  # poses that a thread takes at a time
 
 
 def is_closed_form(robot: Robot) -> bool:
@@ -155,48 +152,18 @@ def _refine(
     robot: Robot, R: Array, p: Array, q: Array, num_steps: int, *, limited: bool
 ) -> NDArray[np.bool_]:
     """Moves q (M, n) in place towards the poses (M); whether each arrives."""
-    reached = np.zeros(len(q), dtype=np.bool_)
-    _refine_batch(
+    left = np.empty(len(q))
+    approach_poses(
         robot.chain.table,
         np.array(robot.position_lower),
         np.array(robot.position_upper),
         np.ascontiguousarray(R),
         np.ascontiguousarray(p),
         q,
-        reached,
         num_steps,
+        True,
         limited,
+        _ROUNDING,
+        left,
     )
-    return reached
-
-
-@kernel(parallel=True)
-def _refine_batch(
-    table: Array,
-    lower: Array,
-    upper: Array,
-    R_goal: Array,
-    p_goal: Array,
-    q: Array,
-    reached: Flags,
-    num_steps: int,
-    limited: bool,
-) -> None:
-    M, n = q.shape
-    for b in prange((M + _BLOCK - 1) // _BLOCK):
-        space = space_of(n)
-        for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
-            left = approach_pose(
-                table,
-                lower,
-                upper,
-                R_goal[m],
-                p_goal[m],
-                q[m],
-                num_steps,
-                True,
-                limited,
-                _ROUNDING,
-                space,
-            )
-            reached[m] = left < _TOLERANCE
+    return left < _TOLERANCE
