@@ -2,25 +2,17 @@
 
 A path starts from a posture at its midpoint, which sets the midpoint's position, the orientation
 and the branch. Newton's method then carries the posture from point to point, both ways, to rounding
-of the pose; a redundant arm takes the shortest step in its joints. One kernel serves one path or
-thousands, so that a search can try every branch of many placements at once.
+of the pose; a redundant arm takes the shortest step in its joints. All paths go at once, so that a
+search can try every branch of many placements.
 """
 
 import math
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.damped_least_squares import (
-    Space,
-    approach_pose,
-    approach_poses,
-    space_of,
-)
-from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
+from wrenchsight.models.motion.damped_least_squares import approach_poses
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.ties import whole_turns
 
@@ -50,11 +42,26 @@ def track_paths(
     Returns:
         q (N, k + 1, n), and (N,) whether every point was reached. Joint limits are not looked at.
     """
-    q_mid = np.ascontiguousarray(q_mid, dtype=np.float64)
-    n_W = np.ascontiguousarray(n_W, dtype=np.float64)
-    q = np.empty((len(q_mid), num_segments + 1, chain.num_joints))
-    reached = np.zeros(len(q_mid), dtype=np.bool_)
-    _track_batch(chain.table, q_mid, n_W, path_length, max_joint_step, q, reached)
+    q_mid, n_W = np.asarray(q_mid, dtype=np.float64), np.asarray(n_W, dtype=np.float64)
+    k = num_segments
+    R_WE, p_WM = chain.pose(q_mid)
+    q = np.empty((len(q_mid), k + 1, chain.num_joints))
+    reached = np.ones(len(q_mid), dtype=np.bool_)
+    q[:, k // 2] = q_mid  # of an odd k replaced below
+    # Even k: from the middle point outwards. Odd: the first point is half a step away.
+    for side in (range(k // 2 + 1, k + 1), range((k + 1) // 2 - 1, -1, -1)):
+        before, previous, moved = q_mid, q_mid, 0.0
+        for i in side:
+            rows = np.flatnonzero(reached)
+            # The joints go on as they went.
+            found = previous[rows] + moved * (previous[rows] - before[rows])
+            goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
+            good = _reach_all(chain, R_WE[rows], goal, found, _MAX_STEPS, damped=False)
+            step = np.abs(found - previous[rows])
+            reached[rows] = good & np.all(step <= max_joint_step, axis=1)
+            before, previous = previous, previous.copy()
+            previous[rows] = q[rows, i] = found
+            moved = 2.0 if i == side[0] and k % 2 == 1 else 1.0
     return q, reached
 
 
@@ -87,71 +94,6 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
     middle = np.where(np.isfinite(middle), middle, 0.0)
     turns = whole_turns(q - middle)
     return np.asarray(q - np.where(prismatic, 0.0, 2.0 * math.pi * turns))
-
-
-@kernel
-def _track(
-    table: Array,
-    q_mid: Array,
-    n_W: Array,
-    path_length: float,
-    max_joint_step: float,
-    q: Array,
-    space: Space,
-) -> bool:
-    """Fills q (k + 1, n); whether every point was reached."""
-    k = q.shape[0] - 1
-    n = q.shape[1]
-    R_mid, p_mid, p_goal = np.empty((3, 3)), np.empty(3), np.empty(3)
-    pose_and_jacobian(table, q_mid, R_mid, p_mid, space[2], space[7])
-    guess, before = np.empty(n), np.empty(n)
-    if k % 2 == 0:
-        q[k // 2] = q_mid
-    for side in range(2):
-        # Even k: from the middle point outwards. Odd: the first point is half a step away.
-        first = k // 2 + 1 if side == 0 else (k + 1) // 2 - 1
-        last = k + 1 if side == 0 else -1
-        direction = 1 if side == 0 else -1
-        before[:] = q_mid
-        moved = 0.0
-        for i in range(first, last, direction):
-            along = (i / k - 0.5) * path_length
-            for c in range(3):
-                p_goal[c] = p_mid[c] + along * n_W[c]
-            previous = q_mid if i == first else q[i - direction]
-            # The joints go on as they went.
-            for j in range(n):
-                guess[j] = previous[j] + moved * (previous[j] - before[j])
-            before[:] = previous
-            moved = 2.0 if i == first and k % 2 == 1 else 1.0
-            at = approach_pose(
-                table, q_mid, q_mid, R_mid, p_goal, guess, _MAX_STEPS, False, False, _REACHED, space
-            )
-            if not at < _ARRIVED:
-                return False
-            for j in range(n):
-                if abs(guess[j] - previous[j]) > max_joint_step:
-                    return False
-            q[i] = guess
-    return True
-
-
-@kernel(parallel=True)
-def _track_batch(
-    table: Array,
-    q_mid: Array,
-    n_W: Array,
-    path_length: float,
-    max_joint_step: float,
-    q: Array,
-    reached: Flags,
-) -> None:
-    N, n = q_mid.shape
-    blocks = (N + 7) // 8
-    for b in prange(blocks):
-        space = space_of(n)
-        for i in range(8 * b, min(N, 8 * b + 8)):
-            reached[i] = _track(table, q_mid[i], n_W[i], path_length, max_joint_step, q[i], space)
 
 
 def correct_paths(
