@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.damped_least_squares import approach_poses
-from wrenchsight.models.motion.inverse_kinematics import closed_form
-from wrenchsight.models.rigid_body.ties import whole_turns
+from wrenchsight.models.motion.inverse_kinematics import closed_form, search_starts
+from wrenchsight.models.motion.path_postures import wrap_within
 from wrenchsight.models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
@@ -66,7 +66,7 @@ def all_branches(
         reached = _refine(robot, R[row], p[row], q, _POLISH_STEPS, limited=False)
         q = _nearest_to_middle(robot, q)
     else:
-        starts = _starts(robot, len(p)) if seeds is None else np.asarray(seeds, dtype=np.float64)
+        starts = np.array(search_starts(robot, _NUM_SEEDS) if seeds is None else seeds, float)
         starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
         row = np.repeat(np.arange(len(p)), starts.shape[1])
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
@@ -94,20 +94,8 @@ def _from_closed_form(
     return np.ascontiguousarray(q[finite]), row[finite]
 
 
-def _starts(robot: Robot, num_poses: int) -> Array:
-    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
-    upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
-    rng = np.random.default_rng(0)  # the same answer every time
-    random = rng.uniform(lower, upper, (_NUM_SEEDS - 1, robot.num_joints))
-    starts = np.concatenate([np.asarray(robot.home)[np.newaxis], random])
-    return np.broadcast_to(starts, (num_poses, *starts.shape))
-
-
 def _nearest_to_middle(robot: Robot, q: Array) -> Array:
-    middle = 0.5 * (robot.position_lower + robot.position_upper)
-    middle = np.where(np.isfinite(middle), middle, 0.0)
-    turn = np.where(robot.chain.prismatic, 0.0, 2.0 * math.pi)
-    return np.ascontiguousarray(q - turn * whole_turns(q - middle))
+    return wrap_within(q, robot.position_lower, robot.position_upper, robot.chain.prismatic)
 
 
 def _with_turns(
