@@ -1,11 +1,12 @@
 """What a study was asked, and what became of each of its experiments."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from wrenchsight.analyses.output.progress import State
+from wrenchsight.analyses.study.fingerprint import Fingerprint, fingerprint
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,12 @@ class StudySettings:
     quick: bool
     version: str  # of the software
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
+
+    def fingerprint(self, module: str, folders: Iterable[str]) -> Fingerprint:
+        """What the result of an experiment's module depends on, which reads these recordings."""
+        return fingerprint(
+            module, self.data, folders, seed=self.seed, quick=self.quick, truth=self.truth
+        )
 
     @property
     def of_results(self) -> dict[str, Any]:
@@ -35,8 +42,8 @@ class StudySettings:
 class Outcome:
     """What became of one experiment.
 
-    `metrics` and `stored` are empty unless `state` is done or earlier (a whole result of an earlier
-    run on which nothing that it depends on has changed since).
+    `metrics` and `stored` are empty unless `state` is done or earlier (of a run since which nothing
+    has changed that it depends on).
     """
 
     name: str
