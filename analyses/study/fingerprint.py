@@ -1,23 +1,14 @@
-"""What an experiment's result depends on, as a fingerprint: equal ones mean an equal result.
-
-    software    SHA-256 over the source files that the experiment's module reaches by its imports
-                within the four packages, and over every data file of them (robots, scenarios, ...)
-    libraries   versions of Python and of what computes the figures
-    seed, quick the options; so is `truth`, what simulated arms truly are
-    recordings  per folder of real recordings, SHA-256 over its files; None where it is absent
-
-The number of jobs and of threads is no part of it: they must not change a figure.
-"""
+"""Fingerprints of what an experiment's result depends on: software, libraries, recordings."""
 
 import ast
 import hashlib
 import platform
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from wrenchsight.analyses.output.result_marker import file_checksum, visible_files
 
@@ -28,40 +19,6 @@ ROOT: Final = Path(__file__).resolve().parents[2]  # holds the four packages
 _RUNNER: Final = ("wrenchsight.analyses.study.study", "wrenchsight.analyses.study.stored_result")
 _NAME: Final = "wrenchsight"
 _NO_DATA: Final = ("__pycache__", "templates")  # the latter of what only the report uses
-
-Fingerprint = dict[str, Any]
-
-
-def fingerprint(
-    module: str,
-    data: Path,
-    folders: Iterable[str],
-    *,
-    seed: int,
-    quick: bool,
-    truth: str = "own",
-) -> Fingerprint:
-    """Returns what the result of an experiment depends on, as plain values.
-
-    Args:
-        module: of the experiment; not imported.
-        data: folder of the real recordings.
-        folders: below `data`, which the experiment reads.
-        seed: of every random number.
-        quick: whether the experiment is shortened.
-        truth: of simulated arms.
-
-    Raises:
-        OSError: a file cannot be read.
-    """
-    return {
-        "seed": seed,
-        "quick": quick,
-        "truth": truth,
-        "software": software_hash(module),
-        "libraries": libraries(),
-        "recordings": {name: _recordings_hash(data / name) for name in sorted(folders)},
-    }
 
 
 @cache
@@ -79,7 +36,9 @@ def libraries() -> dict[str, str]:
 def software_hash(module: str) -> str:
     """Returns the SHA-256 of all of this software that `module` can reach.
 
-    The module may lie outside the four packages; of what it imports, they alone count.
+    These are the source files that it imports, directly or not, within the four packages, and every
+    data file of them (robots, scenarios, ...). The module itself, which is not imported, may lie
+    outside.
     """
     runner = {file for name in _RUNNER for file in _files_of(name)}
     files = {*runner, *source_files(module), *_data_files()}
@@ -102,7 +61,8 @@ def source_files(module: str) -> set[Path]:
     return found
 
 
-def _recordings_hash(folder: Path) -> str | None:
+def recordings_hash(folder: Path) -> str | None:
+    """Returns the SHA-256 over the visible files of a folder; None where it is absent."""
     if not folder.is_dir():
         return None
     return _hash_of({name: path for name, path in visible_files(folder) if path.is_file()})

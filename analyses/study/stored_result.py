@@ -4,30 +4,20 @@ result.json holds what the report shows, and the fingerprint of what the result 
 """
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from wrenchsight.analyses.output.outputs import OutputFolder, plain, plain_metrics
 from wrenchsight.analyses.output.result_folder import ResultFolder
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentResult
-from wrenchsight.analyses.study.fingerprint import Fingerprint
 from wrenchsight.analyses.study.outcome import look_up
-
-
-@dataclass(frozen=True)
-class StoredResult:
-    """What was read back of a whole result."""
-
-    metrics: dict[str, Any]
-    stored: dict[str, Any]  # title, section, notes, figures, pages, comparison, fingerprint
 
 
 def write_result(
     path: Path,
     experiment: Experiment,
     result: ExperimentResult,
-    fingerprint: Fingerprint,
+    fingerprint: dict[str, Any],
     settings: dict[str, Any],
 ) -> None:
     """Writes a result into the experiment's folder, beside its figures and pages.
@@ -67,9 +57,12 @@ def write_result(
     folder.write_settings("config.yaml", configuration)
 
 
-def read_result(folder: ResultFolder, name: str) -> StoredResult | None:
-    """Reads back what `write_result` wrote; None where there is none, or a file was removed."""
+def read_result(folder: ResultFolder, name: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """Reads back metrics.json and result.json; None where there are none, or a file was removed."""
     if not folder.below(name):
         return None
-    texts = (folder.path / name / file for file in ("metrics.json", "result.json"))
-    return StoredResult(*(json.loads(path.read_text(encoding="utf-8")) for path in texts))
+    metrics, stored = (
+        json.loads((folder.path / name / file).read_text(encoding="utf-8"))
+        for file in ("metrics.json", "result.json")
+    )
+    return metrics, stored

@@ -70,7 +70,7 @@ def run_study(
     `out/<name>/` receives metrics.json, config.yaml, result.json (what the report shows), figures
     and recordings, at once and only when the experiment has come to its end. An experiment whose
     whole result is there already, with the fingerprint that it would get now (see
-    `analyses.study.fingerprint`), is not run again.
+    `StudySettings.fingerprint`), is not run again.
 
     At the end, and also after an interrupt, `out/metrics.json` gets one object per experiment,
     `out/timings.json` the seconds, `out/report.html` the report: of all results in `out`, asked for
@@ -135,7 +135,7 @@ def run_study(
 
 def _shared(folder: ResultFolder) -> Path:
     """The folder of what experiments have in common."""
-    return folder.work("shared")
+    return folder.work(".shared")
 
 
 def _expected_seconds(name: str, timings: Mapping[str, Mapping[str, float]]) -> float:
@@ -198,7 +198,6 @@ class _Run:
         except (EOFError, OSError):
             return self._finish("failed", self._how_it_died())
         if kind == "loaded":
-            outcome.title, outcome.section = content
             return Progress(outcome.name, "running")
         if kind == "progress":
             return Progress(outcome.name, "running", *content)
@@ -215,7 +214,7 @@ class _Run:
                 self._staging.rename(new / outcome.name)
             result = read_result(folder, outcome.name)
             assert result is not None
-            outcome.metrics, outcome.stored = result.metrics, result.stored
+            outcome.metrics, outcome.stored = result
         elif state == "failed":
             printed = ""
             with suppress(OSError):
@@ -301,7 +300,7 @@ def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
     experiment: Experiment = import_module(task.module).EXPERIMENT
     if experiment.name != task.name:
         raise ValueError(f"{task.module}: its experiment is {experiment.name}, not {task.name}")
-    connection.send(("loaded", experiment.title, experiment.section))
+    connection.send(("loaded",))
     settings = task.settings
     missing = [settings.data / n for n in experiment.needs if not (settings.data / n).is_dir()]
     if missing:
@@ -349,16 +348,14 @@ def _earlier(
     result = read_result(folder, name)
     if result is None:
         return None, ""
-    recorded = result.stored["fingerprint"]
+    metrics, stored = result
+    recorded = stored["fingerprint"]
     # Which recordings these are follows from the software.
     now = settings.fingerprint(REGISTRY.entries()[name].module, recorded["recordings"])
     changed = [key for key in now if recorded.get(key) != now[key]]
     if changed:
         return None, f"its earlier result has other {', '.join(changed)}: it runs again"
-    title, section = result.stored["title"], result.stored["section"]
-    return Outcome(
-        name, "earlier", title, section, metrics=result.metrics, stored=result.stored
-    ), ""
+    return Outcome(name, "earlier", metrics=metrics, stored=stored), ""
 
 
 def _summarise(
@@ -412,9 +409,7 @@ def _thread_limits(threads: int) -> Iterator[None]:
 
 def available_cores() -> int:
     """Returns how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # Linux: what a container or taskset allows
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))  # what a container or taskset allows
 
 
 def software_version() -> str:
