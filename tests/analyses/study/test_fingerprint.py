@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -78,10 +77,3 @@ def test_all_that_a_run_really_imports_is_found():
     ours = {file for file in loaded if any(file.is_relative_to(p) for p in packages)}
     assert len(ours) > 20
     assert ours <= source_files(name)
-
-
-@pytest.mark.parametrize("name", REGISTRY.entries())
-def test_whoever_reads_recordings_says_which(name):
-    experiment = import_module(REGISTRY.entries()[name].module)
-    if "context.data" in Path(experiment.__file__).read_text():
-        assert experiment.EXPERIMENT.needs or experiment.EXPERIMENT.uses
