@@ -200,7 +200,9 @@ class TopicReader:
         """
         if not self._condition.triggered:
             self._set.wait(duration(nanoseconds=max(0, round(1e9 * timeout))))
-        return [
-            message.data if message.sample_info.valid_data else None
-            for message in self._reader.take(_KEPT_TO_READ)
-        ]
+        messages = self._reader.take(_KEPT_TO_READ)
+        found = [message.data for message in messages if message.sample_info.valid_data]
+        # One that is read after its publisher went says so itself.
+        if messages and messages[-1].sample_info.instance_state != InstanceState.Alive:
+            found.append(None)
+        return found

@@ -17,7 +17,7 @@ from wrenchsight.analyses.methods.live.ros2_dds import OPTIONS, TopicReader, joi
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
 from wrenchsight.models.live.stream_order import SAY_AGAIN
-from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
+from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit, telling_joints
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.rosbag.messages import JOINT_STATE, QUANTITIES, typestore
 from wrenchsight.models.robot.robot import Robot
@@ -25,6 +25,7 @@ from wrenchsight.models.robot.robot import Robot
 EFFORTS = ("found", "torque", "current")
 WAIT_TIME = 1.0  # s without a publisher, after which that is said
 UNIT_TIME, UNIT_SAMPLES = 0.5, 25  # s and samples by which gravity decides of the effort's unit
+LONGEST_UNIT_TIME = 3.0  # s, where it cannot before
 REMEDIES = {"N m": "?effort=torque", "A": "?effort=current"}
 
 
@@ -32,8 +33,8 @@ class Ros2Source:
     """Reads one topic.
 
     Args:
-        reader: of the topic.
-        topic: its name, for messages.
+        participant: of DDS; the topic is subscribed to when it is first read.
+        topic: its name.
         robot: whose joints are looked for.
         effort: one of EFFORTS.
     """
@@ -41,23 +42,25 @@ class Ros2Source:
     rate = 1.0
     step = None
 
-    def __init__(self, reader: TopicReader, topic: str, robot: Robot, effort: str) -> None:
-        self._reader, self._topic, self._robot = reader, topic, robot
+    def __init__(self, participant: Any, topic: str, robot: Robot, effort: str) -> None:
+        self._participant, self._topic, self._robot = participant, topic, robot
+        self._reader: TopicReader | None = None
         self._is_torque = None if effort == "found" else effort == "torque"
         self._held: list[Sample] = []  # until the unit is known
+        self._unit_time = UNIT_TIME if telling_joints(robot).any() else 0.0
         self._names: list[str] = []
         self._places: list[int] | None = None
         self._is_there = self._closed = False
         self._counts: Counter[str] = Counter()
         self._told: dict[str, float] = {}
-        self._begin = time.monotonic()
+        self._begin = 0.0
 
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "Ros2Source":
         """As `SourceOpener`."""
         address.require_known("effort", *OPTIONS)
         topic, effort = topic_name(address), address.choice("effort", EFFORTS)
-        return cls(TopicReader(join(address), topic, JOINT_STATE), topic, robot, effort)
+        return cls(join(address), topic, robot, effort)
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
         """As the protocol."""
@@ -65,6 +68,9 @@ class Ros2Source:
             return []
         items: list[Sample | StreamEvent] = []
         try:
+            if self._reader is None:
+                self._reader = TopicReader(self._participant, self._topic, JOINT_STATE)
+                self._begin = time.monotonic()
             received = self._reader.take(timeout)
         except DDSException as error:
             self._say(items, EventKind.LOST, f"cannot be read ({error})")
@@ -114,19 +120,23 @@ class Ros2Source:
             items.append(sample)
             return
         self._held.append(sample)
-        first = self._held[0].received
-        if len(self._held) >= UNIT_SAMPLES and now - first >= UNIT_TIME:
-            items += self._settle(now)
+        first = self._held[0]
+        span = max(abs(sample.t - first.t), now - first.received)
+        if len(self._held) >= UNIT_SAMPLES and span >= self._unit_time:
+            items += self._settle(span, now)
 
-    def _settle(self, now: float) -> list[Sample | StreamEvent]:
+    def _settle(self, span: float, now: float) -> list[Sample | StreamEvent]:
         """Decides whether effort is torque or current, as the reader of logs does."""
-        held, self._held = self._held, []
+        held = self._held
         t, q, v, effort = (
             np.array([getattr(sample, name) for sample in held])
             for name in ("t", "q", "v", "effort")
         )
         found = effort_unit([Recording(t, q, v, effort, self._topic, effort)], self._robot)
-        self._is_torque = found.unit != "A"
+        if not found.unit and self._unit_time and span < LONGEST_UNIT_TIME:
+            self._unit_time = span + UNIT_TIME
+            return []
+        self._held, self._is_torque = [], found.unit != "A"
         text = f"{self._topic}: {found.sentence(self._robot, REMEDIES)}"
         samples = [
             Sample(one.t, one.received, one.q, one.v, one.effort, self._is_torque) for one in held

@@ -12,7 +12,7 @@ from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.robot.robot import Robot
 
 RECORDS = ("mcap", "parquet")
-VIEWS = ("terminal", "lines", "meshcat", "none")
+VIEWS = ("terminal", "lines", "meshcat", "foxglove", "none")
 LONGEST_LATE, LONGEST_ZERO = 10.0, 3600.0  # s
 
 
@@ -48,7 +48,8 @@ class WatchSettings:
     publish: list[str] = field(default_factory=list)
     # where readings are sent: udp://HOST:PORT, lcm://CHANNEL, ros2://TOPIC
     view: str = "terminal"
-    # what shows readings: terminal, lines (one a second), meshcat (arm and arrow besides), none
+    # what shows readings: terminal, lines (one a second), meshcat or foxglove (arm and arrow
+    # besides), none
     watch: WatchConfig = field(default_factory=WatchConfig)  # how
 
 

@@ -51,7 +51,7 @@ class EffortUnit:
         other = remedies["N m" if self.unit == "A" else "A"]
         if not self.unit:
             why = "gravity does not tell in this log whether it is amperes"
-            if robot.has_inertias and not _telling(robot).any():
+            if robot.has_inertias and not telling_joints(robot).any():
                 why = "torque_per_ampere is near 1 in robot.yaml, so that gravity cannot tell"
             return (
                 f"effort is read as joint torque in N m: {why}; of a driver that reports amperes "
@@ -102,7 +102,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio, cosine = np.abs(xy / xx), np.abs(xy) / np.sqrt(xx * yy)
         loaded = np.sqrt(xx / count) > LEAST_GRAVITY
-    asked = np.asarray(loaded & _telling(robot) & (cosine > FOLLOWS))
+    asked = np.asarray(loaded & telling_joints(robot) & (cosine > FOLLOWS))
     if not asked.any():
         return unknown
     K = robot.torque_per_ampere
@@ -112,6 +112,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     return EffortUnit(unit, ratio, asked)
 
 
-def _telling(robot: Robot) -> Flags:
+def telling_joints(robot: Robot) -> Flags:
+    """(n,) whether a joint's torque per ampere is far enough from one to tell the units apart."""
     K = robot.torque_per_ampere
     return np.asarray(np.maximum(K, 1.0 / K) > FACTOR)

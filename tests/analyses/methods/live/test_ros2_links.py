@@ -172,6 +172,7 @@ def read_all(source, count, items):
 def test_joints_are_found_by_name_and_what_is_no_sample_is_left_out(ur10e, url):
     source, peer = open_source(f"{url}&effort=current", ur10e), Peer(url)
     writer = peer.writer()
+    source.read(0.0)
     until(writer.get_matched_subscriptions)
     names = list(ur10e.joint_names)
     turned = names[::-1]
@@ -198,6 +199,7 @@ def test_joints_are_found_by_name_and_what_is_no_sample_is_left_out(ur10e, url):
     said = [item.text for item in items if getattr(item, "kind", None) is EventKind.RECIPE]
     for word in ("without effort", names[5], names[0], "time stamp"):
         assert any(word in text for text in said), (word, said)
+    writer.write(state(names, 1.2))  # and what is still to be read when it goes
     del writer
     until(lambda: any(getattr(x, "kind", "") is EventKind.LOST for x in source.read(0.02)))
     until(lambda: any(getattr(x, "kind", "") is EventKind.REFUSED for x in source.read(0.02)))
