@@ -9,22 +9,14 @@ begun anew: the observer settles before a reading is valid again.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.detection.contact_detector import (
-    ContactDetectionConfig,
-    ContactDetector,
-    Detection,
-)
+from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
+from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
-from wrenchsight.models.estimation.estimator import (
-    EstimateBatch,
-    WrenchEstimator,
-    WrenchEstimatorConfig,
-)
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
@@ -69,45 +61,6 @@ class LiveConfig:
     # s, at the start, in which an unknown payload is held in one posture or several, untouched; its
     # weight is then taken off
     late: float = 0.05  # s by which a sample may come later than the quickest, and be valid
-
-
-class Reader(Protocol):
-    """What reads the samples of the grid: `PlainReader`, or a `TrackedEstimator`."""
-
-    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
-        """Takes the next samples, (N, n) each."""
-        ...
-
-    def restart(self) -> None:
-        """The next sample does not follow the last one."""
-        ...
-
-
-class PlainReader:
-    """Estimator and contact detector.
-
-    Args:
-        estimator: that reads.
-        detection: when a reading is contact.
-    """
-
-    def __init__(self, estimator: WrenchEstimator, detection: ContactDetectionConfig) -> None:
-        self._estimator = estimator
-        self._detector = ContactDetector.of(estimator, detection)
-        self.restart()
-
-    def restart(self) -> None:
-        """As the protocol."""
-        self._state = self._estimator.initial_state()
-        self._detector_state = self._detector.initial_state()
-
-    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
-        """As the protocol."""
-        batch = self._estimator.run(self._state, q, v, current)
-        if np.isnan(batch.J[:, :1]).any():  # a sample that is missing
-            missing = np.isnan(batch.J[:, :1]).any(axis=2)
-            q, v = np.where(missing, np.nan, q), np.where(missing, np.nan, v)
-        return batch, self._detector.run(self._detector_state, q, v, batch)
 
 
 class LiveEstimator:
@@ -269,7 +222,7 @@ class LiveEstimator:
         self._estimator = WrenchEstimator(self._robot, self._model, config)
         detection = self._config.detection
         self.tracked = None
-        self._reader: Reader = PlainReader(self._estimator, detection)
+        self._reader: Reader = ContactEstimator(self._estimator, detection)
         if self._config.track or self._config.zero_s:
             self.tracked = TrackedEstimator(
                 *(self._robot, self._model, config, detection),

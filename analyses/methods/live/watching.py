@@ -17,7 +17,9 @@ from wrenchsight.analyses.methods.live.watch_config import WatchSettings
 from wrenchsight.analyses.output.console import say
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.input_error import needing_extra
 from wrenchsight.models.live.samples import EventKind, StreamEvent
+from wrenchsight.models.robot.robot import Robot
 
 FRAME_TIME = 0.2  # s between two pictures of a terminal
 LINE_TIME = 1.0  # s between two lines where there is none
@@ -39,6 +41,33 @@ class Sink(Protocol):
     def close(self) -> str:
         """Ends it; returns likewise."""
         ...
+
+
+class ServedView(Sink, Protocol):
+    """A sink that others look at.
+
+    Attributes:
+        url: where.
+    """
+
+    url: str
+
+
+def _meshcat(robot: Robot) -> ServedView:
+    from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
+
+    return MeshcatView(robot)
+
+
+def _foxglove(robot: Robot) -> ServedView:
+    with needing_extra("view", "--view foxglove"):
+        from wrenchsight.analyses.methods.live.foxglove_view import FoxgloveView
+
+    return FoxgloveView(robot)
+
+
+SERVED_VIEWS = {"meshcat": _meshcat, "foxglove": _foxglove}
+"""By word of --view. A further kind is one line here, and its word in `watch_config.VIEWS`."""
 
 
 class SinkThread(threading.Thread):
@@ -96,10 +125,8 @@ def watch(settings: WatchSettings, console: Console) -> int:
             folder = Path(settings.record)
             sinks.append(Recorder(folder, session.robot, settings.record_format))
             OutputFolder(folder).write_settings("config.yaml", settings)
-        if settings.view == "meshcat":
-            from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
-
-            view = MeshcatView(session.robot)
+        if settings.view in SERVED_VIEWS:
+            view = SERVED_VIEWS[settings.view](session.robot)
             sinks.append(view)
             tell(f"the arm and its force are at {view.url}")
         threads = [SinkThread(sink, session.follow(), tell) for sink in sinks]

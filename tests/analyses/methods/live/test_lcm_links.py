@@ -95,6 +95,6 @@ def test_addresses_are_checked(ur10e):
     with pytest.raises(InputError, match="robot"):
         open_source("lcm://S?robot=toaster", ur10e)
     with pytest.raises(InputError, match="publish"):
-        open_publisher("smoke://h")
-    open_publisher("lcm://WRENCH?url=memq://").close()
+        open_publisher("smoke://h", ur10e)
+    open_publisher("lcm://WRENCH?url=memq://", ur10e).close()
     open_source("lcm://S?url=memq://", ur10e).close()
