@@ -13,11 +13,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.known_contact import KnownContactEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
@@ -46,6 +48,10 @@ def _estimator_of_streams() -> WrenchEstimatorConfig:
     return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
 
 
+def _contact_of_streams() -> ContactConfig:
+    return ContactConfig(lag=0.0)
+
+
 @dataclass
 class LiveConfig:
     """How a stream becomes wrenches."""
@@ -61,6 +67,8 @@ class LiveConfig:
     # s, at the start, in which an unknown payload is held in one posture or several, untouched; its
     # weight is then taken off
     late: float = 0.05  # s by which a sample may come later than the quickest, and be valid
+    contact: ContactConfig = field(default_factory=_contact_of_streams)
+    """A contact whose direction is known: with its axis, the wrench is read at it."""
 
 
 class LiveEstimator:
@@ -229,6 +237,9 @@ class LiveEstimator:
                 follows_friction=self._config.track,
             )
             self._reader = self.tracked
+        if self._config.contact.axis:
+            own = self.tracked.estimator if self.tracked is not None else self._estimator
+            self._reader = KnownContactEstimator(self._reader, own, self._config.contact)
 
     def _begin(self, step: float) -> None:
         own = self._estimator

@@ -84,6 +84,7 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         detection=config.live.detection,
         max_gap=config.live.max_gap,
         track=config.live.track,
+        contact=config.live.contact,
     )
     checked = checked_config(same, robot)
     prior = stated_prior(checked, robot)
