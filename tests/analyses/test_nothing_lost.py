@@ -82,7 +82,7 @@ def test_study_does_not_delete_a_folder_of_the_name_of_an_experiment(tmp_path):
     (X / "jcn-map").mkdir(parents=True)
     (X / "jcn-map" / "thesis.txt").write_text("mine")
     line = _refused("study", "--quick", "jcn-map", "--out", X, "--data", tmp_path / "data")
-    assert "jcn-map/thesis.txt, which wrenchsight did not write there" in line
+    assert "jcn-map/thesis.txt, which is not as wrenchsight wrote it" in line
     assert _files(X) == {"jcn-map/thesis.txt": b"mine"}
 
 
@@ -150,7 +150,7 @@ _COMMANDS = {
 def test_a_folder_that_is_not_ours_is_refused_before_anything_else(command, tmp_path):
     (tmp_path / "metrics.json").write_text("mine")
     line = _refused(command, *_COMMANDS[command], "--out", tmp_path)
-    assert "metrics.json, which wrenchsight did not write there" in line
+    assert "metrics.json, which is not as wrenchsight wrote it" in line
     assert _files(tmp_path) == {"metrics.json": b"mine"}
 
 
@@ -177,7 +177,7 @@ def test_a_result_that_the_user_changed_stays(X, log):
     before = _files(X)
     result = _estimate(log, X)
     assert result.exit_code == 2
-    assert "config.yaml: was changed since wrenchsight wrote it" in result.stderr
+    assert "config.yaml, which is not as wrenchsight wrote it" in result.stderr
     assert _files(X) == before
 
 
@@ -186,7 +186,7 @@ def test_a_file_that_the_user_added_stays(X, log):
     before = _files(X)
     result = _estimate(log, X)
     assert result.exit_code == 2
-    assert "figures/mine.png, which wrenchsight did not write there" in result.stderr
+    assert "figures/mine.png, which is not as wrenchsight wrote it" in result.stderr
     assert _files(X) == before
 
 
