@@ -22,6 +22,7 @@ OPTIONS = (
     Option("watch.live.contact.axis", "contact_axis"),
     Option("watch.live.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
     Option("watch.live.contact.force_rate", "contact_force_rate", shown=False),
+    Option("watch.live.torque_sd", shown=False, default="none"),
     Option("watch.check", shown=False),
     Option("watch.accept_signs", shown=False),
     Option("watch.other_robot", shown=False),
