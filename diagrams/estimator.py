@@ -124,8 +124,7 @@ def make_estimator(
     ):
         builder.Connect(output, target.GetInputPort(input_port))
     error: TorqueErrorSystem | None = None
-    uses_sd = not isinstance(estimator.observer, MomentumObserver)
-    if estimator.learnt or uses_sd or detection is not None:  # else nobody asks for it
+    if estimator.learnt or observer.uses_sd or detection is not None:  # else nobody asks for it
         error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
         for output, input_port in (
             (terms.GetOutputPort("terms"), "terms"),
@@ -135,7 +134,7 @@ def make_estimator(
             (observer.GetOutputPort("pole"), "pole"),
         ):
             builder.Connect(output, error.GetInputPort(input_port))
-        if uses_sd:
+        if observer.uses_sd:
             builder.Connect(error.get_output_port(), observer.GetInputPort("torque_error"))
 
     if estimator.observed_size:

@@ -84,6 +84,8 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         detection=config.live.detection,
         max_gap=config.live.max_gap,
         track=config.live.track,
+        contact=config.live.contact,
+        torque_sd=config.live.torque_sd,
     )
     checked = checked_config(same, robot)
     prior = stated_prior(checked, robot)
