@@ -37,7 +37,7 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
     reconstruct_wrench,
 )
-from wrenchsight.models.rigid_body.conditioning import condition_number, singular_values
+from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import plain_truth
@@ -225,7 +225,7 @@ def _measures(robot: Robot, q: Array) -> tuple[dict[str, Array], float]:
     lengths = np.geomspace(0.05, 2.0, 75)
     smallest = [float(np.min(condition_number(_scaled(J, length)))) for length in lengths]
     length = float(lengths[int(np.argmin(smallest))])
-    values = singular_values(J)
+    values = np.linalg.svd(J, compute_uv=False)
     inverse = np.linalg.pinv(J)
     return {
         "jcn": condition_number(J),
