@@ -113,15 +113,6 @@ def test_estimate_does_not_overwrite_the_description_of_its_log(X, log):
     assert _files(X) == before
 
 
-@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
-def test_nor_when_the_log_is_a_link_to_it(X, tmp_path, link):
-    link(tmp_path / "log.csv", X / "wrench.csv")
-    before = _files(X)
-    line = _refused("estimate", tmp_path / "log.csv", "--robot", "sts_sre4_600", "--out", X)
-    assert "log.csv: is read by this command" in line
-    assert _files(X) == before
-
-
 def test_simulate_does_not_overwrite_the_scenario_that_it_runs(tmp_path):
     out = tmp_path / "out"
     first = _run("simulate", "--duration", 0.05, "--no-recording", "--out", out)
@@ -170,24 +161,6 @@ def test_results_are_replaced_by_the_same_command(X, log):
     assert _estimate(log, X).exit_code == 0
     assert _files(X) == before  # the same bytes, and nothing else
     assert MARKER in before
-
-
-def test_a_result_that_the_user_changed_stays(X, log):
-    (X / "config.yaml").write_text("# my remarks\n")
-    before = _files(X)
-    result = _estimate(log, X)
-    assert result.exit_code == 2
-    assert "config.yaml, which is not as wrenchsight wrote it" in result.stderr
-    assert _files(X) == before
-
-
-def test_a_file_that_the_user_added_stays(X, log):
-    (X / "figures" / "mine.png").write_text("mine")
-    before = _files(X)
-    result = _estimate(log, X)
-    assert result.exit_code == 2
-    assert "figures/mine.png, which is not as wrenchsight wrote it" in result.stderr
-    assert _files(X) == before
 
 
 def test_a_command_does_not_overwrite_the_configuration_that_it_runs_again(X, tmp_path):
