@@ -195,7 +195,7 @@ def train_networks(
     centre = (train * y).sum(axis=1)
     spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
     z = (y - centre[:, None]) / spread[:, None]
-    with _one_thread():  # the same sums in the same order on every machine; faster, too
+    with one_thread():  # the same sums in the same order on every machine; faster, too
         weights, errors, steps = _descend(x, z, train, held, config, progress)
     W1, b1, W2, b2 = weights
     networks = FrictionNetworks(W1, b1, W2 * spread[:, None], b2 * spread + centre, edge)
@@ -252,7 +252,8 @@ def _held_out(group: NDArray[Any], rng: np.random.Generator) -> NDArray[np.bool_
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
+    """Torch on one thread for as long as a block lasts: its sums have one order."""
     import torch
 
     before = torch.get_num_threads()
@@ -273,13 +274,13 @@ class Adam:
         self._parameters = parameters
         self._means = [p.detach().clone().zero_() for p in parameters]
         self._squares = [p.detach().clone().zero_() for p in parameters]
-        self._rate, self._steps, self._done = rate, steps, 0
+        self.rate, self._steps, self._done = rate, steps, 0
 
     def step(self, gradients: "Sequence[torch.Tensor]") -> None:
         """Takes one step against the gradients, in the parameters' order and in place."""
         self._done += 1
         scale = (1.0 - 0.999**self._done) ** 0.5
-        size = self._rate / (1.0 - 0.9**self._done)
+        size = self.rate / (1.0 - 0.9**self._done)
         for p, gradient, mean, square in zip(
             self._parameters, gradients, self._means, self._squares, strict=True
         ):
@@ -289,7 +290,7 @@ class Adam:
         before, now = (
             1.0 + math.cos(math.pi * k / self._steps) for k in (self._done - 1, self._done)
         )
-        self._rate = now / before * (self._rate - LEAST_RATE) + LEAST_RATE
+        self.rate = now / before * (self.rate - LEAST_RATE) + LEAST_RATE
 
 
 def _descend(
