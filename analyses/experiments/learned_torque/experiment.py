@@ -40,6 +40,7 @@ from wrenchsight.analyses.experiments.learned_torque.arms import (
 )
 from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
     ALONE,
+    HELD_OUT,
     METHODS,
     ON_MODEL,
     Errors,
@@ -87,7 +88,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     }
     later = {name: all_weeks.errors(arm.free(name, WEEKS)) for name in LATER}
     later[LOAD] = all_weeks.errors(arm.loaded(FOLDER, LOAD, WEEKS))
-    repeated = arm.predictors[REPEATED].errors(arm.loaded(FOLDER, LOAD, REPEATED))
+    again = arm.loaded(FOLDER, LOAD, REPEATED)
+    again = again.narrowed(np.arange(len(again.rows)) < (0.95 - HELD_OUT) * len(again.rows))
+    repeated = arm.predictors[REPEATED].errors(again)  # of what was trained without the load
     others = [name for name in free if name != SAME_WEEK]
     torque = [free[name].log.motion.torque[free[name].rows] for name in others]
     context.progress(0.75, "in contact")

@@ -29,7 +29,7 @@ class NetworkConfig:
 
     hidden: int = 64
     epochs: float = 15.0
-    most_steps: int = 1200  # of Adam: about a minute
+    most_steps: int = 1600  # of Adam: about a minute
     rate: float = 5e-3
     decay: float = 0.1  # of the weights, a step and unit of rate
     blur: float = 0.0  # rad, sd of an offset of a history's angles while it is trained
