@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.learning.friction_training import Adam, one_thread
+from wrenchsight.analyses.methods.learning.friction_training import LEAST_RATE, one_thread
 from wrenchsight.models.arrays import Array, Flags
 
 if TYPE_CHECKING:
@@ -128,7 +128,8 @@ class TorqueNetwork:
         size, n = min(BATCH, len(x)), x.shape[2] // 2
         steps = min(config.most_steps, math.ceil(config.epochs * len(x) / size))
         parameters = [*self._gru.parameters(), *self._out.parameters()]
-        optimiser = Adam(parameters, config.rate, steps)
+        optimiser = torch.optim.AdamW(parameters, lr=config.rate, weight_decay=config.decay)
+        rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, LEAST_RATE)
         draw = np.random.default_rng(config.seed)
         order: list[int] = []
         for _ in range(steps):
@@ -137,12 +138,11 @@ class TorqueNetwork:
             batch, order = torch.tensor(order[:size]), order[size:]
             histories = x[batch]
             histories[:, :, :n] += torch.from_numpy(config.blur * draw.normal(size=(size, 1, n)))
+            optimiser.zero_grad()
             error = self._of(histories) - y[batch]
-            gradients = torch.autograd.grad((error**2).mean(), parameters)
-            with torch.no_grad():
-                for p in parameters:
-                    p.mul_(1.0 - config.decay * optimiser.rate)
-                optimiser.step(gradients)
+            (error**2).mean().backward()
+            optimiser.step()
+            rate.step()
 
 
 def _signals(histories: "torch.Tensor") -> "torch.Tensor":

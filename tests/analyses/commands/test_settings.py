@@ -53,8 +53,7 @@ def call(monkeypatch, tmp_path):
         monkeypatch.setattr(*WORK[command], note)
         if config is not None:
             folder = OutputFolder(tmp_path)
-            write = folder.write_yaml if isinstance(config, dict) else folder.write_settings
-            path = write("config.yaml", config)
+            path = folder.write_settings("config.yaml", config)
             arguments = (*arguments, "--config", path)
         result = CliRunner().invoke(app, [command, *map(str, arguments)])
         return seen if result.exit_code == 130 else result

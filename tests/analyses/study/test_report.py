@@ -104,6 +104,8 @@ def outcome(tmp_path):
         folder.write_text("config.yaml", "experiment: <b>one</b>\n")
         folder.write_json("metrics.json", METRICS)
         stored = {
+            "title": f"Title of {name}",
+            "section": "4.3",
             "notes": ["Reads `fx_n` & says so.", "A second sentence."],
             "figures": [
                 {"path": "figures/torque fit.png", "caption": "Torque, measured & predicted."},
@@ -112,10 +114,8 @@ def outcome(tmp_path):
             "pages": [{"path": "arm.html", "caption": "The arm <moving>"}],
             "comparison": ROWS,
         }
-        values = {"title": f"Title of {name}", "section": "4.3", "seconds": 12.3}
-        return Outcome(
-            name, "done", metrics=METRICS, stored=stored | changes.pop("stored", {}), **values
-        )
+        stored |= changes.pop("stored", {})
+        return Outcome(name, "done", seconds=12.3, metrics=METRICS, stored=stored)
 
     return make
 
