@@ -19,11 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.diagrams.distances.links_apart import links_apart
 from wrenchsight.diagrams.estimator import add_estimator
-from wrenchsight.diagrams.machining import (
-    add_machining_controller,
-    add_machining_reference,
-    make_machining_path,
-)
+from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
 from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
 from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
@@ -33,6 +29,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import TaughtTorque
 from wrenchsight.models.machining.machining_path import MachiningPath
+from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.motion.paths import JointTrajectory
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
@@ -42,7 +39,7 @@ from wrenchsight.systems.machining.machining_controller import MachiningControll
 from wrenchsight.systems.path_reference import PathReference
 from wrenchsight.systems.pose_reference import PoseReference
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
-from wrenchsight.systems.taught_torque import TaughtTorqueSource
+from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 _PASS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time", "pose_error")
@@ -119,8 +116,8 @@ def make_closed_loop(
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             the motion alone, in two thirds of the time.
-        fused: whether the estimator is one block instead of its stages; in machining together with
-            reference and controller: the same numbers, sooner.
+        fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
+            In machining it always is one block with reference and controller.
         estimator_model: what the estimator knows, and hands on as terms; None: `model`.
         log_period: s, between two entries of the log, a whole number of ticks; None: every tick.
             What nobody but the log asks for is computed then alone.
@@ -152,7 +149,7 @@ def make_closed_loop(
     )
     estimator, terms = None, None
     readings: dict[str, OutputPort] = {}
-    in_one = fused and with_estimator and machining_path is not None
+    in_one = with_estimator and machining_path is not None
     if in_one:
         pass
     elif with_estimator:
@@ -164,7 +161,6 @@ def make_closed_loop(
             q=out("q"),
             v=out("v"),
             current=out("current"),
-            taught=taught is not None,
             fused=fused,
         )
         terms = estimator.GetOutputPort("terms")
@@ -191,14 +187,9 @@ def make_closed_loop(
     elif isinstance(scenario.controller, ImpedanceConfig):
         assert estimator is not None
         feedback = out("ft_wrench") if uses_sensor(scenario) else estimator.GetOutputPort("wrench")
-        if machining_path is not None:
-            signals |= _add_machining(
-                builder, scenario, robot, model, machining_path, estimator, feedback, taught
-            )
-        else:
-            reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-            signals["reference"] = reference.get_output_port()
-            _add_path(builder, scenario, robot, model, signals)
+        reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+        signals["reference"] = reference.get_output_port()
+        _add_path(builder, scenario, robot, model, signals)
         controller, tau_command = _add_impedance(
             builder, scenario, robot, model, q_0, estimator, feedback, signals
         )
@@ -263,65 +254,42 @@ def _add_machining_controller(
     taught: TaughtTorque | None,
     cell: RobotCell,
 ) -> tuple[MachiningController, dict[str, OutputPort]]:
+    """Adds a MachiningController and takes its port apart; returns it and the parts by their names.
+
+    Raises:
+        ValueError: an air pass for an observer that reads the wrench itself; as
+            MachiningController.
+    """
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
-    out = cell.diagram.GetOutputPort
-    controller, parts = add_machining_controller(
-        builder,
-        robot,
-        model,
-        replace(plan, steady=_trusted(plan, taught)),
-        scenario.machining.phases,
-        scenario.controller,
-        estimator,
-        {name: out(name) for name in ("q", "v", "current")},
-        out("ft_wrench") if uses_sensor(scenario) else None,
+    if taught is not None and estimator.observed_size:
+        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
+    # Force feedback counts where the lesson does.
+    trusted = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
+    period, senses = estimator.observer.time_step, uses_sensor(scenario)
+    law = model.friction.feedforward
+    block = MachiningController(
+        MachiningReference(
+            robot,
+            model.chain(robot),
+            replace(plan, steady=trusted),
+            scenario.machining.phases,
+            period,
+            reads_at_rest=senses,
+        ),
+        WrenchEstimatorSystem(estimator, taught is not None),
+        ImpedanceController(law, robot.effort_limit, period, scenario.controller),
         taught,
-        reads_at_rest=uses_sensor(scenario),
+        period,
+        senses,
     )
-    _check_damping(controller.impedance, robot, plan.q_start)
-    return controller, parts
-
-
-def _trusted(plan: MachiningPath, taught: TaughtTorque | None) -> Array:
-    """(T,) 1 where the estimate may be fed back: force feedback counts where the lesson does."""
-    return plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
-
-
-def _add_machining(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    model: IdentifiedModel,
-    plan: MachiningPath,
-    estimator: Diagram,
-    feedback: OutputPort,
-    taught: TaughtTorque | None,
-) -> dict[str, OutputPort]:
-    assert scenario.machining is not None
-    signals = add_machining_reference(
-        builder,
-        robot,
-        model,
-        replace(plan, steady=_trusted(plan, taught)),
-        scenario.machining.phases,
-        scenario.time_step,
-        estimator.GetOutputPort("terms"),
-        feedback,
-        reads_at_rest=uses_sensor(scenario),
-    )
-    if taught is not None:
-        source = builder.AddNamedSystem("taught_torque", TaughtTorqueSource(taught))
-        builder.Connect(signals["feed_time"], source.get_input_port())
-        n = robot.num_joints
-        # Split up by Drake: a port of its own for each signal is as many calls into Python.
-        parts = builder.AddNamedSystem("taught_parts", Demultiplexer([n, 1]))
-        builder.Connect(source.GetOutputPort("taught"), parts.get_input_port())
-        for i, name in enumerate(("tau_correction", "counts")):
-            builder.Connect(parts.get_output_port(i), estimator.GetInputPort(name))
-        planned = builder.AddNamedSystem("v_planned", Demultiplexer([n, n, n]))
-        builder.Connect(signals["reference"], planned.get_input_port())
-        builder.Connect(planned.get_output_port(1), estimator.GetInputPort("v_planned"))
-    return signals
+    _check_damping(block.impedance, robot, plan.q_start)
+    builder.AddNamedSystem("controller", block)
+    for name in ("q", "v", "current", *(["ft_wrench"] if senses else [])):
+        port = block.GetInputPort("wrench" if name == "ft_wrench" else name)
+        builder.Connect(cell.diagram.GetOutputPort(name), port)
+    split = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
+    builder.Connect(block.GetOutputPort("action"), split.get_input_port())
+    return block, {name: split.get_output_port(i) for i, name in enumerate(block.sizes)}
 
 
 def uses_sensor(scenario: Scenario) -> bool:
@@ -377,9 +345,6 @@ def _add_impedance(
     if config.force is not None:
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
         builder.Connect(feedback, controller.GetInputPort("wrench"))
-    for name in ("force_active", "feedback_valid"):
-        if name in signals:
-            builder.Connect(signals.pop(name), controller.GetInputPort(name))
     return controller, action.get_output_port(0)
 
 

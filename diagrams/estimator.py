@@ -7,10 +7,7 @@ from pydrake.systems.framework import (
     PortDataType,
 )
 from pydrake.systems.primitives import (
-    Adder,
-    ConstantVectorSource,
     Demultiplexer,
-    PassThrough,
 )
 
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
@@ -44,7 +41,6 @@ def make_estimator(
     model: IdentifiedModel,
     config: WrenchEstimatorConfig | None = None,
     name: str = "estimator",
-    taught: bool = False,
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
 ) -> Diagram:
@@ -61,12 +57,6 @@ def make_estimator(
     Inputs:   q                 (n,) rad (m for a prismatic joint)
               v                 (n,) rad/s (m/s)
               current           (n,) A, as the drives report it
-              tau_correction    (n,) N m, added to what the observer reads (systems.taught_torque)
-              v_planned         (n,) rad/s, at which friction without memory is evaluated, as on
-                                the air pass: the sign of the measured speed of a joint that hardly
-                                moves plays no part; a law with memory does not ask for it
-              counts            (1,) 1 where a reading so corrected may be used, else 0
-                                these three with `taught` only
     Outputs:  tau_ext           (n,) N m, positive along the motion it causes
               wrench            (6,) F_E_W = [mx my mz fx fy fz], N m and N: exerted by the
                                 environment on the robot, at E, in axes of W
@@ -98,7 +88,6 @@ def make_estimator(
     contact, misfit, link, rest, out_of_range.
 
     Args:
-        taught: whether there are inputs tau_correction, v_planned and counts.
         fused: whether it is one block instead of its stages.
         detection: when a reading counts as contact; None: not asked.
 
@@ -107,14 +96,11 @@ def make_estimator(
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
-    if taught and estimator.observed_size:
-        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
     if fused:
-        return _fused(estimator, name, taught, detection)
+        return _fused(estimator, name, detection)
     builder = DiagramBuilder()
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
     motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(robot))
-    remembers = model.friction.state_rows > 0
     period = estimator.observer.time_step
     friction = builder.AddNamedSystem("friction", _friction_system(estimator.friction, period))
     observer = builder.AddNamedSystem("observer", _observer_system(estimator.observer))
@@ -128,18 +114,6 @@ def make_estimator(
     builder.Connect(observer.GetOutputPort("reading"), observed.get_input_port())
     builder.Connect(reconstruction.GetOutputPort("reading"), reading.get_input_port())
     tau_ext, tau_ext_valid = (observed.get_output_port(i) for i in range(2))
-    if taught:
-        total = builder.AddNamedSystem("corrected", Adder(2, estimator.num_joints))
-        builder.Connect(tau_ext, total.get_input_port(0))
-        builder.ExportInput(total.get_input_port(1), "tau_correction")
-        tau_ext = total.get_output_port()
-        # 1 if both are, by Drake's own blocks.
-        both = builder.AddNamedSystem("both_valid", Adder(3, 1))
-        minus_one = builder.AddNamedSystem("minus_one", ConstantVectorSource([-1.0]))
-        builder.Connect(tau_ext_valid, both.get_input_port(0))
-        builder.Connect(minus_one.get_output_port(), both.get_input_port(1))
-        builder.ExportInput(both.get_input_port(2), "counts")
-        tau_ext_valid = both.get_output_port()
     for output, target, input_port in (
         (terms.GetOutputPort("terms"), observer, "terms"),
         (motor.GetOutputPort("tau_J"), observer, "tau_J"),
@@ -150,8 +124,7 @@ def make_estimator(
     ):
         builder.Connect(output, target.GetInputPort(input_port))
     error: TorqueErrorSystem | None = None
-    uses_sd = not isinstance(estimator.observer, MomentumObserver)
-    if estimator.learnt or uses_sd or detection is not None:  # else nobody asks for it
+    if estimator.learnt or observer.uses_sd or detection is not None:  # else nobody asks for it
         error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
         for output, input_port in (
             (terms.GetOutputPort("terms"), "terms"),
@@ -161,7 +134,7 @@ def make_estimator(
             (observer.GetOutputPort("pole"), "pole"),
         ):
             builder.Connect(output, error.GetInputPort(input_port))
-        if uses_sd:
+        if observer.uses_sd:
             builder.Connect(error.get_output_port(), observer.GetInputPort("torque_error"))
 
     if estimator.observed_size:
@@ -178,14 +151,8 @@ def make_estimator(
     if error is not None and estimator.learnt:
         builder.Connect(error.get_output_port(), reconstruction.GetInputPort("torque_error"))
         builder.Connect(observer.GetOutputPort("pole"), reconstruction.GetInputPort("pole"))
-    if taught and remembers:
-        planned = builder.AddNamedSystem("planned", PassThrough(robot.num_joints))
-        builder.ExportInput(planned.get_input_port(), "v_planned")
-    elif taught:
-        builder.ExportInput(friction.GetInputPort("v"), "v_planned")
-    if remembers or not taught:
-        builder.Connect(velocity, friction.GetInputPort("v"))
-    if remembers:
+    builder.Connect(velocity, friction.GetInputPort("v"))
+    if model.friction.state_rows > 0:
         builder.Connect(position, friction.GetInputPort("q"))
         builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
     builder.ExportOutput(tau_ext, "tau_ext")
@@ -263,11 +230,10 @@ def _detect(
 def _fused(
     estimator: WrenchEstimator,
     name: str,
-    taught: bool,
     detection: ContactDetectionConfig | None,
 ) -> Diagram:
     builder = DiagramBuilder()
-    block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator, taught))
+    block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     reading = builder.AddNamedSystem("reading", Demultiplexer(block.reading_sizes))
     builder.Connect(block.GetOutputPort("reading"), reading.get_input_port())
@@ -326,7 +292,6 @@ def add_estimator(
     v: OutputPort | None = None,
     current: OutputPort | None = None,
     name: str = "estimator",
-    taught: bool = False,
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
 ) -> Diagram:
@@ -334,7 +299,6 @@ def add_estimator(
 
     Args:
         q, v, current: output ports of systems in `builder`, (n,) each; None is left unconnected.
-        taught: as `make_estimator`; these inputs are left unconnected.
         fused, detection: as `make_estimator`.
 
     Returns:
@@ -356,9 +320,7 @@ def add_estimator(
                 f"{name}: {signal} must have {robot.num_joints} entries, one a joint of "
                 f"{robot.name}, and {label} has {port.size()}"
             )
-    estimator = builder.AddSystem(
-        make_estimator(robot, model, config, name, taught, fused, detection)
-    )
+    estimator = builder.AddSystem(make_estimator(robot, model, config, name, fused, detection))
     for signal, port in sources.items():
         if port is not None:
             builder.Connect(port, estimator.GetInputPort(signal))

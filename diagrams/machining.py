@@ -1,21 +1,16 @@
-"""Machining in the closed loop: the pass that a scenario asks for, and its reference."""
+"""Machining in the closed loop: the pass that a scenario asks for."""
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Demultiplexer
 
 from wrenchsight.diagrams.robot_cell import tip_radius
 from wrenchsight.diagrams.scenario import MachiningConfig, Scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.air_pass import TaughtTorque
 from wrenchsight.models.machining.machining_path import (
     MachiningPath,
     check_curvature,
@@ -30,10 +25,6 @@ from wrenchsight.models.motion.redundancy import RedundancyProblem, best_on_grid
 from wrenchsight.models.motion.surface_path import SurfacePath
 from wrenchsight.models.rigid_body.ties import better
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController
-from wrenchsight.systems.machining.machining_controller import MachiningController
-from wrenchsight.systems.machining.machining_reference import MachiningReference
-from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 NUM_ANGLES = 36
 _MAX_STEP = math.radians(8.0)  # of a joint from one sample to the next
@@ -158,78 +149,3 @@ def view_of(path: SurfacePath) -> Array:
     across = np.cross(outward, n)
     across = np.cross([0.0, 0.0, 1.0], outward) if np.linalg.norm(across) < 1e-3 else across
     return np.asarray(across / np.linalg.norm(across) + 0.5 * n + [0.0, 0.0, 0.3])
-
-
-def add_machining_reference(
-    builder: DiagramBuilder,
-    robot: Robot,
-    model: IdentifiedModel,
-    plan: MachiningPath,
-    phases: PhasesConfig,
-    time_step: float,
-    terms: OutputPort,
-    wrench: OutputPort,
-    reads_at_rest: bool = True,
-) -> dict[str, OutputPort]:
-    """Adds a MachiningReference and takes its plan apart; returns the parts by their names.
-
-    Args:
-        terms, wrench: what it reads; see MachiningReference.
-        reads_at_rest: whether `wrench` is right where joints rest, as a sensor's is.
-    """
-    leader = builder.AddNamedSystem(
-        "machining_reference",
-        MachiningReference(robot, model.chain(robot), plan, phases, time_step, reads_at_rest),
-    )
-    builder.Connect(terms, leader.GetInputPort("terms"))
-    builder.Connect(wrench, leader.GetInputPort("wrench"))
-    sizes = leader.sizes(robot.num_joints)
-    split = builder.AddNamedSystem("machining_plan", Demultiplexer(list(sizes.values())))
-    builder.Connect(leader.get_output_port(), split.get_input_port())
-    return {name: split.get_output_port(i) for i, name in enumerate(sizes)}
-
-
-def add_machining_controller(
-    builder: DiagramBuilder,
-    robot: Robot,
-    model: IdentifiedModel,
-    plan: MachiningPath,
-    phases: PhasesConfig,
-    config: ImpedanceConfig,
-    estimator: WrenchEstimator,
-    measured: Mapping[str, OutputPort],
-    feedback: OutputPort | None,
-    taught: TaughtTorque | None,
-    reads_at_rest: bool,
-) -> tuple[MachiningController, dict[str, OutputPort]]:
-    """Adds a MachiningController and takes its port apart; returns it and the parts by their names.
-
-    Args:
-        model: of reference and controller; the estimator has its own.
-        measured: q, v and current.
-        feedback: a sensor's wrench; None: the estimate is fed back.
-        reads_at_rest: whether what is fed back is right where joints rest.
-
-    Raises:
-        ValueError: an air pass for an observer that reads the wrench itself; as
-            MachiningController.
-    """
-    if taught is not None and estimator.observed_size:
-        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
-    period = estimator.observer.time_step
-    block = MachiningController(
-        MachiningReference(robot, model.chain(robot), plan, phases, period, reads_at_rest),
-        WrenchEstimatorSystem(estimator, taught is not None),
-        ImpedanceController(model.friction.feedforward, robot.effort_limit, period, config),
-        taught,
-        period,
-        feedback is not None,
-    )
-    builder.AddNamedSystem("controller", block)
-    for name, port in measured.items():
-        builder.Connect(port, block.GetInputPort(name))
-    if feedback is not None:
-        builder.Connect(feedback, block.GetInputPort("wrench"))
-    split = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
-    builder.Connect(block.GetOutputPort("action"), split.get_input_port())
-    return block, {name: split.get_output_port(i) for i, name in enumerate(block.sizes)}

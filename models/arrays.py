@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,3 +29,16 @@ def record(**values: Any) -> Record:
 def record_type(**shapes: tuple[int, ...]) -> np.dtype[np.void]:
     """The type of a record whose fields have these shapes; () is a number."""
     return np.dtype([(name, np.float64, shape) for name, shape in shapes.items()])
+
+
+def contiguous(*signals: ArrayLike) -> list[Array]:
+    """Each as kernels take it: float64, contiguous, writeable; the same memory where it is so."""
+    return [
+        x
+        if type(x) is np.ndarray
+        and x.dtype == np.float64
+        and x.flags.c_contiguous
+        and x.flags.writeable
+        else np.require(x, np.float64, ("C", "W"))
+        for x in signals
+    ]

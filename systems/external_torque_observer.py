@@ -1,6 +1,6 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -47,7 +47,7 @@ class ExternalTorqueObserver(LeafSystem):
                 tau_J    (n,) motor torque on the joint side, N m
                 tau_f    (n,) friction torque that opposes motion, N m
                 torque_error  (ERROR_ROWS n,) of TorqueErrorSystem, for an observer that uses its
-                         sds; optional
+                         sds; optional, and only with `uses_sd`
     Outputs:    tau_ext  (n,) N m, positive along the motion it causes; reflects everything up to
                          the present tick. It feeds through from tau_J only where the observer says
                          that it reads the present torque
@@ -70,6 +70,9 @@ class ExternalTorqueObserver(LeafSystem):
             is then evaluated.
     """
 
+    uses_sd: ClassVar[bool] = True
+    """Whether there is an input torque_error."""
+
     def __init__(self, observer: Observer) -> None:
         LeafSystem.__init__(self)
         self._observer = observer
@@ -82,7 +85,8 @@ class ExternalTorqueObserver(LeafSystem):
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
-        self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
+        if self.uses_sd:
+            self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         state = observer.initial_state()
         self._state_shape = state.shape
         self._state: DiscreteStateIndex = self.DeclareDiscreteState(state.ravel())
@@ -100,10 +104,17 @@ class ExternalTorqueObserver(LeafSystem):
         )
         self._has_wrench = observer.kernels.wrench is not None
         self._last = LastTick(self, observer.time_step, n + 1 + 42 * self._has_wrench)
+        inputs = {self._terms.ticket(), self._tau_f.ticket()}
+        if self.uses_sd:
+            inputs.add(self._torque_error.ticket())
+        # All but the torque of the motors and the estimate, which a tick's halves write.
+        self._signals = self.DeclareCacheEntry(
+            "signals",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_signals),
+            inputs,
+        )
         prerequisites = self._last.tickets | {
-            self._terms.ticket(),
-            self._tau_f.ticket(),
-            self._torque_error.ticket(),
+            self._signals.ticket(),
             self.discrete_state_ticket(self._state),
             self._table.ticket(),
         }
@@ -135,24 +146,28 @@ class ExternalTorqueObserver(LeafSystem):
         pole = self._tuned(context).pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
-    def _signals(self, context: Context, with_torque: bool) -> tuple[Array, Array]:
+    def _calc_signals(self, context: Context, value: Value) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         signals = np.empty((NUM_SIGNALS, self._n))
         signals[Q], signals[V] = terms.q, terms.v
         signals[MOMENTUM], signals[CTV], signals[GRAVITY] = terms.momentum, terms.CTv, terms.G
-        signals[TAU_J] = self._tau_J.Eval(context) if with_torque else 0.0
         signals[TAU_F] = self._tau_f.Eval(context)
         signals[TORQUE_SD:] = 0.0
-        if self._torque_error.HasValue(context):
+        if self.uses_sd and self._torque_error.HasValue(context):
             sds = self._torque_error.Eval(context)[: (NUM_SIGNALS - TORQUE_SD) * self._n]
             signals[TORQUE_SD:] = sds.reshape(-1, self._n)
-        return signals, terms.J
+        value.set_value((signals, terms.J))
+
+    def _signals_of(self, context: Context, with_torque: bool) -> tuple[Array, Array]:
+        signals, J = self._signals.EvalAbstract(context).get_value()
+        signals[TAU_J] = self._tau_J.Eval(context) if with_torque else 0.0
+        return signals, J
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         if self._last.is_between(context):
             output.SetFromVector(self._last.values(context)[: self._n + 1])
             return
-        signals, J = self._signals(context, self._observer.reads_present_torque)
+        signals, J = self._signals_of(context, self._observer.reads_present_torque)
         state: Any = context.get_discrete_state(self._state).value()
         reading = output.get_mutable_value()
         reading[-1] = self._observer.kernels.output(
@@ -164,7 +179,7 @@ class ExternalTorqueObserver(LeafSystem):
         if self._last.is_between(context):
             output.SetFromVector(self._last.values(context)[self._n + 1 :])
             return
-        signals, J = self._signals(context, self._observer.reads_present_torque)
+        signals, J = self._signals_of(context, self._observer.reads_present_torque)
         state: Any = context.get_discrete_state(self._state).value()
         reading = output.get_mutable_value()
         self._observer.kernels.wrench(
@@ -182,7 +197,7 @@ class ExternalTorqueObserver(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         last = [self._reading, self._wrench] if self._has_wrench else [self._reading]
         self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
-        signals, J = self._signals(context, True)
+        signals, J = self._signals_of(context, True)
         signals[TAU_EXT] = self._reading.Eval(context)[:-1]
         self._observer.kernels.update(
             self._table.Eval(context),

@@ -55,5 +55,7 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
         ValueError: as `wrenchsight.models.observers.momentum_observer.MomentumObserver`.
     """
 
+    uses_sd = False
+
     def __init__(self, config: MomentumObserverConfig, num_joints: int) -> None:
         ExternalTorqueObserver.__init__(self, MomentumObserver(config, num_joints))

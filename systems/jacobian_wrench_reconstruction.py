@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from wrenchsight.models.arrays import contiguous
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
@@ -178,7 +179,7 @@ class JacobianWrenchReconstruction(LeafSystem):
 
     def _calc_tick(self, context: Context, value: Value) -> None:
         tables, constant = self._tables.EvalAbstract(context).get_value()
-        J = np.require(cast(RigidBodyTerms, self._terms.Eval(context)).J, float, ("C", "W"))
+        J = contiguous(cast(RigidBodyTerms, self._terms.Eval(context)).J)[0]
         if self._torque_error.HasValue(context):
             error = self._torque_error.Eval(context)
         else:

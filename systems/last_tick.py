@@ -1,5 +1,7 @@
 """What a block's outputs were at its last tick, for those who read it between its ticks."""
 
+import math
+
 import numpy as np
 from pydrake.systems.framework import (
     Context,
@@ -40,7 +42,7 @@ class LastTick:
         """Whether `context` is between the last tick and the next one."""
         last: float = context.get_discrete_state(self._index).GetAtIndex(0)
         # The ticks' times are computed as Drake does, so that rounding makes no third kind.
-        if np.isnan(last):
+        if math.isnan(last):
             return False
         now: float = context.get_time()
         return last <= now < (round(last / self._time_step) + 1) * self._time_step

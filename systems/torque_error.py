@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from wrenchsight.models.arrays import contiguous
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
     STAGE_ROWS,
@@ -97,7 +98,7 @@ class TorqueErrorSystem(LeafSystem):
         J = cast(RigidBodyTerms, self._terms.Eval(context)).J
         table, poles = self._tables.EvalAbstract(context).get_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
-        torque_error_sample(table, poles, state, q, v, np.require(J, float, ("C", "W")), error)
+        torque_error_sample(table, poles, state, q, v, contiguous(J)[0], error)
         value.set_value((error, state))
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:

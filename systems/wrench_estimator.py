@@ -48,7 +48,7 @@ class WrenchEstimatorSystem(LeafSystem):
                         |                       | --> checked_current
                         +-----------------------+ --> reading
 
-    Inputs:     as make_estimator's, those of `taught` among them
+    Inputs:     as make_estimator's
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
                 fault; checked_current (n,) A, NaN where it is impossible;
                 reading  the first five one after the other, in this order, then what the update
@@ -66,7 +66,7 @@ class WrenchEstimatorSystem(LeafSystem):
 
     Args:
         estimator: robot, model and configuration.
-        taught: whether there are inputs tau_correction, v_planned and counts.
+        taught: whether `read` is given what an air pass taught.
 
     Raises:
         ValueError: when a parameter is changed to what its part does not accept and an output is
@@ -76,7 +76,6 @@ class WrenchEstimatorSystem(LeafSystem):
     def __init__(self, estimator: WrenchEstimator, taught: bool = False) -> None:
         LeafSystem.__init__(self)
         self._estimator = estimator
-        self._taught = taught
         self._n = n = estimator.num_joints
         self._choice: KernelChoice = estimator.choice
         # A law without memory is taken at the speeds that were planned.
@@ -110,12 +109,6 @@ class WrenchEstimatorSystem(LeafSystem):
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             prerequisites.add(self._current.ticket())
-        if taught:
-            self._correction = self.DeclareVectorInputPort("tau_correction", n)
-            self._v_planned = self.DeclareVectorInputPort("v_planned", n)
-            self._counts = self.DeclareVectorInputPort("counts", 1)
-            for port in (self._correction, self._v_planned, self._counts):
-                prerequisites.add(port.ticket())
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
@@ -271,20 +264,13 @@ class WrenchEstimatorSystem(LeafSystem):
         if self._last.is_between(context):
             output.SetFromVector(self._last.values(context)[: sum(self.reading_sizes)])
             return
-        taught = None
-        if self._taught:
-            taught = (
-                self._correction.Eval(context),
-                self._v_planned.Eval(context),
-                self._counts.Eval(context)[0],
-            )
         self.read(
             self._tuned.EvalAbstract(context).get_value()[0],
             context.get_discrete_state(0).value(),
             self._q.Eval(context),
             self._v.Eval(context),
             self._current.Eval(context) if self._reads_current else self._unread,
-            taught,
+            None,
             output.get_mutable_value(),
         )
 

@@ -29,11 +29,7 @@ from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.motion.branches import all_branches
-from wrenchsight.models.motion.inverse_kinematics import (
-    closed_form,
-    follow_path,
-    inverse_kinematics,
-)
+from wrenchsight.models.motion.inverse_kinematics import closed_form, follow_path
 from wrenchsight.models.motion.posture_map import best_postures
 from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
 from wrenchsight.models.motion.redundancy import best_on_grid, candidates, refine
@@ -115,14 +111,12 @@ def test_an_arm_stays_one_that_is_solved_in_closed_form(robot, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_one_pose_and_one_path_are_solved_alike(robot, seed):
+def test_one_path_is_solved_alike(robot, seed):
     other = moved_robot(robot, seed)
-    for p in PLACES[::5]:
-        found = inverse_kinematics(robot, DOWN, p)
-        np.testing.assert_allclose(inverse_kinematics(other, DOWN, p), found, atol=1e-5)
     p = np.linspace([0.4, -0.1, 0.3], [0.4, 0.1, 0.3], 9)
     # As near to one wrist as to the other: joints 4 and 6 a quarter of a turn to either side.
-    start = inverse_kinematics(robot, DOWN, p[0])[0].copy()
+    branches = all_branches(robot, DOWN[np.newaxis], p[:1])[0]
+    start = branches[np.argmin(np.linalg.norm(branches - robot.home, axis=1))]
     between = start.copy()
     between[3], between[4], between[5] = start[3] + np.pi / 2, 0.0, start[5] - np.pi / 2
     for seed_posture in (start, between):

@@ -35,7 +35,6 @@ OPTIONS = (
 @with_settings(IdentifySettings, OPTIONS)
 def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None:
     """Find a robot's dynamic model and friction: logs in, model.yaml out."""
-    logs = [Path(log) for log in settings.logs]
     if settings.refreshing.other_specimen:
         _refit(settings, out)
         return
@@ -45,21 +44,26 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
     if settings.refresh is not None:
         _refresh(settings, out)
         return
-    validation = [Path(log) for log in settings.validate]
-    common, signs = (settings.log_format, settings.identification), settings.accept_signs
     with showing_progress("identify") as progress:
         if settings.load:
             from wrenchsight.analyses.methods.calibration.load_calibration import calibrate_logs
 
-            calibrated = calibrate_logs(
-                logs, settings.load, settings.robot, out, validation, *common, progress, signs
-            )
+            calibrated = calibrate_logs(settings, out, progress)
             result = calibrated.identification
         else:
             from wrenchsight.analyses.methods.learning.identification import identify_logs
 
             calibrated = None
-            result = identify_logs(logs, settings.robot, out, validation, *common, progress, signs)
+            result = identify_logs(
+                [Path(log) for log in settings.logs],
+                settings.robot,
+                out,
+                [Path(log) for log in settings.validate],
+                settings.log_format,
+                settings.identification,
+                progress,
+                settings.accept_signs,
+            )
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
@@ -132,16 +136,7 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
         problem = "is of one log, and there are several"
         raise InputError("--part", "", problem, "give LOG=BEGIN,END[,BEGIN,END...] each")
     with showing_progress("identify") as progress:
-        result = refresh_log(
-            Path(str(settings.refresh)),
-            settings.logs,
-            settings.robot,
-            out,
-            settings.log_format,
-            settings.refreshing,
-            progress,
-            settings.accept_signs,
-        )
+        result = refresh_log(settings, out, progress)
     outcome, (before, after) = result.refresh, result.rmse
     table = new_table(
         "\njoint",

@@ -43,15 +43,7 @@ def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
 
     logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("jcn-map") as progress:
-        result = jcn_map(
-            settings.robot,
-            out,
-            settings.num_samples,
-            settings.seed,
-            within_limits=settings.within_limits,
-            plane=settings.slice,
-            progress=progress,
-        )
+        result = jcn_map(settings, out, progress)
     _print(result, settings, out)
 
 

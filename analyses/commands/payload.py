@@ -30,18 +30,7 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
     from wrenchsight.analyses.methods.calibration.payload_identification import payload_log
 
     with showing_progress("payload") as progress:
-        result = payload_log(
-            settings.logs,
-            settings.robot,
-            Path(settings.model),
-            out,
-            settings.empty,
-            settings.log_format,
-            settings.check,
-            settings.payload,
-            progress,
-            settings.accept_signs,
-        )
+        result = payload_log(settings, out, progress)
     _print(result, out)
 
 

@@ -25,9 +25,10 @@ def command(
     from wrenchsight.analyses.methods.planning.redundancy_results import redundancy
 
     logging.getLogger("drake").setLevel(logging.WARNING)
-    content = None if on_command_line(ctx, "task") else settings.task_content
+    if on_command_line(ctx, "task"):
+        settings.task_content = None
     with showing_progress("redundancy") as progress:
-        result = redundancy(settings.task, settings.robot, out, progress, content)
+        result = redundancy(settings, out, progress)
     _print(result, out)
 
 

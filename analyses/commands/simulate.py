@@ -1,6 +1,7 @@
 """The command `simulate`: a scenario, simulated and read."""
 
 import logging
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,7 +68,8 @@ def command(
     if settings.publish is not None:
         from wrenchsight.analyses.methods.live.playing import play
 
-        play(result.recording(), settings.publish, lambda text: say(new_console(), text))
+        tell = partial(say, new_console())
+        play(result.recording(), result.robot, settings.publish, tell)
 
 
 def _print(result: "SimulationResult") -> None:

@@ -64,17 +64,15 @@ class _Samples:
 
     def rows(self, rows: slice) -> "_Samples":
         """Some of them."""
-        columns: Any = (column[rows] for column in self.batch)
         own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
-        return _Samples(EstimateBatch(*columns), *(signal[rows] for signal in own))
+        return _Samples(self.batch.rows(rows), *(signal[rows] for signal in own))
 
     def joined(self, after: "_Samples") -> "_Samples":
         """These and the ones after."""
-        pairs: Any = zip(self.batch, after.batch, strict=True)
         own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
         other: Any = (after.wrench_map, after.tau_ext, after.J, after.speed, after.known)
         return _Samples(
-            EstimateBatch(*(np.concatenate(pair) for pair in pairs)),
+            EstimateBatch.joined([self.batch, after.batch]),
             *(np.concatenate(pair) for pair in zip(own, other, strict=True)),
         )
 

@@ -1,12 +1,13 @@
 """Contact and misfit along a log or tick by tick: `contact_statistic` for one estimator."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.detection.contact_statistic import (
     CHANGE,
     CHANGE_LEVEL,
@@ -94,6 +95,19 @@ class Detection(NamedTuple):
         contact, misfit = self.contact & ~unknown, self.misfit & ~unknown
         link = np.where(unknown, 0, self.link).astype(np.int8)
         return self._replace(contact=contact, misfit=misfit, link=link)
+
+    def rows(self, rows: slice | Flags) -> "Detection":
+        """Of some of the samples."""
+        columns: Any = (column[rows] for column in self)
+        return Detection(*columns)
+
+    @staticmethod
+    def joined(parts: "Sequence[Detection]") -> "Detection":
+        """One after another."""
+        if len(parts) == 1:
+            return parts[0]
+        columns: Any = zip(*parts, strict=True)
+        return Detection(*(np.concatenate(column) for column in columns))
 
     @classmethod
     def of(cls, out: Array) -> "Detection":
@@ -237,22 +251,12 @@ class ContactDetector:
     def run(
         self,
         state: Array,
-        q: ArrayLike,
-        v: ArrayLike,
         batch: EstimateBatch,
     ) -> Detection:
-        """Takes N samples and what the estimator read of them.
-
-        Args:
-            state: of `initial_state`, changed in place.
-            q, v: (N, n) rad and rad/s.
-            batch: of the same samples.
-        """
-        q, v = (np.require(x, float, ("C", "W")) for x in (q, v))
-        momentum = self.chain.momentum_terms(q, v)[0]
+        """Takes what the estimator read of N samples; `state` of `initial_state` is changed."""
         return Detection.of(
             self.judge(
-                *(state, batch.torque_error, v, batch.transmitted, momentum),
+                *(state, batch.torque_error, batch.v, batch.transmitted, batch.momentum),
                 *(batch.tau_ext, batch.fresh),
             )
         )
@@ -307,16 +311,10 @@ class ContactDetector:
         out = np.empty((len(v), NUM_OUT))
         table, joints, upper = self._tables
         tables = table, joints, settings, upper
-        own = TorqueError(*map(_ready, error))
-        v, transmitted, momentum = _ready(v), _ready(transmitted), _ready(momentum)
-        tau_ext, fresh = _ready(tau_ext), np.asarray(fresh, bool)
+        own, fresh = TorqueError(*contiguous(*error)), np.asarray(fresh, bool)
+        v, transmitted, momentum, tau_ext = contiguous(v, transmitted, momentum, tau_ext)
         detect_log(tables, state, own, v, transmitted, momentum, tau_ext, fresh, out, white)
         return out
-
-
-def _ready(x: Array) -> Array:
-    """An array as the kernels take it."""
-    return np.require(x, np.float64, ("C", "W"))
 
 
 def initial_state(num_joints: int) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.detection.contact_detector import ContactDetector, initial_state
 from wrenchsight.models.detection.contact_statistic import (
     CHANGE_LENGTH,
@@ -83,7 +83,7 @@ def fit_contact_noise(
 def _features(error: TorqueErrorModel, own: HeldOutReading) -> Array:
     """(N, n, NUM_FEATURES) of what a variance is made of."""
     features = np.empty((*own.q.shape, NUM_FEATURES))
-    q, v, load = (np.require(x, float, ("C", "W")) for x in (own.q, own.v, own.transmitted))
+    q, v, load = contiguous(own.q, own.v, own.transmitted)
     table = error.table(own.friction, own.time_step, own.K_0, own.resolution)
     state = initial_torque_error_state(error.num_joints)
     torque_error_features(table, state, q, v, load, features)

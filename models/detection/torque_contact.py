@@ -39,7 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.kernel import kernel
 
 FIRST = 0.15  # s
@@ -111,7 +111,7 @@ class TorqueContactDetector:
         N, n = tau_ext.shape
         out, base = np.zeros((N, 3)), np.zeros((N, n))
         rest, moving = (np.ascontiguousarray(sd, float) for sd in self.error)
-        tau, at = (np.require(x, float, ("C", "W")) for x in (tau_ext, J))
+        tau, at = contiguous(tau_ext, J)
         torque_contact_log(rest, moving, self._state, np.asarray(t, float), tau, at, out, base)
         moves = out[:, 2] == 1.0
         sd = np.where(moves[:, None], self.error.moving_sd, self.error.rest_sd)

@@ -14,11 +14,10 @@ wrench is read and contact is looked for, and what is unknown of it is in the wr
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.calibration.friction_tracking import FrictionTracker, FrictionTrackingConfig
 from wrenchsight.models.calibration.payload_zero import PayloadZero, ZeroedPayload
 from wrenchsight.models.detection.contact_detector import (
@@ -134,7 +133,7 @@ class TrackedEstimator:
         Returns:
             What is read, tau_ext corrected, and contact.
         """
-        q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
+        q, v, current = contiguous(q, v, current)
         plain = self._plain.run(self._plain_state, q, v, current, conditions=False)
         return self.follow(q, v, current, plain)
 
@@ -150,7 +149,6 @@ class TrackedEstimator:
         missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
         read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
-        q_read, v_read = (np.where(missing[:, None], np.nan, x) for x in (q, v))
         correction, variance = np.empty_like(q), np.empty_like(q)
         weight, columns = np.zeros_like(q), np.zeros((*q.shape, 4))
         J_seen, R_WE = np.nan_to_num(plain.J_seen), self._plain.chain.pose(np.nan_to_num(q))[0]
@@ -161,12 +159,11 @@ class TrackedEstimator:
         while begin < len(q):
             rows = slice(begin, min(len(q), begin + self.tracker.until_step))
             begin = rows.stop
-            kept: Any = (x[rows] if len(x) else x for x in plain)
-            own = EstimateBatch(*kept)
+            own = plain.rows(rows)
             correction[rows], variance[rows] = self._correction(q[rows], v[rows])
             correction[rows] -= weight[rows]
             better = own._replace(tau_ext=own.tau_ext + correction[rows])
-            found = self._detector.run(self._detector_state, q_read[rows], v_read[rows], better)
+            found = self._detector.run(self._detector_state, better)
             parts.append(found)
             free = read[rows] & ~found.contact
             if self._follows:
@@ -178,11 +175,7 @@ class TrackedEstimator:
                 )
         taught = Taught(correction, v, np.ones(len(q)))
         batch = self.estimator.run(self._state, q, v, current, taught=taught)
-        found = parts[0]
-        if len(parts) > 1:
-            joined: Any = zip(*parts, strict=True)
-            found = Detection(*(np.concatenate(x) for x in joined))
-        return self._widened(batch, variance, columns), found
+        return self._widened(batch, variance, columns), Detection.joined(parts)
 
     def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Of friction, and its variance."""

@@ -10,13 +10,14 @@ one row after another. Both give the same numbers. A friction law with load depe
 motor torque of the tick before (`wrenchsight.models.friction.presliding_friction`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
     Parameters,
@@ -50,11 +51,14 @@ from wrenchsight.models.estimation.wrench_reading import OBSERVED, READING, Wren
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import (
+    TORQUE_ERROR_ROWS,
     ConstantTorqueError,
 )
+from wrenchsight.models.observers.lag import JACOBIAN_ROWS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer import (
     DRIFT,
+    MOMENTUM,
     NUM_SIGNALS,
     STICTION,
     TAU_F,
@@ -63,6 +67,7 @@ from wrenchsight.models.observers.observer import (
     InformedObserver,
     ModelKnowledge,
     Observer,
+    V,
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
 from wrenchsight.models.observers.sample_check import Codes, SampleCheck
@@ -131,6 +136,7 @@ class EstimateBatch(NamedTuple):
             before: a sum of BEYOND, DISAGREES and FROZEN of `models.observers.sample_check`, or 0.
             Such a sample counts as one that is not finite. Empty where it is not kept.
         stiction, drift, J_seen, error_rows: of `torque_error`; empty where it is not kept.
+        v, momentum: (N, n) rad/s and kg m^2/s, as checked; empty where they are not kept.
     """
 
     tau_ext: Array
@@ -147,6 +153,8 @@ class EstimateBatch(NamedTuple):
     drift: Array = np.empty((0, 0))
     J_seen: Array = np.empty((0, 0, 0))
     error_rows: Array = np.empty((0, 0, 0))
+    v: Array = np.empty((0, 0))
+    momentum: Array = np.empty((0, 0))
 
     @property
     def torque_error(self) -> TorqueError:
@@ -157,6 +165,19 @@ class EstimateBatch(NamedTuple):
     def standard_deviation(self) -> Array:
         """(N, 6) of the wrench, N m and N, rotation first."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    def rows(self, rows: slice | Flags) -> "EstimateBatch":
+        """Some of the samples."""
+        columns: Any = (column[rows] for column in self)
+        return EstimateBatch(*columns)
+
+    @staticmethod
+    def joined(batches: Sequence["EstimateBatch"]) -> "EstimateBatch":
+        """One after another."""
+        if len(batches) == 1:
+            return batches[0]
+        columns: Any = zip(*batches, strict=True)
+        return EstimateBatch(*(np.concatenate(column) for column in columns))
 
 
 class Observation(NamedTuple):
@@ -262,6 +283,10 @@ class WrenchEstimator:
         rows = len(self.observer.initial_state()), self.friction.state_rows
         self._state_shape = (state_size(n, *rows),)
         self._out_size = sum(tick_sizes(n).values())
+        J = n + READING + 2
+        signals, seen = J + 6 * n, J + (6 + NUM_SIGNALS) * n
+        end = seen + (JACOBIAN_ROWS + TORQUE_ERROR_ROWS) * n
+        self._columns = slice(J, signals), slice(signals, seen), slice(seen, end)
         self._sample = np.empty((3, n))
         self._nothing = np.empty((0, n))
         self._scratch = np.empty(workspace_size(n))
@@ -393,28 +418,30 @@ class WrenchEstimator:
             ValueError: shapes that disagree; taught and tau_f together.
         """
         n = self.num_joints
-        q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
+        q, v, current = contiguous(q, v, current)
         if not (q.ndim == 2 and q.shape == v.shape == current.shape and q.shape[1] == n):
             raise ValueError(
                 f"q, v and current must be (N, {n}), not {q.shape}, {v.shape} and {current.shape}"
             )
         self._check_state(state)
         N = q.shape[0]
+        known = np.empty((N, 0, n))
+        if taught is not None or tau_f is not None:
+            known = self._known(taught, tau_f, (N,))
+        if N == 1 and tau_f is None and seen is None:
+            return self._run_one(state, q, v, current, known[0])
         parts = self.parts(state)
         fault = np.zeros(N, np.int64)
         if self.check is not None:
             checked, fault = self.check.run(parts.check, q, v, current, self.observer.time_step)
             q, v, current = (np.asarray(part, float) for part in checked)
-        known = np.empty((N, 0, n))
-        if taught is not None or tau_f is not None:
-            known = self._known(taught, tau_f, (N,))
-            if tau_f is not None:
-                current = np.asarray(current - self._current_of(tau_f))
+        if tau_f is not None:
+            current = np.asarray(current - self._current_of(tau_f))
         values, layout, observer = self.packed
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, condition = np.empty((N, 6, 6)), np.empty(N)
         valid, counts = np.empty(N, np.bool_), np.empty(N, np.bool_)
-        transmitted = np.empty((N, n))
+        transmitted, momentum, speed = np.empty((3, N, n))
         error = TorqueError.empty(N, n)
         signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
         observed = np.empty((min(N, _PASS), self.observed_size))
@@ -428,6 +455,8 @@ class WrenchEstimator:
                 *(error.J_seen[rows], error.rows[rows], tau_ext[rows], counts[rows], own),
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
+            momentum[rows] = part[:, MOMENTUM]
+            speed[rows] = part[:, V]
             for sd, row in zip(error[:3], (TORQUE_SD, STICTION, DRIFT), strict=True):
                 sd[rows] = part[:, row]
             now = TorqueError(*(x[rows] for x in error))
@@ -437,7 +466,37 @@ class WrenchEstimator:
             )
         return EstimateBatch(
             *(tau_ext, F, covariance, condition, valid, J, error.sd, transmitted, counts, fault),
-            *error[1:],
+            *(*error[1:], speed, momentum),
+        )
+
+    def _run_one(
+        self, state: Array, q: Array, v: Array, current: Array, known: Array
+    ) -> EstimateBatch:
+        """`run` of one sample (1, n): one call of a kernel."""
+        n, out, sample = self.num_joints, np.empty(self._out_size), self._sample
+        sample[0], sample[1], sample[2] = q[0], v[0], current[0]
+        estimate_tick(self.choice, *self.packed, state, sample, known, out, self._scratch)
+        own, (J, signals, rest) = out[None], self._columns
+        rows = own[:, signals].reshape(1, NUM_SIGNALS, n)
+        reading = own[:, n:]
+        seen = own[:, rest].reshape(1, -1, n)
+        return EstimateBatch(
+            tau_ext=own[:, :n],
+            wrench=reading[:, :6],
+            covariance=reading[:, 6:42].reshape(1, 6, 6),
+            condition_number=reading[:, 42],
+            valid=reading[:, 43] == 1.0,
+            J=own[:, J].reshape(1, 6, n),
+            torque_sd=rows[:, TORQUE_SD],
+            transmitted=rows[:, TAU_J] - rows[:, TAU_F],
+            fresh=reading[:, READING + 1] == 1.0,
+            fault=reading[:, READING].astype(np.int64),
+            stiction=rows[:, STICTION],
+            drift=rows[:, DRIFT],
+            J_seen=seen[:, :JACOBIAN_ROWS],
+            error_rows=seen[:, JACOBIAN_ROWS:],
+            v=rows[:, V],
+            momentum=rows[:, MOMENTUM],
         )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
@@ -446,7 +505,7 @@ class WrenchEstimator:
         Args:
             q, v, current: as `run`.
         """
-        q, v, current = (np.require(x, float, ("C", "W")) for x in (q, v, current))
+        q, v, current = contiguous(q, v, current)
         N, n = q.shape
         values, layout, observer = self.packed
         known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))

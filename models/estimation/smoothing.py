@@ -23,7 +23,7 @@ A log streams: a sample is read when LOOK_AHEAD after it has been seen, or the l
 later says nothing of it any more, but for its share in beta.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,7 +92,7 @@ class WrenchSmoother:
             self._kept.append(_Kept(signals, batch))
             if sum(len(own.signals) for own in self._kept) >= PASS + self._ahead:
                 ready.append(self._read(self._ahead))
-        return _joined(ready) if ready else self._nothing()
+        return EstimateBatch.joined(ready) if ready else self._nothing()
 
     def finish(self) -> EstimateBatch:
         """Returns the samples that are left."""
@@ -105,14 +105,14 @@ class WrenchSmoother:
     def _read(self, ahead: int) -> EstimateBatch:
         """Reads all that is kept but the last `ahead` samples, and lets go of it."""
         signals = np.concatenate([own.signals for own in self._kept])
-        batch = _joined([own.batch for own in self._kept])
+        batch = EstimateBatch.joined([own.batch for own in self._kept])
         ready = len(signals) - ahead
         wrench, covariance = self._smoother.read(signals, batch.J, ready)
         if self._scale:
             covariance += self._scale**2 * wrench[:, :, None] * wrench[:, None, :]
         left = slice(ready, None)
-        self._kept = [_Kept(signals[left].copy(), _rows(batch, left))] if ahead else []
-        causal = _rows(batch, slice(0, ready))
+        self._kept = [_Kept(signals[left].copy(), batch.rows(left))] if ahead else []
+        causal = batch.rows(slice(0, ready))
         tau_ext = np.einsum("kai,ka->ki", causal.J, wrench)
         finite = np.isfinite(tau_ext).all(axis=1)
         return causal._replace(
@@ -129,15 +129,4 @@ def smoothed_estimate(
         ValueError: shapes that disagree; a method without a prior.
     """
     smoother = WrenchSmoother(estimator)
-    return _joined([smoother.take(q, v, current), smoother.finish()])
-
-
-def _rows(batch: EstimateBatch, rows: slice) -> EstimateBatch:
-    columns: Any = (column[rows] for column in batch)
-    return EstimateBatch(*columns)
-
-
-def _joined(batches: list[EstimateBatch]) -> EstimateBatch:
-    if len(batches) == 1:
-        return batches[0]
-    return EstimateBatch(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))
+    return EstimateBatch.joined([smoother.take(q, v, current), smoother.finish()])

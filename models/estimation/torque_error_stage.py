@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
@@ -112,7 +112,7 @@ class TorqueErrorStage:
             transmitted: (N, n) N m, tau_J - tau_f, each for the sample after.
             J: (N, 6, n) at E in axes of W.
         """
-        q, v, load, J = (np.require(x, float, ("C", "W")) for x in (q, v, transmitted, J))
+        q, v, load, J = contiguous(q, v, transmitted, J)
         N, n = q.shape
         error = TorqueError.empty(N, n)
         _run(self.table, self.poles, state, q, v, load, J, *error)

@@ -47,7 +47,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.estimation.wrench_kernels import (
     BAYESIAN,
     FORCE_ONLY,
@@ -246,23 +246,14 @@ class WrenchReconstruction:
         rows = int(np.prod(lead))
         wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
         quality = np.empty((rows, 2))
-        own = np.require(J.reshape(rows, 6, n), float, ("C", "W"))
         now = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
         held = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
         if not (now.shape in (J.shape, (0, 6, n)) and sd.shape == held.shape == tau_ext.shape):
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
-        reconstruct_log(
-            self.table,
-            np.require(now.reshape(-1, 6, n), float, ("C", "W")),
-            own,
-            np.require(tau_ext.reshape(rows, n), float, ("C", "W")),
-            np.require(sd.reshape(rows, n), float, ("C", "W")),
-            np.require(held.reshape(rows, n), float, ("C", "W")),
-            wrench,
-            covariance,
-            quality,
-        )
+        now, J = contiguous(now.reshape(-1, 6, n), J.reshape(rows, 6, n))
+        tau, sd, held = contiguous(*(x.reshape(rows, n) for x in (tau_ext, sd, held)))
+        reconstruct_log(self.table, now, J, tau, sd, held, wrench, covariance, quality)
         return WrenchEstimate(
             wrench.reshape(*lead, 6),
             covariance.reshape(*lead, 6, 6),

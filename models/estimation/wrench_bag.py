@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.files_read import about_to_read
@@ -18,6 +19,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.rosbag.messages import (
     WRENCH,
     Layout,
+    Stamps,
     header,
     nanoseconds,
     typestore,
@@ -27,9 +29,65 @@ from wrenchsight.models.recordings.rosbag.table import BagWriter, RosbagTable
 FRAME = "E_W"
 TOPIC = "/wrench"
 COVARIANCE_TOPIC = "/wrench/covariance"
-_COVARIANCE = "std_msgs/msg/Float64MultiArray"
-_TF = "tf2_msgs/msg/TFMessage"
+COVARIANCE = "std_msgs/msg/Float64MultiArray"
+TF = "tf2_msgs/msg/TFMessage"
 _FORCE_FIRST = [3, 4, 5, 0, 1, 2]
+_SIDES = np.ix_(_FORCE_FIRST, _FORCE_FIRST)
+
+
+class WrenchMessages:
+    """The messages of such a file, as bytes.
+
+    Args:
+        base_link: the frame that W is.
+        frame: that wrenches are in.
+    """
+
+    def __init__(self, base_link: str, frame: str = FRAME) -> None:
+        kinds = typestore().types
+        vector = kinds["geometry_msgs/msg/Vector3"]
+        turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        sides = [
+            kinds["std_msgs/msg/MultiArrayDimension"]("rows", 6, 36),
+            kinds["std_msgs/msg/MultiArrayDimension"]("columns", 6, 6),
+        ]
+        layout = kinds["std_msgs/msg/MultiArrayLayout"](sides, 0)
+
+        def wrench(stamp: int, number: float) -> Any:
+            half = vector(number, number, number)
+            both = kinds["geometry_msgs/msg/Wrench"](half, half)
+            return kinds[WRENCH](header(frame, stamp), both)
+
+        def tf(stamp: int, number: float) -> Any:
+            place = vector(number, number, number)
+            transform = kinds["geometry_msgs/msg/Transform"](place, turn)
+            stamped = kinds["geometry_msgs/msg/TransformStamped"]
+            return kinds[TF]([stamped(header(base_link, stamp), frame, transform)])
+
+        def covariance(_: int, number: float) -> Any:
+            return kinds[COVARIANCE](layout, np.full(36, number))
+
+        self._tf, self._wrench = Layout(TF, tf), Layout(WRENCH, wrench)
+        self._covariance = Layout(COVARIANCE, covariance, stamped=False)
+
+    def encode(
+        self, stamps: Stamps, wrench: Array, covariance: Array, p_WE: Array
+    ) -> list[tuple[str, str, NDArray[np.uint8]]]:
+        """Topic, kind and (N, L) messages, of each topic.
+
+        Args:
+            stamps: (N,) ns, not negative.
+            wrench, covariance, p_WE: as `WrenchBagWriter.write`.
+        """
+        sigma = np.asarray(covariance)[:, _SIDES[0], _SIDES[1]].reshape(len(stamps), 36)
+        return [
+            (topic, kind, layout.encode(stamps, np.asarray(values)))
+            for topic, kind, layout, values in (
+                ("/tf", TF, self._tf, p_WE),
+                (TOPIC, WRENCH, self._wrench, wrench[:, _FORCE_FIRST]),
+                (COVARIANCE_TOPIC, COVARIANCE, self._covariance, sigma),
+            )
+        ]
 
 
 class WrenchBagWriter:
@@ -50,31 +108,7 @@ class WrenchBagWriter:
 
     def __enter__(self) -> "WrenchBagWriter":
         self._writer.__enter__()
-        kinds = typestore().types
-        vector = kinds["geometry_msgs/msg/Vector3"]
-        turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        sides = [
-            kinds["std_msgs/msg/MultiArrayDimension"]("rows", 6, 36),
-            kinds["std_msgs/msg/MultiArrayDimension"]("columns", 6, 6),
-        ]
-        layout = kinds["std_msgs/msg/MultiArrayLayout"](sides, 0)
-
-        def wrench(stamp: int, number: float) -> Any:
-            half = vector(number, number, number)
-            both = kinds["geometry_msgs/msg/Wrench"](half, half)
-            return kinds[WRENCH](header(FRAME, stamp), both)
-
-        def tf(stamp: int, number: float) -> Any:
-            place = vector(number, number, number)
-            transform = kinds["geometry_msgs/msg/Transform"](place, turn)
-            stamped = kinds["geometry_msgs/msg/TransformStamped"]
-            return kinds[_TF]([stamped(header(self._base_link, stamp), FRAME, transform)])
-
-        def covariance(_: int, number: float) -> Any:
-            return kinds[_COVARIANCE](layout, np.full(36, number))
-
-        self._tf, self._wrench = Layout(_TF, tf), Layout(WRENCH, wrench)
-        self._covariance = Layout(_COVARIANCE, covariance, stamped=False)
+        self._messages = WrenchMessages(self._base_link)
         return self
 
     def write(self, t: Array, wrench: Array, covariance: Array, p_WE: Array) -> None:
@@ -94,14 +128,8 @@ class WrenchBagWriter:
             raise InputError(
                 self.path, "", "a stamp of ROS holds 0 to 2^32 s", "shift the log's times"
             )
-        order = np.ix_(_FORCE_FIRST, _FORCE_FIRST)
-        sigma = np.asarray(covariance)[:, order[0], order[1]].reshape(len(stamps), 36)
-        for topic, kind, layout, values in (
-            ("/tf", _TF, self._tf, p_WE),
-            (TOPIC, WRENCH, self._wrench, wrench[:, _FORCE_FIRST]),
-            (COVARIANCE_TOPIC, _COVARIANCE, self._covariance, sigma),
-        ):
-            self._writer.write(topic, kind, stamps, layout.encode(stamps, np.asarray(values)))
+        for topic, kind, messages in self._messages.encode(stamps, wrench, covariance, p_WE):
+            self._writer.write(topic, kind, stamps, messages)
 
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         self._writer.__exit__(kind, error, traceback)

@@ -1,5 +1,7 @@
 """The one exception for what a user can get wrong."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +23,20 @@ class InputError(ValueError):
         where = f"{source}: {place}" if place else str(source)
         line = f"{where}: {problem}" + (f"; {remedy}" if remedy else "")
         super().__init__(one_line(line))
+
+
+@contextmanager
+def needing_extra(extra: str, what: str) -> Iterator[None]:
+    """What is imported within belongs to an extra of this package.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        problem = f"needs a package that is not installed ({error.name})"
+        raise InputError(what, "", problem, f"pip install 'wrenchsight[{extra}]'") from None
 
 
 LONGEST_LINE: Final = 1000  # characters that an error line has at most

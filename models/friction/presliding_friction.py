@@ -40,7 +40,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.slip_elements import (
     COULOMB,
     CUBIC,
@@ -231,7 +231,7 @@ class PreslidingFriction:
         Raises:
             ValueError: shapes that disagree.
         """
-        q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, load))
+        q, v, load = contiguous(q, v, load)
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):
             shapes = f"{q.shape}, {v.shape} and {load.shape}"
             raise ValueError(f"friction: expected (N, {self.num_joints}) three times, not {shapes}")

@@ -11,7 +11,7 @@ from typing import Literal, Self, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
 from wrenchsight.models.kernel import kernel
@@ -206,7 +206,7 @@ class SemiParametricFriction:
         v = np.asarray(v, float)
         if v.shape[-1:] != (self.num_joints,):
             raise ValueError(f"friction: v must end in {self.num_joints} joints, not {v.shape}")
-        rows = np.require(v.reshape(-1, self.num_joints), float, ("C", "W"))
+        rows = contiguous(v.reshape(-1, self.num_joints))[0]
         out = np.empty_like(rows)
         _friction_log(self.table, rows, out)
         return out.reshape(v.shape)

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.slip_elements import within_rounding
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
 from wrenchsight.models.kernel import kernel
@@ -91,7 +91,7 @@ class RepetitionError:
         Raises:
             ValueError: shapes that disagree.
         """
-        q, v = (np.require(x, float, ("C", "W")) for x in (q, v))
+        q, v = contiguous(q, v)
         tau_ext = np.asarray(tau_ext, float)
         n = len(self.noise)
         if q.ndim != 2 or q.shape != v.shape or q.shape[1] != n or not 0 < period < len(q):

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
@@ -174,7 +174,7 @@ def _plain(n: int, K_0: Array, rest: Rest) -> TorqueErrorModel:
 def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
     N, n = own.q.shape
     features = np.empty((N, n, NUM_FEATURES))
-    q, v, load = (np.require(x, float, ("C", "W")) for x in (own.q, own.v, own.transmitted))
+    q, v, load = contiguous(own.q, own.v, own.transmitted)
     table = unit.table(own.friction, own.time_step, own.K_0, own.resolution)
     torque_error_features(table, initial_torque_error_state(n), q, v, load, features)
     return features

@@ -51,7 +51,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
 from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -281,7 +281,7 @@ class TorqueErrorModel:
         Raises:
             ValueError: shapes that disagree.
         """
-        q, v, load = (np.require(x, float, ("C", "W")) for x in (q, v, transmitted))
+        q, v, load = contiguous(q, v, transmitted)
         if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):
             shapes = f"{q.shape}, {v.shape} and {load.shape}"
             raise ValueError(f"torque error: expected (N, {self.num_joints}), not {shapes}")

@@ -9,21 +9,77 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import (
     FAULT,
     PHASE,
     Phase,
+    PhasesConfig,
     advance,
     force_controlled,
+    initial_state,
     outward_travel,
     setpoint,
     work_time,
 )
 from wrenchsight.models.motion.paths import quintic_at
 from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 
 _POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
+
+
+class MachiningReference:
+    """What the kernels of this module read of a pass that no tick changes.
+
+    Attributes:
+        sizes: parts of what `machining_reference` writes, in their order:
+            pose_reference (18), R_WD row by row, p_WD m, V_WD rad/s, m/s; reference (3n), q_d,
+            v_d, vdot_d, rad, rad/s, rad/s^2; force_setpoint, N out of the surface; force_active,
+            1 under force control, else 0; phase, a Phase; fault, a Fault; progress, place on the
+            path, 0 to 1; feed_time, s since the feed started, -1 but for the work itself;
+            feedback_valid, 1 where the force feedback can be used, else 0: always with a sensor,
+            with an estimate while the feed is steady.
+        initial_state: (7 + 15,) of the phases, and the anchor, before the first tick.
+        leading: what `machining_reference` reads besides time, memory and motion, in its order.
+        advancing: the same of `advance_reference`, up to its time step.
+
+    Args:
+        robot: its joint limits.
+        chain: kinematics of the model.
+        plan: what to do.
+        config: when.
+        time_step: s.
+        reads_at_rest: whether the force feedback is right where joints rest or reverse: a sensor's
+            is, an estimate's is not.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        chain: SerialChain,
+        plan: MachiningPath,
+        config: PhasesConfig,
+        time_step: float,
+        reads_at_rest: bool = True,
+    ) -> None:
+        self.sizes = {"pose_reference": _POSE, "reference": 3 * robot.num_joints} | dict.fromkeys(
+            ("force_setpoint", "force_active", "phase", "fault", "progress", "feed_time",
+             "feedback_valid"), 1
+        )  # fmt: skip
+        R_WD, p_WD = chain.pose(plan.q_start)
+        self.initial_state = np.concatenate([initial_state(), R_WD.ravel(), p_WD, -R_WD[:, 2]])
+        path, pushes_on = plan.trajectory, 0.0 if reads_at_rest else config.approach_speed
+        self.leading = (
+            *(config.table, np.ascontiguousarray(chain.table), path.t, path.q, path.v, path.vdot),
+            *(plan.s, plan.setpoint, plan.steady, pushes_on),
+        )
+        self.advancing = (
+            *(config.table, robot.position_lower, robot.position_upper, path.t, plan.setpoint),
+            *(plan.steady, pushes_on, time_step),
+        )
 
 
 @kernel

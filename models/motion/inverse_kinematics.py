@@ -1,4 +1,4 @@
-"""Joint positions for a pose of E: all branches of a 6R arm, and one continuous branch on a path.
+"""Joint positions along a path of E: one continuous branch of an arm, in closed form for a 6R arm.
 
 Arms of six revolute joints whose axes EAIK can decompose are solved in closed form. Every other arm
 is solved by damped least squares from several starting points, which finds branches but cannot
@@ -6,7 +6,6 @@ promise all of them. Whatever the source, a solution counts once forward kinemat
 """
 
 import math
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -23,29 +22,10 @@ from wrenchsight.models.robot.robot import Robot
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-12  # of that pose; not worth another step
 _PARALLEL = 1e-8  # rad; axes nearer than this are meant to be parallel
-_SAME = 1e-6  # rad or m; solutions closer than this are one
+_SAME = 1e-6  # rad or m; by which a solution may exceed a limit
 _STEP = 0.35  # rad or m; a larger step of a joint between two samples is looked into
 _BISECTIONS = 7  # of the path between two samples, before the step counts as a jump
 _NUMERIC_SEEDS = 24
-
-
-def inverse_kinematics(robot: Robot, R_WE: Array, p_WE: Array) -> Array:
-    """All joint positions within the limits that bring E to a pose.
-
-    Args:
-        R_WE: (3, 3) rotation of E in W.
-        p_WE: (3,) position of E in W, m.
-
-    Returns:
-        (B, n) branches, B may be 0. Each reaches the pose within 1e-9 (m, rad). An angle is the
-        one nearest to the middle of its limits. For an arm that is not solved in closed form these
-        are the branches found from a fixed set of starting points.
-    """
-    found: list[Array] = []
-    for q in _solutions(robot, R_WE, p_WE, _middle(robot)):
-        if all(np.max(np.abs(q - other)) > _SAME for other in found):
-            found.append(q)
-    return np.array(found, dtype=np.float64).reshape(len(found), robot.num_joints)
 
 
 def follow_path(robot: Robot, R_WE: Array, p_WE: Array, q_seed: Array) -> Array:
@@ -124,24 +104,18 @@ def _unreachable(robot: Robot, sample: int, p_WE: Array) -> InputError:
 
 
 def _nearest(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Array | None:
-    """The solution within the limits that is nearest to `reference`; None where there is none."""
-    return next(_solutions(robot, R_WE, p_WE, reference), None)
+    """The confirmed solution within the limits that is nearest to `reference`; None: there is none.
 
-
-def _solutions(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Iterator[Array]:
-    """Confirmed solutions within the limits.
-
-    In closed form these are all branches, the one nearest to `reference` first; of equally near
-    ones the solver's first. Otherwise they are what the search finds from `reference` and then from
-    its other starting points.
+    In closed form it is chosen among all branches; of equally near ones the solver's first.
+    Otherwise it is what the search finds from `reference`, or from its other starting points.
     """
     solver = closed_form(robot)
     if solver is None:
-        for seed in (reference, *_seeds(robot)):
+        for seed in (reference, *search_starts(robot, _NUMERIC_SEEDS)):
             q = _polish(robot, seed, R_WE, p_WE, num_steps=200, limited=True)
             if _reaches(robot, q, R_WE, p_WE):
-                yield q
-        return
+                return q
+        return None
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = R_WE, p_WE
     raw = np.asarray(solver.calculate_IK(pose).Q, dtype=np.float64).reshape(-1, robot.num_joints)
@@ -152,7 +126,8 @@ def _solutions(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Iter
         polished = _polish(robot, q, R_WE, p_WE, num_steps=4, limited=False)
         within = _within_limits(robot, polished, reference)
         if within is not None and _reaches(robot, within, R_WE, p_WE):
-            yield within
+            return within
+    return None
 
 
 @lru_cache(maxsize=16)
@@ -194,12 +169,12 @@ def _same_directions(axes: Array) -> Array:
     return np.asarray(same)
 
 
-def _seeds(robot: Robot) -> list[Array]:
+def search_starts(robot: Robot, count: int) -> Array:
+    """(count, n) postures to search from: the robot's home and others, each time the same."""
     lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
     upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
-    rng = np.random.default_rng(0)  # the same answer every time
-    random = rng.uniform(lower, upper, (_NUMERIC_SEEDS, robot.num_joints))
-    return [robot.home, 0.5 * (lower + upper), *random]
+    random = np.random.default_rng(0).uniform(lower, upper, (count - 1, robot.num_joints))
+    return np.vstack([robot.home, random])
 
 
 def _polish(
@@ -232,11 +207,6 @@ def _approach(
 
 def _reaches(robot: Robot, q: Array, R_WE: Array, p_WE: Array) -> bool:
     return _approach(robot, q.copy(), R_WE, p_WE, 0, False) < _TOLERANCE
-
-
-def _middle(robot: Robot) -> Array:
-    middle = 0.5 * (robot.position_lower + robot.position_upper)
-    return np.where(np.isfinite(middle), middle, 0.0)
 
 
 def _within_limits(robot: Robot, q: Array, reference: Array) -> Array | None:

@@ -19,7 +19,7 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import first_missing, rows_within
+from wrenchsight.models.recordings.table_checks import opened_log, refuse_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -111,9 +111,7 @@ class NpzTable:
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Rows]]:
         """As the protocol."""
-        assert self.names is not None
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
-        optional = np.array([column in may_be_empty for column in columns])
         wanted = dict.fromkeys(self._places[column][0] for column in columns)
         try:
             with np.load(self.path, allow_pickle=False) as archive:
@@ -126,31 +124,17 @@ class NpzTable:
             for i, column in enumerate(columns):
                 array, k = self._places[column]
                 values[:, i] = arrays[array][begin - 1 : end, k]
-            self._check(values, begin, columns, optional)
+            numbers = np.arange(begin, end + 1)
+            refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
             self.progress = end / self.num_rows
-            yield values, np.arange(begin, end + 1)
-
-    def _check(
-        self, values: Array, row: int, columns: list[int], optional: NDArray[np.bool_]
-    ) -> None:
-        missing = first_missing(values, optional)
-        if missing is not None:
-            assert self.names is not None
-            i, k = missing
-            raise InputError(
-                self.path,
-                f"row {row + i}, column {self.names[columns[k]]}",
-                "is not finite, expected a number",
-                "correct or remove the row; a short gap is bridged",
-            )
+            yield values, numbers
 
     def _stored(self) -> dict[str, _Stored]:
         """The arrays of the file, by name."""
-        if self.path.is_dir():
-            raise InputError(self.path, "", "is a directory, expected a log", "name a file in it")
         stored: dict[str, _Stored] = {}
+        whole = opened_log(self.path)
         try:
-            with zipfile.ZipFile(self.path) as archive:
+            with whole, zipfile.ZipFile(whole) as archive:
                 for member in archive.infolist():
                     name = member.filename.removesuffix(_SUFFIX)
                     if name == member.filename:
@@ -169,8 +153,6 @@ class NpzTable:
                         self.notices.append(f"the array {name} {shape} is too large: left out")
                         continue
                     stored[name] = _Stored(name, shape)
-        except FileNotFoundError as error:
-            raise InputError(self.path, "", "no such file", "check the path") from error
         except _DAMAGE as error:
             raise self._damaged(error) from error
         if not stored:

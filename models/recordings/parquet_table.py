@@ -18,7 +18,7 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import first_missing, rows_within
+from wrenchsight.models.recordings.table_checks import opened_log, refuse_missing, rows_within
 
 Lines = NDArray[np.int64]
 
@@ -93,23 +93,14 @@ class ParquetTable:
         rows: tuple[int, int] | None = None,
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Lines]]:
-        """Reads the columns of the given numbers (0-based), batch by batch.
-
-        Args:
-            rows: first and last row, counted from 1.
-            may_be_empty: those of the columns in which a value may be missing: NaN.
-
-        Yields:
-            (N, k) values, all others finite, and (N,) their rows.
+        """As the protocol.
 
         Raises:
-            InputError: a column holds no numbers, a value is missing or not finite, or the file
-                is damaged or ends before the last row.
+            InputError: also where a column holds no numbers.
         """
         wanted = [self._places[k] for k in columns]
         for column in columns:
             self._check_type(column)
-        optional = np.array([column in may_be_empty for column in columns])
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
         file = self._opened()
         begin = 1 - self._begin
@@ -125,7 +116,10 @@ class ParquetTable:
                 if end > first:
                     start, stop = max(first - begin, 0), min(last + 1 - begin, batch.num_rows)
                     part = batch.slice(start, stop - start)
-                    yield self._values(part, columns, begin + start, optional)
+                    values = self._values(part, columns, begin + start)
+                    numbers = np.arange(begin + start, begin + start + len(values))
+                    refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
+                    yield values, numbers
                 begin = end
         except (pa.ArrowException, OSError) as error:
             raise self._damaged(f"near row {begin}", error) from error
@@ -142,9 +136,7 @@ class ParquetTable:
             skipped += count
         return [], skipped
 
-    def _values(
-        self, batch: pa.RecordBatch, columns: list[int], row: int, optional: NDArray[np.bool_]
-    ) -> tuple[Array, Lines]:
+    def _values(self, batch: pa.RecordBatch, columns: list[int], row: int) -> Array:
         values = np.empty((batch.num_rows, len(columns)))
         held: dict[str, Array] = {}
         for i, column in enumerate(columns):
@@ -153,17 +145,7 @@ class ParquetTable:
                 width = 1 + max(entry for own, entry in self._places if own == name)
                 held[name] = self._numbers(batch.column(name), name, width, row)
             values[:, i] = held[name][:, k]
-        missing = first_missing(values, optional)
-        if missing is not None:
-            assert self.names is not None
-            i, k = missing
-            raise InputError(
-                self.path,
-                f"row {row + i}, column {self.names[columns[k]]}",
-                "is empty or not finite, expected a number",
-                "correct or remove the row; a short gap is bridged",
-            )
-        return values, np.arange(row, row + batch.num_rows)
+        return values
 
     def _numbers(self, column: pa.Array, name: str, width: int, row: int) -> Array:
         """(N, width) of a column."""
@@ -225,19 +207,15 @@ class ParquetTable:
 
     def _opened(self) -> pq.ParquetFile:
         path = self.path
-        if path.is_dir():
-            raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+        with opened_log(path) as raw:
+            head = raw.read(4)
+        if not head:
+            raise InputError(path, "", "is empty", "record the log again")
+        if head != _MAGIC:
+            raise InputError(path, "", "is no Parquet file", "name a CSV file .csv")
         try:
-            with path.open("rb") as raw:
-                head = raw.read(4)
-            if not head:
-                raise InputError(path, "", "is empty", "record the log again")
-            if head != _MAGIC:
-                raise InputError(path, "", "is no Parquet file", "name a CSV file .csv")
             # Without read-ahead and memory mapping the memory stays that of some pages.
             return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, memory_map=False)
-        except FileNotFoundError as error:
-            raise InputError(path, "", "no such file", "check the path") from error
         except (pa.ArrowException, OSError) as error:
             raise InputError(
                 path, "", f"is a damaged Parquet file ({error})", "write the file again"

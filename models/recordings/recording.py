@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 
+_SIGNALS = ("t", "q", "v", "current", "tau_J", "dropout", "row")
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -68,17 +70,10 @@ class Recording:
 
     def __getitem__(self, part: slice | Flags) -> "Recording":
         """The samples of a slice, or those (T,) that are chosen."""
-        return replace(
-            self,
-            t=self.t[part],
-            q=self.q[part],
-            v=self.v[part],
-            current=self.current[part],
-            tau_J=None if self.tau_J is None else self.tau_J[part],
-            dropout=self.dropout[part],
-            extra={name: signal[part] for name, signal in self.extra.items()},
-            row=None if self.row is None else self.row[part],
-        )
+        signals: dict[str, Any] = {name: getattr(self, name) for name in _SIGNALS}
+        signals = {name: None if own is None else own[part] for name, own in signals.items()}
+        extra = {name: signal[part] for name, signal in self.extra.items()}
+        return replace(self, extra=extra, **signals)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Every signal as named columns (T,), the way logs are written.
@@ -110,21 +105,11 @@ def concatenated(chunks: Sequence[Recording]) -> Recording:
     first = chunks[0]
     if len(chunks) == 1:
         return first
-    return replace(
-        first,
-        t=np.concatenate([c.t for c in chunks]),
-        q=np.concatenate([c.q for c in chunks]),
-        v=np.concatenate([c.v for c in chunks]),
-        current=np.concatenate([c.current for c in chunks]),
-        tau_J=_joined([c.tau_J for c in chunks]),
-        dropout=np.concatenate([c.dropout for c in chunks]),
-        extra={name: np.concatenate([c.extra[name] for c in chunks]) for name in first.extra},
-        row=_joined([c.row for c in chunks]),
-    )
-
-
-def _joined(parts: Sequence[Any]) -> Any:
-    return None if any(part is None for part in parts) else np.concatenate(parts)
+    signals: dict[str, Any] = {name: [getattr(c, name) for c in chunks] for name in _SIGNALS}
+    for name, parts in signals.items():
+        signals[name] = None if any(part is None for part in parts) else np.concatenate(parts)
+    extra = {name: np.concatenate([c.extra[name] for c in chunks]) for name in first.extra}
+    return replace(first, extra=extra, **signals)
 
 
 def place_of(recording: Recording, sample: int) -> str:

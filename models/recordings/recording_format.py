@@ -57,6 +57,11 @@ class SignalColumns:
     as Franka's tau_ext_hat_filtered: it is turned)"""
 
 
+def by_number(columns: Sequence[int], unit: str = "") -> SignalColumns:
+    """The columns of these numbers, counted from 0."""
+    return SignalColumns(", ".join(str(column + 1) for column in columns), unit=unit)
+
+
 @dataclass
 class RecordingFormat:
     """A description of a log's columns, read from YAML (`--log-format`)."""

@@ -539,18 +539,7 @@ def _some_episodes(data_set: DataSet, robot: Robot, words: LogWords) -> tuple[Re
 
 def _without_gaps(chunk: Recording) -> Recording:
     """The samples that have a number everywhere."""
-    whole = ~chunk.dropout
-    return replace(
-        chunk,
-        t=chunk.t[whole],
-        q=chunk.q[whole],
-        v=chunk.v[whole],
-        current=chunk.current[whole],
-        tau_J=None if chunk.tau_J is None else chunk.tau_J[whole],
-        dropout=chunk.dropout[whole],
-        extra={},
-        row=None if chunk.row is None else chunk.row[whole],
-    )
+    return replace(chunk, extra={})[~chunk.dropout]
 
 
 def _check_time(chunk: Recording, last: Recording | None) -> None:

@@ -1,12 +1,14 @@
 """What every log's table checks of the rows and values that are wanted of it."""
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.log_container import LogTable, RowNumbers
 
 
 def rows_within(
@@ -33,15 +35,48 @@ def rows_within(
     return first, last
 
 
-def first_missing(values: Array, may_be_empty: Flags) -> tuple[int, int] | None:
-    """Row and column (from 0) of the first value that is no finite number, row by row.
+def refuse_missing(
+    table: LogTable,
+    path: Path,
+    values: Array,
+    rows: RowNumbers,
+    columns: Sequence[int],
+    may_be_empty: Collection[int],
+) -> None:
+    """Refuses values that are no finite numbers, but for NaN where a value may be missing.
 
     Args:
-        values: (N, k).
-        may_be_empty: (k,) columns in which NaN stands for a value that is missing.
+        values: (N, k), of these rows (N,) and columns (k,) of the table.
+
+    Raises:
+        InputError: it names the first such value, row by row.
     """
-    wrong = ~(np.isfinite(values) | (np.isnan(values) & may_be_empty))
-    if not wrong.any():
-        return None
-    places: tuple[NDArray[np.int64], ...] = np.nonzero(wrong)
-    return int(places[0][0]), int(places[1][0])
+    optional = np.array([column in may_be_empty for column in columns])
+    wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
+    if wrong.any():
+        assert table.names is not None
+        i, k = (int(places[0]) for places in np.nonzero(wrong))
+        raise InputError(
+            path,
+            f"{table.row_word} {rows[i]}, column {table.names[columns[k]]}",
+            "is empty or not finite, expected a number",
+            "correct or remove the row; a short gap is bridged",
+        )
+
+
+def opened_log(path: Path) -> BinaryIO:
+    """Opens a log's file.
+
+    Raises:
+        InputError: no such file, a directory, or one that may not be read.
+    """
+    if path.is_dir():
+        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
+    try:
+        return path.open("rb")
+    except FileNotFoundError as error:
+        raise InputError(path, "", "no such file", "check the path") from error
+    except OSError as error:
+        raise InputError(
+            path, "", f"cannot be read ({error.strerror})", "check the path"
+        ) from error

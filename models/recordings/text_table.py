@@ -15,6 +15,7 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.recordings.table_checks import opened_log
 
 Lines = NDArray[np.int64]
 
@@ -96,7 +97,7 @@ class TextTable:
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
-        with _opened(path) as file:
+        with opened_log(path) as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
             for _ in range(skip_lines):
@@ -131,18 +132,10 @@ class TextTable:
         rows: tuple[int, int] | None = None,
         may_be_empty: Collection[int] = (),
     ) -> Iterator[tuple[Array, Lines]]:
-        """Reads the columns of the given numbers (0-based), block by block.
-
-        Args:
-            rows: first and last row, counted from 1 at the first line after the header.
-            may_be_empty: those of the columns in which a cell may be empty: NaN.
-
-        Yields:
-            (N, k) values, all others finite, and (N,) the lines that they stand on.
+        """As the protocol; rows are counted from 1 at the first line after the header.
 
         Raises:
-            InputError: a line has missing or extra cells, a cell is empty, no number or not
-                finite, or the file ends before the last row. It names line and column.
+            InputError: also where a line has missing or extra cells.
         """
         first_line, last_line = self._num_head_lines + 1, np.iinfo(np.int64).max
         if rows is not None:
@@ -175,7 +168,7 @@ class TextTable:
     def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Whole lines below the header, some MB at a time, with the first one's number."""
         line = self._num_head_lines + 1
-        with _opened(self.path) as file:
+        with opened_log(self.path) as file:
             file.seek(self._begin)
             for _ in range(self._num_head_lines):
                 file.readline()
@@ -378,19 +371,6 @@ def _separator_of(line: str) -> str:
         if separator in line:
             return separator
     return " " if " " in line else ","
-
-
-def _opened(path: Path) -> BinaryIO:
-    if path.is_dir():
-        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
-    try:
-        return path.open("rb")
-    except FileNotFoundError as error:
-        raise InputError(path, "", "no such file", "check the path") from error
-    except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check the path"
-        ) from error
 
 
 def _refuse_binary(path: Path, file: BinaryIO) -> None:

@@ -1,5 +1,6 @@
 """Every term of the equation of motion at one sample, in one record."""
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from wrenchsight.models.arrays import Array, Record, record_type
 
 
+@cache
 def terms_type(num_joints: int) -> np.dtype[np.void]:
     """The record's fields, as RigidBodyTerms names them; one after another in memory."""
     n = num_joints
@@ -39,10 +41,8 @@ class RigidBodyTerms:
         p_WE: (3,) m.
         V_WE: (6,) velocity of E in W [angular; linear], rad/s and m/s.
         q: (n,) rad (m for a prismatic joint), v: (n,) its rate.
-        record: (1,) of `terms_type`; the attributes are views of it.
+        record: (1,) of `terms_type`; the attributes are views of it, made when first asked for.
     """
-
-    __slots__ = ("record",)
 
     if TYPE_CHECKING:
         momentum: Array
@@ -70,4 +70,8 @@ class RigidBodyTerms:
         if name == "record" or name not in (self.record.dtype.names or ()):
             raise AttributeError(name)
         field: Array = self.record[name][0]
+        self.__dict__[name] = field
         return field
+
+    def __reduce__(self) -> tuple[type["RigidBodyTerms"], tuple[Record]]:
+        return RigidBodyTerms, (self.record,)  # a copy's attributes are views of its own record

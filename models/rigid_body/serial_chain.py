@@ -347,11 +347,10 @@ class SerialChain:
         Raises:
             ValueError: q or v is not (n,).
         """
-        q = np.array(q, dtype=np.float64)
-        v = np.array(v, dtype=np.float64)
-        n = len(self.joint_names)
-        if q.shape != (n,) or v.shape != (n,):
-            raise ValueError(f"terms: q and v of shapes {q.shape} and {v.shape}, expected ({n},)")
+        n = self.num_joints
+        if np.shape(q) != (n,) or np.shape(v) != (n,):
+            shapes = f"{np.shape(q)} and {np.shape(v)}"
+            raise ValueError(f"terms: q and v of shapes {shapes}, expected ({n},)")
         result = RigidBodyTerms.zeros(n)
         result.q[:], result.v[:] = q, v
         self.write_terms(result)

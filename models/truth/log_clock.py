@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.truth_config import ClockConfig
@@ -26,7 +26,7 @@ def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recor
         return recording
     jitter = np.random.default_rng([seed, 23]).standard_normal(recording.num_samples)
     taken = recording.t + clock.jitter_sd * jitter
-    t = np.require(recording.t, float, ("C", "W"))
+    t = contiguous(recording.t)[0]
     return replace(
         recording,
         q=_at(taken, t, recording.q),
@@ -38,7 +38,7 @@ def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recor
 def _at(times: Array, t: Array, signal: Array) -> Array:
     """`signal` (T, n) of moments t (T,) at other times (N,): `np.interp`, column by column."""
     out = np.empty((len(times), signal.shape[1]))
-    _interpolate(times, t, np.require(signal, float, ("C", "W")), out)
+    _interpolate(times, t, contiguous(signal)[0], out)
     return out
 
 

@@ -7,13 +7,13 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
+from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.machining.machining_tick import lead_tick, take_tick
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.systems.impedance_controller import ImpedanceController
 from wrenchsight.systems.last_tick import LastTick
-from wrenchsight.systems.machining.machining_reference import MachiningReference
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _POSE_SIZE = 12
@@ -22,10 +22,9 @@ _POSE_SIZE = 12
 class MachiningController(LeafSystem):
     """What machines with an arm, between its encoders and its drives, in two calls a tick.
 
-    It does what these blocks do when they are connected to each other: `MachiningReference`,
-    `WrenchEstimatorSystem`, `ImpedanceController` and, where an air pass taught something,
-    `TaughtTorqueSource`. Their kernels run in the same order, so that the numbers are theirs to
-    the last bit. Parameters cannot be changed: those of the blocks are taken.
+    One after the other run the kernels of `MachiningReference`, of what an air pass taught, of
+    `WrenchEstimatorSystem` and of `ImpedanceController`. Parameters cannot be changed: those of
+    the blocks are taken.
 
                     +---------------------+ --> action
       q        -->  |                     |
@@ -46,7 +45,8 @@ class MachiningController(LeafSystem):
     State:   that of the estimator, of the reference (7 + 15), of the controller (1), flat
 
     Args:
-        reference, estimator, controller: blocks that stand in no diagram.
+        reference: of the pass.
+        estimator, controller: blocks that stand in no diagram.
         chain: the estimator's model.
         taught: of an air pass along the reference's path.
         time_step: s.
@@ -89,7 +89,7 @@ class MachiningController(LeafSystem):
         known = motion | {self.time_ticket(), self.discrete_state_ticket(state)}
         if self._wrench is not None:
             known.add(self._wrench.ticket())
-        self._plan = reference.sizes(n)
+        self._plan = reference.sizes
         sizes = self.sizes
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
         self._size = ends["pose"]

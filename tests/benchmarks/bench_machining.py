@@ -2,10 +2,9 @@
 
 Run as a script. All parts are in: arm with contact, real joints, noise, process, force/torque
 sensor, reference, controller, estimator, truth, log of all signals; 1 ms ticks. Times are the
-processor's, not the clock's, so that other programs on the machine count less. The loop of stages
-and the one with the controller in one block (`fused`) take turns over the same stretches of the
-same pass, so that their ratio holds even where the times do not; the spread says how much those can
-be trusted. What the plant takes by itself, the same contact solved by Drake alone, is the floor.
+processor's, not the clock's, so that other programs on the machine count less; the spread says how
+much they can be trusted. What the plant takes by itself, the same contact solved by Drake alone, is
+the floor.
 """
 
 import gc
@@ -28,7 +27,6 @@ from wrenchsight.models.robot.robot import Robot
 
 STRETCH = 0.25  # s of simulated time
 STRETCHES = 12
-LOOPS = {"stages": False, "one block": True}
 
 
 def main() -> None:
@@ -40,29 +38,21 @@ def main() -> None:
     for name in ("Polishing", "Grinding"):
         scenario = load_scenario(name)
         plan = make_machining_path(scenario, robot)
-        loops = {
-            kind: make_closed_loop(scenario, robot, model, machining_path=plan, fused=fused)
-            for kind, fused in LOOPS.items()
-        }
-        simulators = {kind: Simulator(loop.diagram) for kind, loop in loops.items()}
+        loop = make_closed_loop(scenario, robot, model, machining_path=plan)
+        simulator = Simulator(loop.diagram)
         assert scenario.machining is not None
         phases = scenario.machining.phases
         working = phases.standoff / phases.approach_speed + phases.rise + phases.settle + 1.0
         gc.disable()  # as `simulate` does
         for part, start, count in (("approach", 0.2, 3), ("work", working, STRETCHES)):
-            seconds: dict[str, list[float]] = {kind: [] for kind in loops}
-            for simulator in simulators.values():
-                simulator.AdvanceTo(start)
+            spent = []
+            simulator.AdvanceTo(start)
             for k in range(1, count + 1):
-                for kind, simulator in simulators.items():
-                    before = time.process_time()
-                    simulator.AdvanceTo(start + k * STRETCH)
-                    seconds[kind].append(time.process_time() - before)
-            for kind, spent in seconds.items():
-                show(f"{name}, {part}, {kind}", np.array(spent) / STRETCH)
-            ratio = np.array(seconds["stages"]) / np.array(seconds["one block"])
-            print(f"{'':34} stages take {np.median(ratio):.2f} times as long as one block")
-        loop, context = loops["one block"], simulators["one block"].get_context()
+                before = time.process_time()
+                simulator.AdvanceTo(start + k * STRETCH)
+                spent.append(time.process_time() - before)
+            show(f"{name}, {part}", np.array(spent) / STRETCH)
+        context = simulator.get_context()
         show(f"{name}, work, Drake's plant alone", plant_alone(loop.cell, context, scenario))
         gc.enable()
         _, signals = loop.logged(context)

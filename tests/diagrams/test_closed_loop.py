@@ -5,7 +5,6 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.diagrams.closed_loop import make_closed_loop, setpoint_at
-from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import (
     ForceSetpoint,
     HoldMotion,
@@ -19,7 +18,6 @@ from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.impedance_controller import ForceControlConfig, ImpedanceConfig
@@ -186,28 +184,6 @@ def test_what_is_not_logged_changes_nothing_of_what_is(sts):
     assert tuple(signals) == wanted
     for name in wanted:
         np.testing.assert_array_equal(signals[name], everything[name])
-
-
-def test_with_the_fused_estimator_the_loop_is_the_same(sts):
-    """Force control feeds its reading back, so that a bit of difference would grow."""
-    scenario = load_scenario("PolishingSensorless")
-    assert scenario.machining is not None
-    phases = replace(scenario.machining.phases, standoff=0.008, search=0.004)
-    machining = replace(scenario.machining, phases=phases)
-    scenario = replace(scenario, machining=machining, duration=2.1)  # .4 s of them at work
-    model = IdentifiedModel.nominal(sts)
-    plan = make_machining_path(scenario, sts)
-    logs = []
-    for fused in (False, True):
-        loop = make_closed_loop(scenario, sts, model, machining_path=plan, fused=fused)
-        simulator = Simulator(loop.diagram)
-        simulator.AdvanceTo(scenario.duration)
-        logs.append(loop.logged(simulator.get_context())[1])
-    stages, block = logs
-    assert stages["phase"][-1, 0] == Phase.WORK
-    assert stages.keys() == block.keys()
-    for name, values in stages.items():
-        np.testing.assert_array_equal(block[name], values, err_msg=name)
 
 
 def test_the_estimator_may_know_something_else_than_the_controller(sts):

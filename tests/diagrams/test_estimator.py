@@ -7,8 +7,7 @@ import pytest
 from played_logs import OUTPUTS, moving_log, played
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from wrenchsight.diagrams.estimator import add_estimator, make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -18,8 +17,7 @@ from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 
 T = 1e-3
 
@@ -202,95 +200,6 @@ def test_friction_that_remembers_is_that_of_the_batch_estimator(sts, model, kind
     current = diagram.GetInputPort("current").get_index()
     wrench = diagram.GetOutputPort("wrench").get_index()
     assert diagram.HasDirectFeedthrough(current, wrench) == (kind == "trapezoidal")
-
-
-def test_ports_of_a_taught_estimator(sts, model):
-    diagram = make_estimator(sts, model, taught=True)
-    inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
-    names = ["q", "v", "current", "tau_correction", "v_planned"]
-    sizes = {port.get_name(): port.size() for port in inputs}
-    assert sizes == dict.fromkeys(names, 6) | {"counts": 1}
-
-
-@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_with_friction_at_planned_speeds_and_corrected(sts, model, kind):
-    """Against an observer that is fed by hand: tau_f at v_planned, its output plus a correction."""
-    law = CoulombViscous(np.arange(1.0, 7.0), np.full(6, 3.0), np.zeros(6))
-    rubbing = replace(model, friction=SemiParametricFriction(law))
-    q, v, current = moving_log(sts, T, 700)
-    rng = np.random.default_rng(12)
-    # Not the measured speeds, and of the other sign now and then.
-    v_planned, correction = rng.normal(size=(2, *v.shape))
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(6, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    # Twice the torque that joint 6 has.
-    configuration = replace(config(kind, method="inverse"), check_samples=False)
-    estimator = add_estimator(builder, sts, rubbing, configuration, **ports, taught=True)
-    # A second player for the other two signals.
-    other = builder.AddNamedSystem("other", RecordingPlayer(6, T))
-    builder.Connect(other.GetOutputPort("v"), estimator.GetInputPort("v_planned"))
-    builder.Connect(other.GetOutputPort("current"), estimator.GetInputPort("tau_correction"))
-    # It counts up to the middle of the log.
-    half = 0.5 * len(q) * T
-    step = PiecewisePolynomial.ZeroOrderHold([0.0, half, 2.0 * half], np.array([[1.0, 0.0, 0.0]]))
-    counts = builder.AddSystem(TrajectorySource(step))
-    builder.Connect(counts.get_output_port(), estimator.GetInputPort("counts"))
-    sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in OUTPUTS}
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(q, v, current))
-    log = Samples(q, v_planned, correction)
-    other.load(other.GetMyMutableContextFromRoot(context), log)
-    simulator.AdvanceTo((len(q) - 0.5) * T)
-    found = {name: sink.FindLog(context).data().T for name, sink in sinks.items()}
-
-    chain = rubbing.chain(sts)
-    observer = MomentumObserver(configuration.observer, 6)
-    state = observer.initial_state()
-    drive = np.asarray(sts.torque_per_ampere) * sts.current_sign
-    for k in range(len(q)):
-        tau_ext, _ = observer.step(
-            state,
-            *chain.momentum_terms(q[k], v[k]),
-            drive * current[k],
-            np.arange(1.0, 7.0) * np.sign(v_planned[k]) + 3.0 * v_planned[k],
-        )
-        total = tau_ext + correction[k]
-        np.testing.assert_allclose(found["tau_ext"][k], total, rtol=0.0, atol=1e-9)
-        wrench = np.linalg.solve(chain.jacobian(q[k]).T, total)
-        np.testing.assert_allclose(found["wrench"][k], wrench, rtol=1e-9, atol=1e-7)
-    # Valid where the observer says so and the correction counts.
-    alone = WrenchEstimator(sts, rubbing, configuration)
-    valid = alone.run(alone.initial_state(), q, v, current).valid
-    assert valid[: len(q) // 2].any()
-    early = np.arange(len(q)) < len(q) // 2
-    np.testing.assert_array_equal(found["valid"][:, 0] == 1.0, valid & early)
-
-
-def test_without_a_correction_and_as_planned_it_is_the_batch_estimator(sts, model):
-    """A taught estimator that has nothing to add where the arm moves as planned."""
-    log = moving_log(sts, T, 100)
-    rubbing = replace(
-        model, friction=SemiParametricFriction(CoulombViscous(*np.full((2, 6), 2.0), np.zeros(6)))
-    )
-    builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(6, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
-    estimator = add_estimator(builder, sts, rubbing, config(), **ports, taught=True)
-    builder.Connect(ports["v"], estimator.GetInputPort("v_planned"))
-    nothing = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
-    builder.Connect(nothing.get_output_port(), estimator.GetInputPort("tau_correction"))
-    always = builder.AddSystem(ConstantVectorSource([1.0]))
-    builder.Connect(always.get_output_port(), estimator.GetInputPort("counts"))
-    sink = LogVectorOutput(estimator.GetOutputPort("wrench"), builder, T)
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    simulator.AdvanceTo(99.5 * T)
-    batch = WrenchEstimator(sts, rubbing, config())
-    expected = batch.run(batch.initial_state(), *log).wrench
-    np.testing.assert_allclose(sink.FindLog(context).data().T, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("fused", [False, True])

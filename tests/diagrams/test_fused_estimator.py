@@ -8,7 +8,7 @@ from played_logs import OUTPUTS, moving_log, played
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.diagrams.estimator import make_estimator
-from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.friction.friction_network import FrictionNetworks
@@ -79,16 +79,13 @@ def assert_same(stages, fused):
 
 
 def test_ports(sts_reversed, model):
-    for taught in (False, True):
-        stages, fused = (
-            make_estimator(sts_reversed, model, taught=taught, fused=kind) for kind in (False, True)
-        )
-        for ports in (
-            lambda d: [d.get_input_port(i) for i in range(d.num_input_ports())],
-            lambda d: [d.get_output_port(i) for i in range(d.num_output_ports())],
-        ):
-            theirs, ours = ({p.get_name(): p.size() for p in ports(d)} for d in (stages, fused))
-            assert ours == theirs
+    stages, fused = (make_estimator(sts_reversed, model, fused=kind) for kind in (False, True))
+    for ports in (
+        lambda d: [d.get_input_port(i) for i in range(d.num_input_ports())],
+        lambda d: [d.get_output_port(i) for i in range(d.num_output_ports())],
+    ):
+        theirs, ours = ({p.get_name(): p.size() for p in ports(d)} for d in (stages, fused))
+        assert ours == theirs
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
@@ -125,26 +122,6 @@ def test_torque_of_the_present_tick(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     configuration = config(torque_samples="trapezoidal")
     assert_same(*(played(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_what_an_air_pass_taught(sts_reversed, model, log, law):
-    model = replace(model, friction=friction(law))
-    rng = np.random.default_rng(4)
-    taught = {"tau_correction": rng.normal(size=N), "v_planned": rng.normal(size=N), "counts": [1]}
-    stages, fused = (
-        played(sts_reversed, model, config(), log, fused=f, taught=taught) for f in (False, True)
-    )
-    assert_same(stages, fused)
-    assert fused["valid"].any()
-    fused = played(sts_reversed, model, config(), log, fused=True, taught={**taught, "counts": [0]})
-    assert not fused["valid"].any()
-    estimator = WrenchEstimator(sts_reversed, model, config())
-    rows = np.ones((ROWS, 1))
-    known = Taught(taught["tau_correction"] * rows, taught["v_planned"] * rows, rows[:, 0])
-    batch = estimator.run(estimator.initial_state(), *log, taught=known)
-    np.testing.assert_allclose(stages["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(stages["valid"][:, 0] == 1.0, batch.valid)
 
 
 PARAMETERS = {

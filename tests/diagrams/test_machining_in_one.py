@@ -1,4 +1,4 @@
-"""Machining's controller in one block: the numbers of its parts, in fewer calls into Python."""
+"""Machining's controller in one block: it reads and commands what its parts do by themselves."""
 
 import collections
 import sys
@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import make_closed_loop, uses_sensor
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
+from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -24,9 +26,9 @@ from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import plain_truth, with_truth_named
-from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
-from wrenchsight.systems.machining.machining_reference import MachiningReference
+from wrenchsight.systems.impedance_controller import ImpedanceController
 
+T = 1e-3
 SYSTEMS = str(Path(sys.modules[MomentumObserverConfig.__module__].__file__).parents[2] / "systems")
 MORE = ("tau_f_true", "tau_J_true", "state", "wrench_unbalance")  # what else an arm tells
 SHORT = {
@@ -68,70 +70,103 @@ def lesson(plan):
     return TaughtTorque(t, rng.normal(size=(len(t), 6)), (rng.random(len(t)) < 0.8).astype(float))
 
 
-def run(scenario, robot, fused, duration=0.5, **options):
-    loop = make_closed_loop(scenario, robot, fused=fused, also_log=MORE, **options)
+def run(scenario, robot, duration=0.5, **options):
+    loop = make_closed_loop(scenario, robot, also_log=MORE, **options)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration)
-    return loop.logged(simulator.get_context())[1], loop
+    return loop.logged(simulator.get_context())[1]
 
 
 @pytest.mark.parametrize(
-    ("name", "knows", "varied"),
+    ("name", "knows", "observer"),
     [
-        ("Polishing", False, {}),
-        ("PolishingSensorless", True, {}),
-        ("GrindingSensorless", False, {}),
-        ("Grinding", True, {}),
-        ("Grinding", "lesson", {}),
-        ("Polishing", False, {"current_noise": False, "friction": "coulomb_viscous"}),
-        ("Polishing", False, {"wrench": [WrenchStep(0.1, 0.2, [3.0, 0.0, 0.0])]}),
-        ("PolishingSensorless", False, {"force_torque_sensor": None, "current_noise": False}),
-        (
-            "Polishing",
-            False,
-            {"force_torque_sensor": ForceTorqueSensorConfig(cutoff=20.0), "seed": 5},
-        ),
+        ("Polishing", False, None),
+        ("PolishingSensorless", True, None),
+        ("Grinding", "lesson", None),
+        ("GrindingSensorless", False, KalmanObserverConfig()),
     ],
 )
-def test_one_block_gives_the_numbers_of_many(hard, name, knows, varied):
-    """To the last bit, from the approach over touch and work to the lift.
+def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
+    hard, name, knows, observer
+):
+    """Against the batch estimator over the log, and against the controller's block by itself.
 
     Taught by an air pass, friction with a memory is taken as it is and that without at planned
     speeds ("lesson").
     """
-    scenario = replace(short(name), **varied)
+    scenario = short(name)
+    if observer is not None:
+        scenario = replace(
+            scenario,
+            estimator=replace(scenario.estimator, observer=observer),
+            machining=replace(scenario.machining, air_pass=0.0),
+        )
     plan = make_machining_path(scenario, hard)
     model = plain_model(hard)
-    options = {"model": model, "machining_path": plan}
-    if knows:
-        options["taught"] = lesson(plan)
-    if knows is True:
-        options["estimator_model"] = knowing(hard)
-    one, loop = run(scenario, hard, True, **options)
-    many, chain = run(scenario, hard, False, **options)
-    assert loop.diagram.HasSubsystemNamed("machining_reference") is False
-    assert chain.diagram.HasSubsystemNamed("machining_reference") is True
-    assert set(MORE) < one.keys() == many.keys()
-    for signal, values in one.items():
-        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
-    assert Phase.WORK in one["phase"]
-    assert np.abs(one["wrench_true"]).max() > 5.0
+    taught = lesson(plan) if knows else None
+    reads = knowing(hard) if knows is True else model
+    loop = make_closed_loop(
+        *(scenario, hard, model),
+        machining_path=plan,
+        taught=taught,
+        estimator_model=reads,
+    )
+    split, sizes = loop.diagram.GetSubsystemByName("action"), loop.controller.sizes
+    simulator = Simulator(loop.diagram)
+
+    def parts_at(tick):
+        simulator.AdvanceTo((tick + 0.5) * T)
+        context = split.GetMyContextFromRoot(simulator.get_context())
+        return {n: split.get_output_port(k).Eval(context).copy() for k, n in enumerate(sizes)}
+
+    law = ImpedanceController(model.friction.feedforward, hard.effort_limit, T, scenario.controller)
+    for tick in range(1, 500, 31):
+        before, parts = parts_at(tick - 1), parts_at(tick)
+        signals = loop.logged(simulator.get_context())[1]
+        context = law.CreateDefaultContext()
+        terms = model.chain(hard).terms(signals["q"][tick], signals["v"][tick])
+        wrench = signals["ft_wrench"][tick] if uses_sensor(scenario) else parts["wrench"]
+        law.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+        law.GetInputPort("wrench").FixValue(context, wrench)
+        for port in ("pose_reference", "reference", "force_setpoint", "force_active"):
+            law.GetInputPort(port).FixValue(context, parts[port])
+        law.GetInputPort("feedback_valid").FixValue(context, parts["feedback_valid"])
+        context.SetDiscreteState(before["integral"])
+        for port in ("tau_command", "pose_error"):
+            alone = law.GetOutputPort(port).Eval(context)
+            np.testing.assert_allclose(parts[port], alone, atol=1e-9, err_msg=port)
+            np.testing.assert_array_equal(signals[port][tick], parts[port])
+    assert Phase.WORK in signals["phase"]
+    assert np.abs(signals["wrench_true"]).max() > 5.0
+
+    own = scenario.estimator
+    batch = WrenchEstimator(hard, reads, replace(own, observer=replace(own.observer, time_step=T)))
+    given = None
+    if taught is not None:
+        time = signals["feed_time"][:, 0]
+        correction = np.array([-taught.at(t) for t in time])
+        counts = np.array([float(taught.counts_at(t)) for t in time])
+        given = Taught(correction, signals["reference"][:, 6:12], counts)
+    log = (signals[n] for n in ("q", "v", "current"))
+    found = batch.run(batch.initial_state(), *log, taught=given)
+    np.testing.assert_allclose(signals["tau_ext"], found.tau_ext, atol=1e-9)
+    np.testing.assert_allclose(signals["wrench"], found.wrench, atol=1e-8)
+    np.testing.assert_array_equal(signals["valid"][:, 0] == 1.0, found.valid)
 
 
-@pytest.mark.parametrize("fused", [True, False])
-def test_the_estimate_is_fed_back_where_what_was_taught_counts(hard, fused):
+def test_the_estimate_is_fed_back_where_what_was_taught_counts(hard):
     """Else where the feed is steady, which at this speed it never is."""
     scenario = short("PolishingSensorless")
     plan = make_machining_path(scenario, hard)
     t = plan.trajectory.t
     first_half = (t < 0.5 * t[-1]).astype(float)
     taught = TaughtTorque(t, np.zeros((len(t), 6)), first_half)
-    options = {"model": plain_model(hard), "machining_path": plan, "fused": fused}
     for lesson, counts in ((taught, first_half), (None, plan.steady)):
-        loop = make_closed_loop(scenario, hard, taught=lesson, **options)
-        parts = loop.controller.sizes if fused else MachiningReference.sizes(6)
-        split = loop.diagram.GetSubsystemByName("action" if fused else "machining_plan")
-        valid = split.get_output_port(list(parts).index("feedback_valid"))
+        loop = make_closed_loop(
+            scenario, hard, plain_model(hard), machining_path=plan, taught=lesson
+        )
+        split = loop.diagram.GetSubsystemByName("action")
+        valid = split.get_output_port(list(loop.controller.sizes).index("feedback_valid"))
         simulator = Simulator(loop.diagram)
         seen = []
         for k in range(1, 26):
@@ -148,7 +183,7 @@ def test_terms_for_pictures_are_the_model_s_at_what_is_read(hard):
     scenario = short("Polishing")
     plan = make_machining_path(scenario, hard)
     model = plain_model(hard)
-    loop = make_closed_loop(scenario, hard, model, machining_path=plan, fused=True)
+    loop = make_closed_loop(scenario, hard, model, machining_path=plan)
     context = loop.diagram.CreateDefaultContext()
     own = loop.controller.GetMyMutableContextFromRoot(context)
     q, v = plan.q_start + 0.1, np.linspace(-1.0, 1.0, 6)
@@ -167,35 +202,17 @@ def test_an_observer_that_reads_the_present_torque_is_refused(hard):
     scenario = replace(scenario, estimator=replace(scenario.estimator, observer=observer))
     plan = make_machining_path(scenario, hard)
     with pytest.raises(ValueError, match="present torque"):
-        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, fused=True)
+        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan)
 
 
-def test_other_observers_fit_in_as_well(hard):
-    scenario = short("Polishing")
-    observer = KalmanObserverConfig()
-    scenario = replace(
-        scenario,
-        estimator=replace(scenario.estimator, observer=observer),
-        machining=replace(scenario.machining, air_pass=0.0),
-    )
-    plan = make_machining_path(scenario, hard)
-    options = {"model": plain_model(hard), "machining_path": plan, "duration": 0.15}
-    one, many = (run(scenario, hard, fused, **options)[0] for fused in (True, False))
-    for signal, values in one.items():
-        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
-
-
-def test_drives_that_report_their_current_late_do_so_in_one_block_as_well(hard):
+def test_drives_that_report_their_current_late_are_read_late(hard):
     robot = copy(hard)
     robot.current_bandwidth = np.array([5.0, 20.0, 50.0, 100.0, 300.0, np.inf])
     scenario = short("Polishing")
     plan = make_machining_path(scenario, robot)
     options = {"model": plain_model(robot), "machining_path": plan, "duration": 0.1}
-    one, many = (run(scenario, robot, fused, **options)[0] for fused in (True, False))
-    for signal, values in one.items():
-        np.testing.assert_array_equal(values, many[signal], err_msg=signal)
-    prompt, _ = run(scenario, hard, True, **options)
-    late = (one["current"] != prompt["current"]).any(axis=0)
+    one, prompt = (run(scenario, arm, **options)["current"] for arm in (robot, hard))
+    late = (one != prompt).any(axis=0)
     np.testing.assert_array_equal(late, robot.current_bandwidth < np.inf)
 
 
@@ -205,7 +222,7 @@ def test_damping_that_chatters_is_refused_as_of_the_blocks(hard):
     scenario = replace(scenario, controller=controller)
     plan = make_machining_path(scenario, hard)
     with pytest.raises(InputError, match="chatter"):
-        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, fused=True)
+        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan)
 
 
 def calls_of(simulator, until):
@@ -233,9 +250,7 @@ def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, 
     scenario = short(name)
     plan = make_machining_path(scenario, hard)
     more = {"taught": lesson(plan), "estimator_model": knowing(hard)} if knows else {}
-    loop = make_closed_loop(
-        scenario, hard, plain_model(hard), machining_path=plan, fused=True, **more
-    )
+    loop = make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, **more)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(0.01)
     calls = calls_of(simulator, 0.02)
@@ -283,12 +298,11 @@ def test_a_machining_log_of_every_tenth_tick_asks_the_arm_no_less(hard):
         run(
             scenario,
             hard,
-            True,
             0.2,
             model=plain_model(hard),
             machining_path=plan,
             log_period=period,
-        )[0]
+        )
         for period in (None, 0.01)
     )
     for signal, values in tenth.items():

@@ -1,12 +1,12 @@
 """Logs that tests give to an estimator, and the estimator's diagram that plays one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput
 
 from wrenchsight.diagrams.estimator import add_estimator
 from wrenchsight.models.arrays import Array
@@ -37,7 +37,6 @@ def played(
     log: tuple[Array, ...],
     *,
     fused: bool = False,
-    taught: Mapping[str, Any] | None = None,
     change: Callable[[Any, Any], None] | None = None,
     detection: ContactDetectionConfig | None = None,
 ) -> dict[str, Array]:
@@ -46,7 +45,6 @@ def played(
 
     Args:
         log: q, v and current, one row a tick of the observer.
-        taught: constant inputs besides, by their ports' names.
         change: of estimator and root context, after .1 s.
     """
     T = config.observer.time_step
@@ -56,13 +54,9 @@ def played(
     estimator = add_estimator(
         *(builder, robot, model, config),
         **ports,
-        taught=taught is not None,
         fused=fused,
         detection=detection,
     )
-    for name, value in (taught or {}).items():
-        source = builder.AddSystem(ConstantVectorSource(value))
-        builder.Connect(source.get_output_port(), estimator.GetInputPort(name))
     names = (*OUTPUTS, *(DETECTION if detection is not None else ()))
     sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in names}
     simulator = Simulator(builder.Build())

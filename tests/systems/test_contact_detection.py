@@ -73,7 +73,7 @@ def test_diagram_and_log_find_the_same(sts, model, log, method, torque_samples):
     estimator = WrenchEstimator(sts, model, config(method, torque_samples))
     detector = ContactDetector.of(estimator)
     batch = estimator.run(estimator.initial_state(), *log)
-    found = detector.run(detector.initial_state(), log[0], log[1], batch)
+    found = detector.run(detector.initial_state(), batch)
     assert found.contact.any()
     assert found.misfit.any()
     assert found.rest.any()

@@ -86,7 +86,7 @@ class Ticks:
 def test_ports():
     observer = GeneralizedMomentumObserver(config(), 2)
     names = [observer.get_input_port(i).get_name() for i in range(observer.num_input_ports())]
-    assert names == ["terms", "tau_J", "tau_f", "torque_error"]
+    assert names == ["terms", "tau_J", "tau_f"]
     assert observer.GetOutputPort("tau_ext").size() == 2
     assert observer.GetOutputPort("valid").size() == 1
     context = observer.CreateDefaultContext()

@@ -8,7 +8,6 @@ import pytest
 from played_logs import played
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
@@ -116,20 +115,6 @@ def test_a_point_force_is_weighted_by_the_models_usual_errors_too(sts, model, lo
     )
     assert np.abs(first.wrench - second.wrench).max() > 0.1
     np.testing.assert_array_equal(first.torque_sd, second.torque_sd)
-
-
-@pytest.mark.parametrize("fused", [False, True])
-def test_what_an_air_pass_taught_is_read_so_too(sts, model, fused):
-    """Its inputs are those of an estimator without a torque error."""
-    plain = replace(model, torque_error=None)
-    names = []
-    for own in (plain, model):
-        estimator = make_estimator(sts, own, WrenchEstimatorConfig(), taught=True, fused=fused)
-        names.append(
-            [estimator.get_input_port(i).get_name() for i in range(estimator.num_input_ports())]
-            + [estimator.get_output_port(i).get_name() for i in range(estimator.num_output_ports())]
-        )
-    assert names[0] == names[1]
 
 
 def test_the_encoders_step_comes_from_robot_yaml_unless_the_configuration_says_it(sts, model, log):

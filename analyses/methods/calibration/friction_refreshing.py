@@ -17,15 +17,16 @@ from wrenchsight.analyses.methods.calibration.model_residual import (
     residuals_of,
     with_friction,
 )
-from wrenchsight.analyses.methods.calibration.stretches import Logs, as_logs, inside, stretches_of
+from wrenchsight.analyses.methods.calibration.stretches import Logs, as_logs, logs_of
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentifySettings,
     RefreshConfig,
 )
+from wrenchsight.analyses.methods.learning.low_passed_logs import read_log
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_refresh import (
     FrictionDrift,
     FrictionRefresh,
@@ -37,7 +38,6 @@ from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
 from wrenchsight.models.identification.identified_model import FrictionSource, IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
 
@@ -157,46 +157,31 @@ def refresh_model(
 
 
 def refresh_log(
-    model_path: Path,
-    logs: Sequence[str],
-    robot_name: str | Path,
+    settings: IdentifySettings,
     out: Path,
-    log_format: str | Path | None = None,
-    config: RefreshConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
-    accept_signs: bool = False,
 ) -> RefreshResult:
     """The command `identify --refresh`: reads model and logs, and writes the result into `out`.
 
     Args:
-        logs: as `stretches.stretches_of`.
+        settings: logs as `stretches.stretches_of`.
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refresh_model` and
             `result_folder`.
     """
     with result_folder(out, "identify") as folder:
-        robot = Robot.load(robot_name)
-        model = IdentifiedModel.load(Path(model_path), robot)
-        given: list[tuple[Recording, Flags | None]] = []
-        for k, text in enumerate(logs):
-            path, stretches = stretches_of(text, "identify", "--refresh")
-            progress(0.4 * k / len(logs), f"reading {path.name}")
-            log = read_recording(
-                path, log_format, robot, accept_signs=accept_signs, joint_signals=True
-            )
-            given.append((log, inside(log, stretches) if stretches else None))
+        robot = Robot.load(settings.robot)
+        model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
+        progress(0.0, "reading")
+        given = logs_of(
+            *(settings.logs, "identify", "--refresh"),
+            lambda path: read_log(path, settings, robot),
+        )
         progress(0.4, "finding friction")
-        result = refresh_model(given, robot, model, config)
+        result = refresh_model(given, robot, model, settings.refreshing)
         notices = [line for log, _ in given for line in log.notices]
         result = replace(result, warnings=(*notices, *result.warnings))
-        settings = IdentifySettings(
-            robot=str(robot_name),
-            accept_signs=accept_signs,
-            logs=list(logs),
-            refresh=str(model_path),
-            log_format=None if log_format is None else str(log_format),
-        )
         result.write(folder, settings)
         progress(1.0, "done")
     return result

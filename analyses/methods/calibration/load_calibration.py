@@ -27,6 +27,7 @@ from wrenchsight.analyses.methods.learning.low_passed_logs import (
     decimation,
     log_names,
     low_pass_log,
+    read_log,
 )
 from wrenchsight.analyses.output.figures import COLOUR, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -45,7 +46,6 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_regression import split_terms
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
 
@@ -204,64 +204,32 @@ def calibrate(
 
 
 def calibrate_logs(
-    logs: Sequence[Path],
-    loads: Sequence[str],
-    robot_name: str | Path,
+    settings: IdentifySettings,
     out: Path,
-    validate: Sequence[Path] = (),
-    log_format: str | Path | None = None,
-    config: IdentificationConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
-    accept_signs: bool = False,
 ) -> CalibrationResult:
     """The command `identify --load`: reads the logs and writes the result into `out`.
 
     Args:
-        logs: without a load.
-        loads: LOG=MASS or LOG=MASS,X,Y,Z each, see `known_load`.
-        robot_name: a bundled robot or a robot.yaml.
+        settings: its `load` are LOG=MASS or LOG=MASS,X,Y,Z each, see `known_load`.
         out: folder of the results.
-        validate: logs without a load to predict.
-        log_format: description of the logs' columns.
-        config: of the identification.
         progress: called with the share done and the current step.
 
     Raises:
         InputError: as `Robot.load`, `read_recording`, `result_folder`, `known_load`, `calibrate`.
     """
     with result_folder(out, "identify") as folder:
-        robot = Robot.load(robot_name)
-        parsed = [known_load(text) for text in loads]
-        recordings, validation = (
-            [
-                read_recording(
-                    log, log_format, robot, accept_signs=accept_signs, joint_signals=True
-                )
-                for log in paths
-            ]
-            for paths in (logs, validate)
+        robot = Robot.load(settings.robot)
+        parsed = [known_load(text) for text in settings.load]
+        recordings, validation, weighed = (
+            [read_log(Path(log), settings, robot) for log in paths]
+            for paths in (settings.logs, settings.validate, [path for path, _ in parsed])
         )
-        loaded = [
-            (
-                read_recording(
-                    path, log_format, robot, accept_signs=accept_signs, joint_signals=True
-                ),
-                load,
-            )
-            for path, load in parsed
-        ]
+        loaded = [(log, load) for log, (_, load) in zip(weighed, parsed, strict=True)]
+        config = settings.identification
         result = calibrate(recordings, loaded, robot, validation, config, progress)
-        settings = IdentifySettings(
-            robot=str(robot_name),
-            accept_signs=accept_signs,
-            logs=[str(log) for log in logs],
-            validate=[str(log) for log in validate],
-            load=list(loads),
-            log_format=None if log_format is None else str(log_format),
-        )
         result.write(folder, settings)
-    logs_read = (*recordings, *validation, *(log for log, _ in loaded))
-    notices = [sentence for one in logs_read for sentence in one.notices]
+    notices = [sentence for one in (*recordings, *validation, *weighed) for sentence in one.notices]
     return replace(result, warnings=(*dict.fromkeys(notices), *result.warnings))
 
 

@@ -5,7 +5,7 @@ The load is found from the joint torque that the robot's model leaves unexplaine
 transmits depends on the load, too: the fit is repeated with the load found before.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.calibration.model_residual import residuals_of
 from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
-from wrenchsight.analyses.methods.calibration.stretches import Logs, inside, stretches_of
+from wrenchsight.analyses.methods.calibration.stretches import Logs, logs_of
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
@@ -235,51 +235,30 @@ def identify_payload(
 
 
 def payload_log(
-    logs: Sequence[str],
-    robot_name: str | Path,
-    model_path: Path,
+    settings: PayloadSettings,
     out: Path,
-    empty: Sequence[str] = (),
-    log_format: str | Path | None = None,
-    check: bool = True,
-    config: PayloadConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
-    accept_signs: bool = False,
 ) -> PayloadResult:
     """The command `payload`: reads logs and model, and writes the result into `out`.
 
     Args:
-        logs, empty: as `stretches.stretches_of`.
+        settings: logs, with the load and empty, as `stretches.stretches_of`.
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `identify_payload`
             and `result_folder`.
     """
     with result_folder(out, "payload") as folder:
-        robot = Robot.load(robot_name)
-        model = IdentifiedModel.load(Path(model_path), robot)
+        robot = Robot.load(settings.robot)
+        model = IdentifiedModel.load(Path(settings.model), robot)
+        form, signs = settings.log_format, settings.accept_signs
 
-        def read(texts: Sequence[str], entry: bool) -> list[tuple[Recording, Flags | None]]:
-            given: list[tuple[Recording, Flags | None]] = []
-            for text in texts:
-                path, stretches = stretches_of(text, "payload", "LOG")
-                log = read_recording(
-                    path, log_format, robot, entry, accept_signs, joint_signals=True
-                )
-                given.append((log, inside(log, stretches) if stretches else None))
-            return given
+        def read(path: Path, check: bool = True) -> Recording:
+            return read_recording(path, form, robot, check, signs, joint_signals=True)
 
-        loaded, bare = read(logs, check), read(empty, True)
-        result = identify_payload(loaded, robot, model, config, bare or None, progress)
-        settings = PayloadSettings(
-            robot=str(robot_name),
-            model=str(model_path),
-            logs=list(logs),
-            empty=list(empty),
-            log_format=None if log_format is None else str(log_format),
-            check=check,
-            accept_signs=accept_signs,
-        )
+        loaded = logs_of(settings.logs, "payload", "LOG", lambda path: read(path, settings.check))
+        bare = logs_of(settings.empty, "payload", "LOG", read)
+        result = identify_payload(loaded, robot, model, settings.payload, bare or None, progress)
         result.write(folder, settings)
     notices = [line for log, _ in loaded for line in log.notices]
     return replace(result, warnings=(*notices, *result.warnings))

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.methods.calibration.stretches import inside, stretches_of
+from wrenchsight.analyses.methods.calibration.stretches import logs_of
 from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.learning.low_passed_logs import read_log
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
@@ -34,7 +35,6 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
@@ -194,18 +194,12 @@ def refit_logs(
     with result_folder(out, "identify") as folder:
         robot = Robot.load(settings.robot)
         model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
-        logs = []
-        for k, text in enumerate(settings.logs):
-            path, stretches = stretches_of(text, "identify", "--other-specimen")
-            progress(k / len(settings.logs), f"reading {path.name}")
-            log = read_recording(
-                path,
-                settings.log_format,
-                robot,
-                accept_signs=settings.accept_signs,
-                joint_signals=True,
-            )
-            logs.append((log, inside(log, stretches)))
+        progress(0.0, "reading")
+        given = logs_of(
+            *(settings.logs, "identify", "--other-specimen"),
+            lambda path: read_log(path, settings, robot),
+        )
+        logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in given]
         refit = refit_specimen(logs, robot, model)
         folder.write_json("metrics.json", refit.metrics())
         folder.write_settings("config.yaml", settings)

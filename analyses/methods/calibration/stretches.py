@@ -1,6 +1,6 @@
 """Logs with the stretches of them that are meant: LOG or LOG=BEGIN,END[,BEGIN,END...]."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,25 @@ Logs = Recording | Sequence[tuple[Recording, Flags | None]]
 def as_logs(logs: Logs) -> Sequence[tuple[Recording, Flags | None]]:
     """One log, or several with the samples that count, as several."""
     return [(logs, None)] if isinstance(logs, Recording) else logs
+
+
+def logs_of(
+    texts: Sequence[str], command: str, option: str, read: Callable[[Path], Recording]
+) -> list[tuple[Recording, Flags | None]]:
+    """Logs that were given with their stretches, read; None where a whole log counts.
+
+    Args:
+        texts, command, option: as `stretches_of`.
+
+    Raises:
+        InputError: as `stretches_of`, `inside` and `read`.
+    """
+    given: list[tuple[Recording, Flags | None]] = []
+    for text in texts:
+        path, stretches = stretches_of(text, command, option)
+        log = read(path)
+        given.append((log, inside(log, stretches) if stretches else None))
+    return given
 
 
 def stretches_of(text: str, command: str, option: str) -> tuple[Path, list[tuple[float, float]]]:

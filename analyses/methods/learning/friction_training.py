@@ -12,8 +12,7 @@ its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MO
 and reaches as far within them as the fewest samples that training needs.
 """
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -28,7 +27,7 @@ from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 if TYPE_CHECKING:
-    import torch
+    pass
 
 
 BINS = 40
@@ -195,7 +194,7 @@ def train_networks(
     centre = (train * y).sum(axis=1)
     spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
     z = (y - centre[:, None]) / spread[:, None]
-    with _one_thread():  # the same sums in the same order on every machine; faster, too
+    with one_thread():  # the same sums in the same order on every machine; faster, too
         weights, errors, steps = _descend(x, z, train, held, config, progress)
     W1, b1, W2, b2 = weights
     networks = FrictionNetworks(W1, b1, W2 * spread[:, None], b2 * spread + centre, edge)
@@ -252,7 +251,8 @@ def _held_out(group: NDArray[Any], rng: np.random.Generator) -> NDArray[np.bool_
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
+    """Torch on one thread for as long as a block lasts: its sums have one order."""
     import torch
 
     before = torch.get_num_threads()
@@ -261,35 +261,6 @@ def _one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-class Adam:
-    """Adam (Kingma and Ba, ICLR 2015) with a rate that falls along half a cosine to LEAST_RATE.
-
-    `torch.optim` does the same, number for number; to import it takes as long as a training.
-    """
-
-    def __init__(self, parameters: "list[torch.Tensor]", rate: float, steps: int) -> None:
-        self._parameters = parameters
-        self._means = [p.detach().clone().zero_() for p in parameters]
-        self._squares = [p.detach().clone().zero_() for p in parameters]
-        self._rate, self._steps, self._done = rate, steps, 0
-
-    def step(self, gradients: "Sequence[torch.Tensor]") -> None:
-        """Takes one step against the gradients, in the parameters' order and in place."""
-        self._done += 1
-        scale = (1.0 - 0.999**self._done) ** 0.5
-        size = self._rate / (1.0 - 0.9**self._done)
-        for p, gradient, mean, square in zip(
-            self._parameters, gradients, self._means, self._squares, strict=True
-        ):
-            mean.lerp_(gradient, 1.0 - 0.9)
-            square.mul_(0.999).addcmul_(gradient, gradient, value=1.0 - 0.999)
-            p.addcdiv_(mean, (square.sqrt() / scale).add_(1e-8), value=-size)
-        before, now = (
-            1.0 + math.cos(math.pi * k / self._steps) for k in (self._done - 1, self._done)
-        )
-        self._rate = now / before * (self._rate - LEAST_RATE) + LEAST_RATE
 
 
 def _descend(
@@ -318,7 +289,8 @@ def _descend(
     start[1][:, 0] = 0.0  # one jump is at zero
     parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
     X, Z, T, H = (torch.tensor(a, dtype=torch.float64) for a in (x, z, train, held))
-    optimiser = Adam(parameters, config.learning_rate, config.steps)
+    optimiser = torch.optim.Adam(parameters, config.learning_rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps, LEAST_RATE)
     best = [p.detach().clone() for p in parameters]
     lowest = torch.full((n,), torch.inf, dtype=torch.float64)
     errors = torch.zeros((2, n), dtype=torch.float64)
@@ -337,11 +309,12 @@ def _descend(
                 selected[better] = now[better]
             if int((step - when).min()) > config.patience:
                 break
-        gradients = torch.autograd.grad(fitted.sum(), parameters)
+        optimiser.zero_grad()
+        fitted.sum().backward()
         if config.odd:
-            gradients[1].zero_()  # tanh(W v) is odd
-        with torch.no_grad():
-            optimiser.step(gradients)
+            parameters[1].grad.zero_()  # tanh(W v) is odd
+        optimiser.step()
+        schedule.step()
         if step % 50 == 0:
             progress(step / config.steps, f"training, step {step}")
     return [p.numpy() for p in best], errors.numpy(), when.numpy()

@@ -53,6 +53,7 @@ from wrenchsight.analyses.methods.learning.low_passed_logs import (
     low_pass_log,
     low_pass_logs,
     median_step,
+    read_log,
 )
 from wrenchsight.analyses.methods.learning.repeated_motion import (
     motion_groups,
@@ -91,7 +92,6 @@ from wrenchsight.models.recordings.plausibility.drive_evidence import (
     recordings_sign_evidence,
 )
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.ties import beyond_rounding
 from wrenchsight.models.robot.robot import Robot
 
@@ -380,18 +380,6 @@ def identify_logs(
     """
     with result_folder(out, "identify") as folder:
         robot = Robot.load(robot_name)
-        recordings, validation = (
-            [
-                read_recording(
-                    episode, log_format, robot, accept_signs=accept_signs, joint_signals=True
-                )
-                for log in paths
-                for episode in episode_paths(log)
-            ]
-            for paths in (logs, validate)
-        )
-        recordings, short = long_enough(recordings, config or IdentificationConfig())
-        result = identify(recordings, robot, validation, config, progress)
         settings = IdentifySettings(
             robot=str(robot_name),
             accept_signs=accept_signs,
@@ -399,6 +387,12 @@ def identify_logs(
             validate=[str(log) for log in validate],
             log_format=None if log_format is None else str(log_format),
         )
+        recordings, validation = (
+            [read_log(one, settings, robot) for log in paths for one in episode_paths(log)]
+            for paths in (logs, validate)
+        )
+        recordings, short = long_enough(recordings, config or IdentificationConfig())
+        result = identify(recordings, robot, validation, config, progress)
         result.write(folder, settings)
     notices = [sentence for one in (*recordings, *validation) for sentence in one.notices]
     notices += short

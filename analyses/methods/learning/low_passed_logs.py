@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+)
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
@@ -19,6 +22,7 @@ from wrenchsight.models.identification.identified_model import (
 from wrenchsight.models.identification.torque_regression import RegressionRows
 from wrenchsight.models.recordings.lerobot.data_set import file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
@@ -97,6 +101,21 @@ def long_enough(
         f"that a cutoff of {config.cutoff:g} Hz needs"
     )
     return [one for one in recordings if not any(one is own for own in short)], [sentence]
+
+
+def read_log(path: Path, settings: IdentifySettings, robot: Robot) -> Recording:
+    """A log of `settings.logs`, read as they say.
+
+    Raises:
+        InputError: as `read_recording`.
+    """
+    return read_recording(
+        path,
+        settings.log_format,
+        robot,
+        accept_signs=settings.accept_signs,
+        joint_signals=True,
+    )
 
 
 def log_names(recordings: Sequence[Recording]) -> list[str]:

@@ -3,29 +3,38 @@
 from collections.abc import Callable
 
 from wrenchsight.analyses.methods.live.rtde_controller import LOOPBACK, RtdeController
-from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError, needing_extra
 from wrenchsight.models.live.rtde import PORT
 from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 _NUM_JOINTS = 6  # of every robot that speaks RTDE
 
 
-def play(recording: Recording, url: str, tell: Callable[[str], None]) -> None:
+def play(recording: Recording, robot: Robot, url: str, tell: Callable[[str], None]) -> None:
     """Plays it once, from the first reader on; returns when it is over.
 
     Args:
-        url: rtde://HOST[:PORT]; only where HOST is no address of this computer's own loopback do
-            others see it.
+        robot: whose recording it is.
+        url: rtde://HOST[:PORT] or ros2://TOPIC; only where it names an address or a network beyond
+            this computer's own loopback do others see it.
         tell: what a person is to know.
 
     Raises:
         InputError: another scheme, an arm that cannot speak it, or a port that is taken.
     """
     address = SourceAddress.parse(url)
+    if address.scheme not in PLAYERS:
+        remedy = f"give {' or '.join(f'{scheme}://' for scheme in PLAYERS)}"
+        raise InputError("simulate", "--publish", f"cannot speak {address.scheme}", remedy)
+    PLAYERS[address.scheme](recording, robot, address, tell)
+
+
+def _rtde(
+    recording: Recording, robot: Robot, address: SourceAddress, tell: Callable[[str], None]
+) -> None:
     address.require_known()
-    if address.scheme != "rtde":
-        raise InputError("simulate", "--publish", f"cannot speak {address.scheme}", "give rtde://")
     if recording.num_joints != _NUM_JOINTS:
         problem = f"the arm has {recording.num_joints} joints, a controller of RTDE {_NUM_JOINTS}"
         raise InputError("simulate", "--publish", problem)
@@ -37,3 +46,18 @@ def play(recording: Recording, url: str, tell: Callable[[str], None]) -> None:
         tell(f"{recording.duration:.1f} s are played once somebody reads {where}; Ctrl-C ends it")
         while not controller.ended.wait(0.2):
             pass
+
+
+def _ros2(
+    recording: Recording, robot: Robot, address: SourceAddress, tell: Callable[[str], None]
+) -> None:
+    with needing_extra("ros2", "ros2://"):
+        from wrenchsight.analyses.methods.live.ros2_player import play_joint_states
+
+    play_joint_states(recording, robot, address, tell)
+
+
+Player = Callable[[Recording, Robot, SourceAddress, Callable[[str], None]], None]
+
+PLAYERS: dict[str, Player] = {"rtde": _rtde, "ros2": _ros2}
+"""By scheme. A further kind is one line here."""

@@ -1,4 +1,4 @@
-"""Where the reading process sends each reading at once: `udp://HOST:PORT`, `lcm://CHANNEL`.
+"""Where the reading process sends each reading at once: `udp://`, `lcm://`, `ros2://`.
 
 Sending never waits: what the network does not take is lost, and counted.
 """
@@ -9,9 +9,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
-from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.input_error import InputError, needing_extra
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.source import SourceAddress
+from wrenchsight.models.robot.robot import Robot
 
 DATAGRAM = struct.Struct("<4sHHd12d")
 """A UDP packet, little-endian: b"WSR1"; flags (1 valid, 2 contact, 4 misfit, 8 the robot runs); 0;
@@ -49,7 +50,7 @@ def datagram(reading: Reading) -> bytes:
 class UdpPublisher:
     """One datagram a reading."""
 
-    def __init__(self, address: SourceAddress) -> None:
+    def __init__(self, address: SourceAddress, robot: Robot) -> None:
         address.require_known()
         host, port = address.host(0)
         if not port:
@@ -76,18 +77,31 @@ class UdpPublisher:
             self._socket.close()
 
 
-def _lcm(address: SourceAddress) -> Publisher:
+def _lcm(address: SourceAddress, robot: Robot) -> Publisher:
     from wrenchsight.analyses.methods.live.lcm_links import LcmPublisher
 
     return LcmPublisher.open(address)
 
 
-PUBLISHERS: dict[str, Callable[[SourceAddress], Publisher]] = {"udp": UdpPublisher, "lcm": _lcm}
+def _ros2(address: SourceAddress, robot: Robot) -> Publisher:
+    with needing_extra("ros2", "ros2://"):
+        from wrenchsight.analyses.methods.live.ros2_publisher import Ros2Publisher
+
+    return Ros2Publisher.open(address, robot)
+
+
+PublisherOpener = Callable[[SourceAddress, Robot], Publisher]
+
+PUBLISHERS: dict[str, PublisherOpener] = {"udp": UdpPublisher, "lcm": _lcm, "ros2": _ros2}
 """By scheme. A further kind is one line here."""
 
 
-def open_publisher(url: str) -> Publisher:
+def open_publisher(url: str, robot: Robot) -> Publisher:
     """Opens a publisher.
+
+    Args:
+        url: where to.
+        robot: whose readings it sends.
 
     Raises:
         InputError: no such kind, or an address that is none.
@@ -96,4 +110,4 @@ def open_publisher(url: str) -> Publisher:
     if address.scheme not in PUBLISHERS:
         known = ", ".join(f"{scheme}://" for scheme in PUBLISHERS)
         raise InputError(url, "", "is no place to publish to", f"give one of {known}")
-    return PUBLISHERS[address.scheme](address)
+    return PUBLISHERS[address.scheme](address, robot)

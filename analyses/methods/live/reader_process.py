@@ -131,7 +131,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
     try:
         settings, robot, model = load_watched(settings)
         source = open_source(settings.source, robot)
-        publishers += [open_publisher(url) for url in settings.publish]
+        publishers += [open_publisher(url, robot) for url in settings.publish]
         warm_up(settings, robot, model)
         checks = StartChecks(robot, model, settings.watch) if settings.watch.check else None
         live = make_live(settings, robot, model, source)

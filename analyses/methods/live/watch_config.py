@@ -12,7 +12,7 @@ from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.robot.robot import Robot
 
 RECORDS = ("mcap", "parquet")
-VIEWS = ("terminal", "lines", "meshcat", "none")
+VIEWS = ("terminal", "lines", "meshcat", "foxglove", "none")
 LONGEST_LATE, LONGEST_ZERO = 10.0, 3600.0  # s
 
 
@@ -38,7 +38,8 @@ class WatchSettings:
     """All that a run of `watch` depends on, as its config.yaml holds it."""
 
     command: str = "watch"  # which wrote it
-    source: str = ""  # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL
+    source: str = ""
+    # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL, ros2://TOPIC, franka://HOST
     robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
     model: str | None = None
     # model.yaml that identify wrote; else the robot's own files, and no reading is valid
@@ -46,9 +47,10 @@ class WatchSettings:
     record: str | None = None  # a new folder for what is read
     record_format: str = "mcap"  # of the recording: mcap (as estimate --mcap) or parquet
     publish: list[str] = field(default_factory=list)
-    # where readings are sent: udp://HOST:PORT, lcm://CHANNEL
+    # where readings are sent: udp://HOST:PORT, lcm://CHANNEL, ros2://TOPIC
     view: str = "terminal"
-    # what shows readings: terminal, lines (one a second), meshcat (arm and arrow besides), none
+    # what shows readings: terminal, lines (one a second), meshcat or foxglove (arm and arrow
+    # besides), none
     watch: WatchConfig = field(default_factory=WatchConfig)  # how
 
 
@@ -83,6 +85,8 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         detection=config.live.detection,
         max_gap=config.live.max_gap,
         track=config.live.track,
+        contact=config.live.contact,
+        torque_sd=config.live.torque_sd,
     )
     checked = checked_config(same, robot)
     prior = stated_prior(checked, robot)

@@ -19,6 +19,7 @@ from wrenchsight.analyses.methods.planning.redundancy_task import (
     RedundancyTask,
 )
 from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
+from wrenchsight.diagrams.distances.coming_and_going import moved_along
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
@@ -33,7 +34,6 @@ from wrenchsight.models.robot.robot import Robot
 
 _SAMPLES_APART, _ANGLES_APART = 4, 2  # of the coarse part
 _MOST_ROUNDS = 60
-_STEPS = 4  # of coming and going
 _AROUND = 0.02  # m beyond the distance to keep, within which a pair is told
 _PLATE_THICKNESS = 0.02  # m
 
@@ -73,37 +73,13 @@ class Surroundings:
         """
         if self.approach == 0.0:
             return q
-        path = problem.path
-        first = self._retreat(problem, q[0], path.n_W[0])
-        last = self._retreat(problem, q[-1], path.n_W[-1])
+        first, last = (
+            moved_along(self.robot, q[k], problem.path.n_W[k], self.approach)[1:] for k in (0, -1)
+        )
+        rows = np.vstack([first, last])
+        if (rows < problem.lower).any() or (rows > problem.upper).any():
+            raise InputError("approach", "", f"cannot go {self.approach:g} m off the surface")
         return np.vstack([first[::-1], q, last])
-
-    def _retreat(self, problem: RedundancyProblem, q: Array, n_W: Array) -> Array:
-        """Postures (_STEPS, n) with E moved off the surface, its orientation kept."""
-        chain = self.robot.chain
-        R_start, p_start = chain.pose(q)
-        rows = []
-        for share in np.arange(1, _STEPS + 1) / _STEPS:
-            for _ in range(30):
-                R_WE, p_WE = chain.pose(q)
-                turned = R_start @ R_WE.T
-                axis = np.array(
-                    [
-                        turned[2, 1] - turned[1, 2],
-                        turned[0, 2] - turned[2, 0],
-                        turned[1, 0] - turned[0, 1],
-                    ]
-                )
-                error = np.r_[0.5 * axis, p_start + share * self.approach * n_W - p_WE]
-                if np.abs(error).max() < 1e-7:
-                    break
-                J = chain.jacobian(q)
-                q = q + J.T @ np.linalg.solve(J @ J.T + 1e-8 * np.eye(6), error)
-            inside = (q >= problem.lower).all() and (q <= problem.upper).all()
-            if np.abs(error).max() > 1e-4 or not inside:
-                raise InputError("approach", "", f"cannot go {self.approach:g} m off the surface")
-            rows.append(q)
-        return np.array(rows)
 
 
 def surroundings(robot: Robot, task: RedundancyTask, config: RedundancyClearance) -> Surroundings:

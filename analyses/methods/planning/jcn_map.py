@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.methods.planning.jcn_map_settings import (
-    NUM_SAMPLES,
     JcnMapSettings,
     SliceConfig,
 )
@@ -207,13 +206,8 @@ class JcnMapResult:
 
 
 def jcn_map(
-    robot_name: str,
+    settings: JcnMapSettings,
     out: Path,
-    num_samples: int = NUM_SAMPLES,
-    seed: int = 0,
-    *,
-    within_limits: bool = False,
-    plane: SliceConfig | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> JcnMapResult:
     """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
@@ -223,24 +217,19 @@ def jcn_map(
         InputError: see `sample` and `slice_plane`; or `out` cannot be written to.
     """
     with result_folder(out, "jcn-map") as folder:
-        return _map_into(folder, robot_name, num_samples, seed, within_limits, plane, progress)
+        return _map_into(folder, settings, progress)
 
 
 def _map_into(
-    folder: OutputFolder,
-    robot_name: str,
-    num_samples: int,
-    seed: int,
-    within_limits: bool,
-    plane: SliceConfig | None,
-    progress: Callable[[float, str], None],
+    folder: OutputFolder, settings: JcnMapSettings, progress: Callable[[float, str], None]
 ) -> JcnMapResult:
-    robot = Robot.load(robot_name)
+    robot, plane = Robot.load(settings.robot), settings.slice
+    seed, within_limits = settings.seed, settings.within_limits
     if plane is not None:
         _check_slice(plane)
     samples = sample(
         robot,
-        num_samples,
+        settings.num_samples,
         seed,
         within_limits=within_limits,
         progress=lambda fraction, what: progress(0.2 * fraction, what),
@@ -287,13 +276,6 @@ def _map_into(
             )
         draw_slice(cut, folder / "figures" / "slice.png")
     folder.write_json("metrics.json", {**metrics, "notices": notices})
-    settings = JcnMapSettings(
-        robot=str(robot_name),
-        num_samples=num_samples,
-        seed=seed,
-        within_limits=within_limits,
-        slice=plane,
-    )
     folder.write_settings("config.yaml", settings)
     return JcnMapResult(samples, cut, metrics, tuple(notices))
 

@@ -3,6 +3,7 @@
 import csv
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,26 +128,23 @@ def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
 
 
 def redundancy(
-    task_name: str | Path,
-    robot_name: str,
+    settings: RedundancySettings,
     out: Path,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
-    content: RedundancyTask | None = None,
 ) -> RedundancyResult:
-    """The command `redundancy`, for a bundled task or a task's file: writes trajectory.csv
-    (trajectory_free.csv of the best free way, where that is another one), metrics.json,
-    config.yaml, figures and recording.html into `out`.
+    """The command `redundancy`: writes trajectory.csv (trajectory_free.csv of the best free way,
+    where that is another one), metrics.json, config.yaml, figures and recording.html into `out`.
 
     Args:
-        content: used instead of the content of the task that `task_name` names.
+        settings: its `task_content` is used instead of the content of the task that it names.
 
     Raises:
         InputError: see `find_redundancy`; or `out` cannot be written to.
     """
     with result_folder(out, "redundancy") as folder:
-        robot = Robot.load(robot_name)
-        source = task_file(task_name, "redundancy")
-        config = load_configuration(source, RedundancyTask) if content is None else content
+        robot = Robot.load(settings.robot)
+        source = task_file(settings.task, "redundancy")
+        config = settings.task_content or load_configuration(source, RedundancyTask)
         result = find_redundancy(robot, config, source, progress)
         folder.write_text("trajectory.csv", trajectory_csv(result, result.optimised))
         if result.free is not None:
@@ -154,10 +152,7 @@ def redundancy(
         draw(result, folder.path)
         metrics = {**result.metrics(), "notices": list(result.notices)}
         folder.write_json("metrics.json", metrics)
-        settings = RedundancySettings(
-            task=str(task_name), robot=str(robot_name), task_content=config
-        )
-        folder.write_settings("config.yaml", settings)
+        folder.write_settings("config.yaml", replace(settings, task_content=config))
     return result
 
 

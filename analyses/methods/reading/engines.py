@@ -1,20 +1,12 @@
 """What runs a log's chunks through the estimator: the model as it is, or tracked."""
 
 from collections.abc import Iterable, Iterator
-from typing import Protocol
-
-import numpy as np
 
 from wrenchsight.analyses.methods.reading.drifted_band import with_band_of
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.known_contact import Read, read_contact, read_later
 from wrenchsight.analyses.methods.reading.uniform_log import measured
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.detection.contact_detector import (
-    ContactDetectionConfig,
-    ContactDetector,
-    Detection,
-)
+from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -25,34 +17,6 @@ from wrenchsight.models.estimation.smoothing import WrenchSmoother
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
-
-
-class Engine(Protocol):
-    """Runs successive chunks of a log through the estimator's chain."""
-
-    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]: ...
-
-
-class BatchEngine:
-    """The estimator, chunk after chunk."""
-
-    def __init__(
-        self,
-        robot: Robot,
-        model: IdentifiedModel,
-        config: WrenchEstimatorConfig,
-        detection: ContactDetectionConfig,
-    ) -> None:
-        self._estimator = WrenchEstimator(robot, model, config)
-        self._state = self._estimator.initial_state()
-        self._detector = ContactDetector.of(self._estimator, detection)
-        self._detector_state = self._detector.initial_state()
-
-    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
-        batch = self._estimator.run(self._state, q, v, current)
-        missing = np.isnan(batch.J[:, :1]).any(axis=2)
-        q, v = np.where(missing, np.nan, q), np.where(missing, np.nan, v)
-        return batch, self._detector.run(self._detector_state, q, v, batch)
 
 
 def estimates(
@@ -72,12 +36,13 @@ def estimates(
     models = [model] if wide is model else [model, wide]
 
     def causal(models: list[IdentifiedModel]) -> Iterator[Read]:
-        engine: Engine
+        engine: Reader
         if tracked is not None:
             engine, others = tracked, []
         else:
             engine, *others = (
-                BatchEngine(robot, own, config, settings.detection) for own in models
+                ContactEstimator(WrenchEstimator(robot, own, config), settings.detection)
+                for own in models
             )
         for chunk in chunks:
             batch, found = engine.run(chunk.q, chunk.v, chunk.current)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.methods.reading.engines import BatchEngine
 from wrenchsight.analyses.methods.reading.estimate_config import FLOOR_SHARE, EstimateConfig
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
 from wrenchsight.analyses.methods.reading.uniform_log import (
@@ -16,6 +15,7 @@ from wrenchsight.analyses.methods.reading.uniform_log import (
     uniform_chunks,
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.detection.contact_estimator import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.wrench import live_prior
@@ -43,7 +43,7 @@ def friction_of(
     for chunk in chunks:
         if watch is None:
             own = timed(plain, chunk)
-            engine = BatchEngine(robot, model, own, settings.detection)
+            engine = ContactEstimator(WrenchEstimator(robot, model, own), settings.detection)
             observer = make_observer(own.observer, robot.num_joints)
             begin = chunk.t[0] + observer.settling_time
             step = own.observer.time_step

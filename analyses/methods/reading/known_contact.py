@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,12 +110,10 @@ def read_contact(
 
 
 def _joined(one: Read, other: Read) -> Read:
-    pairs: Any = zip(one.found, other.found, strict=True)
-    batches: Any = zip(one.batch, other.batch, strict=True)
     return Read(
         concatenated([one.chunk, other.chunk]),
-        EstimateBatch(*(np.concatenate(pair) for pair in batches)),
-        Detection(*(np.concatenate(pair) for pair in pairs)),
+        EstimateBatch.joined([one.batch, other.batch]),
+        Detection.joined([one.found, other.found]),
         np.concatenate([one.tau_ext, other.tau_ext]),
     )
 
@@ -131,6 +129,4 @@ def without_breaks(reads: Iterable[Read]) -> Iterator[Read]:
 
 
 def _rows(read: Read, rows: slice | Flags) -> Read:
-    found: Any = (column[rows] for column in read.found)
-    batch: Any = (column[rows] for column in read.batch)
-    return Read(read.chunk[rows], EstimateBatch(*batch), Detection(*found), read.tau_ext[rows])
+    return Read(read.chunk[rows], read.batch.rows(rows), read.found.rows(rows), read.tau_ext[rows])

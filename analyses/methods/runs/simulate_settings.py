@@ -23,4 +23,4 @@ class SimulateSettings:
     graph: bool = False  # draw the diagram of all blocks
     publish: str | None = None
     # then play the run, at real time, to whoever connects: rtde://HOST[:PORT], as a controller of
-    # Universal Robots would (six joints)
+    # Universal Robots would (six joints), or ros2://TOPIC

@@ -274,7 +274,7 @@ def simulate(
         trajectory=trajectory,
         machining_path=plan,
         taught=taught,
-        fused=graph is None,  # a drawing shows the blocks
+        fused=graph is None,  # a drawing shows the stages
         estimator_model=reads,
     )
     files: list[Path] = []

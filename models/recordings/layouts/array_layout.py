@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
 from wrenchsight.models.recordings.layouts.plain_header import TIME_WORDS
-from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.recordings.recording_format import RecordingFormat, by_number
 
 _ARRAYS = {
     "position": ("q", "qpos", "position", "positions", "joint_position", "joint_positions"),
@@ -38,20 +38,16 @@ def array_layout(names: Sequence[str]) -> KnownLayout | None:
     time = next((list(names).index(word) for word in TIME_WORDS if word in names), None)
     if time is None:
         return None
-    form = RecordingFormat(time=_numbered([time]))
+    form = RecordingFormat(time=by_number([time]))
     said = [f"{names[time]} as time"]
     for key, words in _ARRAYS.items():
         word = next((word for word in words if word in arrays), None)
         if word is not None:
-            setattr(form, key, _numbered(arrays.pop(word)))
+            setattr(form, key, by_number(arrays.pop(word)))
             said.append(f"{word} as {key.replace('_', ' ')}")
     if form.position is None:
         return None
-    form.extra = {name: _numbered(columns) for name, columns in arrays.items()}
+    form.extra = {name: by_number(columns) for name, columns in arrays.items()}
     effort = form.motor_torque is not None and any("effort" in text for text in said)
     notices = (f"arrays read by their names: {', '.join(said)}",)
     return KnownLayout(form, notices, effort=effort)
-
-
-def _numbered(columns: Sequence[int]) -> SignalColumns:
-    return SignalColumns(", ".join(str(column + 1) for column in columns))

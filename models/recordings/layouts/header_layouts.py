@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns, by_number
 
 _WRENCH = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
 _TIMES = ("__time", "t", "time", "timestamp")
@@ -63,7 +63,7 @@ def time_columns(names: Sequence[str]) -> SignalColumns | None:
         for i, name in enumerate(names):
             match = re.fullmatch(rf"(.*[._/]|){whole}", name)
             if match and match[1] + fine in names:
-                return _numbered([i, list(names).index(match[1] + fine)])
+                return by_number([i, list(names).index(match[1] + fine)])
     return None
 
 
@@ -72,13 +72,13 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
     if "timestamp" not in names or "actual_q_0" not in names:
         return None
     size = sum(1 for name in names if re.fullmatch(r"actual_q_\d+", name))
-    form = RecordingFormat(time=_numbered([list(names).index("timestamp")], unit="s"))
+    form = RecordingFormat(time=by_number([list(names).index("timestamp")], unit="s"))
 
     def columns(prefix: str) -> SignalColumns | None:
         wanted = [f"{prefix}_{j}" for j in range(size)]
         if not all(name in names for name in wanted):
             return None
-        return _numbered([list(names).index(name) for name in wanted])
+        return by_number([list(names).index(name) for name in wanted])
 
     form.position, form.velocity = columns("actual_q"), columns("actual_qd")
     form.current = columns("actual_current")
@@ -102,9 +102,9 @@ def _echo(
         return None
     joints = rest[:size]
     order, notices = _order(joints, path, joint_names)
-    form = RecordingFormat(header=False, time=_numbered([0, 1]))
+    form = RecordingFormat(header=False, time=by_number([0, 1]))
     for k, key in enumerate(("position", "velocity", "motor_torque")[:blocks]):
-        setattr(form, key, _numbered([3 + size * (k + 1) + j for j in order]))
+        setattr(form, key, by_number([3 + size * (k + 1) + j for j in order]))
     first = f"read as `ros2 topic echo --csv` of a JointState of {size} joints"
     return KnownLayout(form, (first, *notices), effort=blocks == 3)
 
@@ -119,7 +119,7 @@ def _series(
         if match:
             topics.setdefault(match[1] or "", {}).setdefault(match[3], {})[match[2]] = column
     time = next((list(names).index(name) for name in _TIMES if name in names), None)
-    times = time_columns(names) if time is None else _numbered([time])
+    times = time_columns(names) if time is None else by_number([time])
     if not topics or times is None:
         return None
     form = RecordingFormat(time=times)
@@ -157,7 +157,7 @@ def _series(
                 f"{topic} lacks the {quantity} of {', '.join(missing)}",
                 "record all joints, " + _DESCRIBE,
             )
-        setattr(form, key, _numbered([held[joint] for joint in joints]))
+        setattr(form, key, by_number([held[joint] for joint in joints]))
     first = f"joints read from the columns of {main or 'each joint'}"
     return KnownLayout(form, (first, *notices), effort=form.motor_torque is not None)
 
@@ -221,7 +221,7 @@ def _wrenches(names: Sequence[str]) -> dict[str, SignalColumns]:
         wanted = [f"{topic}/{part}" for part in _WRENCH]
         if topic != name and all(part in names for part in wanted):
             short = topic.removesuffix("/wrench").strip("/").replace("/", "_") or "wrench"
-            wrenches[short] = _numbered([list(names).index(part) for part in wanted])
+            wrenches[short] = by_number([list(names).index(part) for part in wanted])
     return wrenches
 
 
@@ -231,13 +231,9 @@ def _plain_signals(topics: dict[str, dict[str, dict[str, int]]]) -> dict[str, Si
     for topic, held in list(topics.items()):
         parts = held.get("position", {})
         if parts and len(held) == 1 and list(parts) == [str(k + 1) for k in range(len(parts))]:
-            found[topic.strip("/").replace("/", "_") or "signal"] = _numbered(list(parts.values()))
+            found[topic.strip("/").replace("/", "_") or "signal"] = by_number(list(parts.values()))
             del topics[topic]
     return found
-
-
-def _numbered(columns: Sequence[int], unit: str = "") -> SignalColumns:
-    return SignalColumns(", ".join(str(column + 1) for column in columns), unit=unit)
 
 
 def _is_whole(text: str) -> bool:

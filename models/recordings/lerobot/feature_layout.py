@@ -16,7 +16,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
 from wrenchsight.models.recordings.lerobot.data_set import INFO, DataSet
 from wrenchsight.models.recordings.log_words import IN_DEGREES, IN_RADIANS
-from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
+from wrenchsight.models.recordings.recording_format import RecordingFormat, by_number
 
 _KINDS = {
     "position": ("pos", "position", "positions", "qpos", "q", "state", "angle", "angles"),
@@ -85,13 +85,13 @@ def feature_layout(
     time = list(columns).index("timestamp") if "timestamp" in columns else None
     if time is None:
         raise InputError(path, "features", "lacks timestamp", "convert the data set with LeRobot")
-    form = RecordingFormat(time=_numbered([time]))
+    form = RecordingFormat(time=by_number([time]))
     unit, notices = _angle_unit(data_set, position, prismatic, angle)
     read = []
     for kind, (joints, _) in found.items():
         if joints and len(joints) == len(position):
             turned = {"position": unit, "velocity": f"{unit}/s" if unit == "deg" else ""}
-            setattr(form, kind, _numbered([one.column for one in joints], turned.get(kind, "")))
+            setattr(form, kind, by_number([one.column for one in joints], turned.get(kind, "")))
             sources = ", ".join(dict.fromkeys(one.feature for one in joints))
             read.append(f"{kind.replace('_', ' ')} from {sources}"[:200])
     if form.current is not None and form.motor_torque is not None:
@@ -229,7 +229,3 @@ def _angle_unit(
         f"arm: describe gain and offset of each joint (--log-format FILE.yaml); {IN_RADIANS} for "
         "radians",
     )
-
-
-def _numbered(columns: Sequence[int], unit: str = "") -> SignalColumns:
-    return SignalColumns(", ".join(str(column + 1) for column in columns), unit=unit)

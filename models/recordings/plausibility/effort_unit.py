@@ -10,7 +10,7 @@ of effort to G, by least squares a joint, is
 A joint is asked if K is FACTOR from one, gravity loads it and the effort follows gravity.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,8 @@ _SAMPLES = 500  # of a recording
 _LEAST_SAMPLES = 20
 NAMES = {"N m": "effort-in-newton-metres", "A": "effort-in-amperes"}
 """Words of --log-format that decide it, by unit."""
+REMEDIES = {unit: f"--log-format {word}" for unit, word in NAMES.items()}
+"""Options that decide it, by unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,27 +46,27 @@ class EffortUnit:
     ratio: Array
     asked: Flags
 
-    def sentence(self, robot: Robot) -> str:
-        """What the effort is read as, why, and how to have it otherwise."""
-        other = NAMES["N m" if self.unit == "A" else "A"]
+    def sentence(self, robot: Robot, remedies: Mapping[str, str] = REMEDIES) -> str:
+        """What the effort is read as, why, and by which option to have it otherwise."""
+        other = remedies["N m" if self.unit == "A" else "A"]
         if not self.unit:
             why = "gravity does not tell in this log whether it is amperes"
-            if robot.has_inertias and not _telling(robot).any():
+            if robot.has_inertias and not telling_joints(robot).any():
                 why = "torque_per_ampere is near 1 in robot.yaml, so that gravity cannot tell"
             return (
                 f"effort is read as joint torque in N m: {why}; of a driver that reports amperes "
-                f"add --log-format {other}"
+                f"add {other}"
             )
         joints = np.flatnonzero(self.asked)
         shown = ", ".join(f"{robot.joint_names[j]} {self.ratio[j]:.2g}" for j in joints)
         if self.unit == "A":
             return (
                 f"effort is read as motor current in A: it is {shown} of the gravity torque, as "
-                f"robot.yaml's torque_per_ampere has it; --log-format {other} reads it as N m"
+                f"robot.yaml's torque_per_ampere has it; {other} reads it as N m"
             )
         return (
             f"effort is read as joint torque in N m: it is {shown} of the gravity torque; "
-            f"--log-format {other} reads it as motor current"
+            f"{other} reads it as motor current"
         )
 
 
@@ -100,7 +102,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio, cosine = np.abs(xy / xx), np.abs(xy) / np.sqrt(xx * yy)
         loaded = np.sqrt(xx / count) > LEAST_GRAVITY
-    asked = np.asarray(loaded & _telling(robot) & (cosine > FOLLOWS))
+    asked = np.asarray(loaded & telling_joints(robot) & (cosine > FOLLOWS))
     if not asked.any():
         return unknown
     K = robot.torque_per_ampere
@@ -110,6 +112,7 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     return EffortUnit(unit, ratio, asked)
 
 
-def _telling(robot: Robot) -> Flags:
+def telling_joints(robot: Robot) -> Flags:
+    """(n,) whether a joint's torque per ampere is far enough from one to tell the units apart."""
     K = robot.torque_per_ampere
     return np.asarray(np.maximum(K, 1.0 / K) > FACTOR)

@@ -34,7 +34,7 @@ from wrenchsight.models.recordings.rosbag.messages import (
     seconds,
     typestore,
 )
-from wrenchsight.models.recordings.table_checks import first_missing, rows_within
+from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -225,7 +225,6 @@ class RosbagTable:
         main = self._main_topic(columns)
         count = self._counts[main]
         first, last = rows_within(self.path, rows, count, f"messages on {main}")
-        optional = np.array([column in may_be_empty for column in columns])
         followers = {
             topic: _Follower(self._stream(topic)) for topic in {t for t, _ in wanted} - {main}
         }
@@ -246,7 +245,7 @@ class RosbagTable:
                     topic, k = self._columns[column - 1]
                     values[:, i] = read[topic][:, k]
             numbers = np.arange(row - len(t) + begin, row - len(t) + end)
-            self._check(values, numbers, columns, optional)
+            refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
             yield values, numbers
             if row > last:
                 break
@@ -258,20 +257,6 @@ class RosbagTable:
         if positions or held:
             return self._columns[(positions or held)[0] - 1][0]
         return max(self._counts, key=lambda topic: self._counts[topic])
-
-    def _check(
-        self, values: Array, rows: Rows, columns: list[int], optional: NDArray[np.bool_]
-    ) -> None:
-        missing = first_missing(values, optional)
-        if missing is not None:
-            assert self.names is not None
-            i, k = missing
-            raise InputError(
-                self.path,
-                f"message {rows[i]}, {self.names[columns[k]]}",
-                "is not finite, expected a number",
-                "record it again",
-            )
 
     def _stream(self, topic: str) -> Iterator[tuple[Array, Array]]:
         """Times (N,) in s and numbers (N, k) of a topic, some thousand messages at a time."""

@@ -159,7 +159,7 @@ def test_contact_has_the_levels_of_the_plain_estimator(sts, model, log):
     _, found = tracked.run(q[:50], v[:50], current[:50])
     plain = WrenchEstimator(sts, model, config())
     own = plain.run(plain.initial_state(), q[:50], v[:50], current[:50])
-    seen = detector.run(detector.initial_state(), q[:50], v[:50], own)
+    seen = detector.run(detector.initial_state(), own)
     # Before anything is learnt both read the same.
     np.testing.assert_array_equal(found.statistic[:30], seen.statistic[:30])
 

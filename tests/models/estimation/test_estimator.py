@@ -113,11 +113,15 @@ def test_a_tick_is_a_row_of_the_log_and_chunks_are_one_pass(method: str) -> None
     for name in whole._fields:
         chunks = np.concatenate([getattr(part, name) for part in parts])
         np.testing.assert_array_equal(chunks, getattr(whole, name))
-    state = tool.initial_state()
+    state, same = tool.initial_state(), tool.initial_state()
+    rows = []
     for k in range(600):
         tick = tool.step(state, q[k], v[k], current[k])
         for name in tick._fields:
             np.testing.assert_array_equal(getattr(tick, name), getattr(whole, name)[k])
+        rows.append(tool.run(same, q[k : k + 1], v[k : k + 1], current[k : k + 1]))
+    for one, column in zip(type(whole).joined(rows), whole, strict=True):
+        np.testing.assert_array_equal(one, column)
 
 
 def test_a_long_log_crosses_the_memory_bound_unchanged() -> None:

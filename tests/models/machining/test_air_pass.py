@@ -5,7 +5,7 @@ from scipy.interpolate import make_interp_spline
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.machining.air_pass import LEAD, TaughtTorque, raised_motion
+from wrenchsight.models.machining.air_pass import LEAD, TaughtTorque, raised_motion, taught_tick
 
 HEIGHT = 0.005
 
@@ -122,3 +122,13 @@ def test_steady_must_be_one_number_a_sample():
     assert not TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).counts_at(0.7)
     steady = TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).steady_at([-3.0, 0.3, 0.7, 9.0])
     np.testing.assert_array_equal(steady, [1.0, 1.0, 0.0, 0.0])
+
+
+def test_a_tick_takes_off_what_the_record_says():
+    rng = np.random.default_rng(0)
+    known = TaughtTorque(0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40))
+    found = np.empty(7)
+    for feed_time in (*rng.uniform(-0.05, 0.45, 60), 0.0, 0.39, 0.385, 0.005, np.nan):
+        taught_tick(known.tau_ext, known.steady, known.t[1], feed_time, found)
+        np.testing.assert_array_equal(found[:6], -known.at(feed_time))
+        assert found[6] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)

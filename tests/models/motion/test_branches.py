@@ -5,7 +5,6 @@ import pinocchio
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.branches import all_branches, is_closed_form
-from wrenchsight.models.motion.inverse_kinematics import inverse_kinematics
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -19,17 +18,50 @@ def pinocchio_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
     return R, p
 
 
-def test_all_branches_are_those_found_pose_by_pose(bundled_arm: Robot) -> None:
-    rng = np.random.default_rng(3)
-    R_WE, p_WE = bundled_arm.chain.pose(rng.uniform(-2.0, 2.0, (25, 6)))
-    found = all_branches(bundled_arm, R_WE, p_WE)
-    for i in range(len(p_WE)):
-        expected = inverse_kinematics(bundled_arm, R_WE[i], p_WE[i])
-        here = found[i][np.isfinite(found[i, :, 0])]
-        distance = np.abs(expected[:, np.newaxis] - here).max(axis=2)
-        # Both hold the pose to 1e-9; 1e-6 allows for a |J^-1| of 1000.
-        assert np.all(np.min(distance, axis=1) < 1e-6)
-        assert np.all(np.min(distance, axis=0) < 1e-6)
+def branches_at(robot: Robot, R_WE: Array, p_WE: Array) -> Array:
+    return all_branches(robot, R_WE[np.newaxis], p_WE[np.newaxis])[0]
+
+
+def test_the_configuration_that_made_a_pose_is_among_its_branches(bundled_arm: Robot) -> None:
+    rng = np.random.default_rng(0)
+    lower = np.maximum(bundled_arm.position_lower, -3.0)
+    upper = np.minimum(bundled_arm.position_upper, 3.0)
+    for q in rng.uniform(lower, upper, (40, 6)):
+        branches = branches_at(bundled_arm, *bundled_arm.chain.pose(q))
+        assert np.all(branches >= bundled_arm.position_lower)
+        assert np.all(branches <= bundled_arm.position_upper)
+        turns = (branches - q) / (2 * np.pi)
+        distance = np.max(np.abs(turns - np.round(turns)), axis=1) * 2 * np.pi
+        # A pose that is exact to 1e-9 fixes q to that times |J^-1|; 1e-6 allows for 1000.
+        assert np.min(distance) < 1e-6
+        separate = np.abs(branches[:, None] - branches[None]).max(axis=2)
+        assert np.all(separate[~np.eye(len(branches), dtype=bool)] > 1e-6)
+
+
+def test_a_6r_arm_has_up_to_8_branches_and_the_articles_is_one(sts: Robot) -> None:
+    R_WE = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+    branches = branches_at(sts, R_WE, np.array([0.5, 0.0, 0.45]))
+    assert 4 <= len(branches) <= 8
+    # The posture is printed with three digits.
+    posture = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0])
+    assert np.min(np.max(np.abs(branches - posture), axis=1)) < 1e-3
+
+
+def test_angles_are_wrapped_into_the_limits(sts: Robot) -> None:
+    q = np.array([0.3, 0.2, -0.4, 4.2, 0.9, -5.9])
+    shifted = q - [0, 0, 0, 2 * math.pi, 0, -2 * math.pi]  # nearest to the middle of the limits
+    branches = branches_at(sts, *sts.chain.pose(q))
+    assert np.min(np.max(np.abs(branches - shifted), axis=1)) < 1e-6
+
+
+def test_a_wrist_singularity_is_solved(sts: Robot) -> None:
+    q = np.array([0.2, 0.1, -0.3, 0.4, 0.0, 0.5])  # only the sum of joints 4 and 6 counts
+    R_WE, p_WE = sts.chain.pose(q)
+    branches = branches_at(sts, R_WE, p_WE)
+    assert len(branches) > 0
+    R, p = pinocchio_poses(sts, branches)
+    np.testing.assert_allclose(p, np.tile(p_WE, (len(p), 1)), rtol=0, atol=2e-9)
+    np.testing.assert_allclose(R, np.tile(R_WE, (len(R), 1, 1)), rtol=0, atol=2e-9)
 
 
 def test_every_solution_reaches_its_pose(bundled_arm: Robot) -> None:

@@ -3,7 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.inverse_kinematics import follow_path, inverse_kinematics
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.inverse_kinematics import follow_path
 from wrenchsight.models.motion.path_postures import (
     correct_paths,
     pull_back,
@@ -153,7 +154,7 @@ def test_angles_are_wrapped_into_their_limits(sts: Robot) -> None:
 
 def test_every_branch_of_the_articles_initial_path_is_followed(sts: Robot) -> None:
     R_WE = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
-    branches = inverse_kinematics(sts, R_WE, np.array([0.5, 0.0, 0.45]))
+    branches = all_branches(sts, R_WE[np.newaxis], np.array([[0.5, 0.0, 0.45]]))[0]
     n_W = np.tile([0.0, 1.0, 0.0], (len(branches), 1))
     q, reached = track_paths(sts.chain, branches, n_W, 1.0, 20)
     assert len(branches) == 4

@@ -1,8 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.table_checks import first_missing, rows_within
+from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 
 
 def test_rows_beyond_the_file_are_refused_with_its_own_count(tmp_path):
@@ -12,9 +14,14 @@ def test_rows_beyond_the_file_are_refused_with_its_own_count(tmp_path):
         rows_within(tmp_path, (2, 8), 7, "messages on /arm")
 
 
-def test_the_first_missing_value_is_named_and_what_may_be_empty_is_not():
-    values = np.array([[1.0, np.nan], [np.inf, 2.0], [np.nan, 3.0]])
-    assert first_missing(values, np.array([False, False])) == (0, 1)
-    assert first_missing(values, np.array([False, True])) == (1, 0)
-    assert first_missing(values, np.array([True, True])) == (1, 0)  # inf is nothing that is missing
-    assert first_missing(values[2:], np.array([True, True])) is None
+def test_the_first_missing_value_is_named_and_what_may_be_empty_is_not(tmp_path):
+    values, rows = np.array([[1.0, np.nan], [np.inf, 2.0], [np.nan, 3.0]]), np.array([5, 6, 7])
+    table = SimpleNamespace(row_word="row", names=("a", "b", "c"))
+    for may_be_empty, place in (
+        ((), "row 5, column c"),
+        ((2,), "row 6, column a"),
+        ((0, 2), "row 6, column a"),  # inf is nothing that is missing
+    ):
+        with pytest.raises(InputError, match=place):
+            refuse_missing(table, tmp_path, values, rows, [0, 2], may_be_empty)
+    refuse_missing(table, tmp_path, values[2:], rows[2:], [0, 2], [0, 2])

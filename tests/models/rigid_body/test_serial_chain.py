@@ -1,5 +1,6 @@
 """The kernels against Drake, against pinocchio, and against what both do not offer."""
 
+import copy
 import dataclasses
 import os
 import pickle
@@ -745,6 +746,11 @@ def test_terms_do_not_share_memory(sts: Robot) -> None:
     chain.terms(q, q)
     assert np.array_equal(first.G, G)
     assert np.array_equal(first.q, np.zeros(6))
+    again = copy.deepcopy(first)  # whose attributes have been asked for
+    again.q[:] = 1.0
+    chain.write_terms(again)
+    assert np.array_equal(again.G, chain.gravity_torque(again.q))
+    assert np.array_equal(first.G, G)
 
 
 def test_survives_pickling(ur10e: Robot) -> None:

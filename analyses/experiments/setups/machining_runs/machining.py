@@ -209,7 +209,6 @@ def run_machining(
         machining_path=plan,
         log_only=_LOGGED,
         taught=taught,
-        fused=True,
         estimator_model=reads or models.models[OURS],
     )
     simulator = Simulator(loop.diagram)

@@ -11,6 +11,7 @@ from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh
 from wrenchsight.analyses.methods.learning.identification import predict_torque
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig,
+    IdentifySettings,
     RefreshConfig,
 )
 from wrenchsight.models.files.input_error import InputError
@@ -86,13 +87,20 @@ def test_what_friction_cannot_explain_is_said(ur10e, model):
     assert any("friction does not explain" in line for line in found.warnings)
 
 
+def settings(folder, logs, config=None):
+    model = str(folder / "model.yaml")
+    return IdentifySettings(
+        robot="ur10e", logs=logs, refresh=model, refreshing=config or RefreshConfig()
+    )
+
+
 def test_command_writes_a_model_that_loads_again(ur10e, model, tmp_path):
     log = tmp_path / "today.csv"
     write_recording(recording(ur10e, 1, viscous=1.2 * VISCOUS), log)
     model.save(tmp_path / "model.yaml")
     out = tmp_path / "out"
     config = RefreshConfig(part=[0.0, 4.0])
-    found = refresh_log(tmp_path / "model.yaml", [str(log)], "ur10e", out, config=config)
+    found = refresh_log(settings(tmp_path, [str(log)], config), out)
     again = IdentifiedModel.load(out / "model.yaml", ur10e)
     np.testing.assert_array_equal(
         again.friction.coulomb_viscous.viscous, found.refresh.after.viscous
@@ -111,7 +119,7 @@ def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
     write_recording(recording(ur10e, 2, viscous=1.2 * VISCOUS)[:250], tmp_path / "b.csv")
     model.save(tmp_path / "model.yaml")
     logs = [f"{tmp_path / 'a.csv'}=0,1.6,2.5,4.2", str(tmp_path / "b.csv")]
-    found = refresh_log(tmp_path / "model.yaml", logs, "ur10e", tmp_path / "out")
+    found = refresh_log(settings(tmp_path, logs), tmp_path / "out")
     error = found.refresh.after.viscous - 1.2 * VISCOUS
     assert (np.abs(error) < 3.0 * found.refresh.standard_deviation[:, 1]).all()
     assert (found.refresh.told[:3, 1] > 0.3).all()

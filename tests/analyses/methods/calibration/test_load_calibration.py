@@ -12,7 +12,10 @@ from wrenchsight.analyses.methods.calibration.load_calibration import (
     calibrate_logs,
     known_load,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+)
 from wrenchsight.models.calibration.gain_calibration import KnownLoad
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.files.input_error import InputError
@@ -79,7 +82,9 @@ def test_command_writes_a_robot_that_goes_with_the_model(ur10e, logs, tmp_path):
         paths.append(tmp_path / log.source)
         write_recording(log, paths[-1])
     out = tmp_path / "out"
-    found = calibrate_logs(paths[:2], [f"{paths[2]}=3.0"], "ur10e", out, config=PLAIN)
+    plain, load = [str(path) for path in paths[:2]], [f"{paths[2]}=3.0"]
+    settings = IdentifySettings(robot="ur10e", logs=plain, load=load, identification=PLAIN)
+    found = calibrate_logs(settings, out)
     robot = Robot.load(out / "robot.yaml")
     np.testing.assert_allclose(robot.torque_per_ampere, found.robot.torque_per_ampere)
     np.testing.assert_array_equal(robot.reflected_inertia, ur10e.reflected_inertia)

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from sample_models import harmonic_motion
 
-from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig
+from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from wrenchsight.analyses.methods.calibration.payload_identification import (
     identify_payload,
     payload_log,
@@ -68,11 +68,15 @@ def test_the_model_with_the_load_explains_the_log(ur10e, model):
     assert not again.load.is_there
 
 
+def settings(folder, log):
+    return PayloadSettings(robot="ur10e", model=str(folder / "model.yaml"), logs=[log])
+
+
 def test_command_writes_a_tool_that_a_robot_takes(ur10e, model, tmp_path):
     log = tmp_path / "laden.csv"
     write_recording(recording(ur10e, 1), log)
     model.save(tmp_path / "model.yaml")
-    found = payload_log([str(log)], "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    found = payload_log(settings(tmp_path, str(log)), tmp_path / "out")
     config = yaml.safe_load(ur10e.source.read_text(encoding="utf-8"))
     config |= yaml.safe_load((tmp_path / "out" / "tool.yaml").read_text(encoding="utf-8"))
     config["urdf"] = str(ur10e.source.with_name(config["urdf"]))
@@ -112,16 +116,14 @@ def test_stretches_of_a_log_leave_out_what_touched_it(ur10e, model, tmp_path):
     write_recording(replace(log, current=touched), tmp_path / "a.csv")
     model.save(tmp_path / "model.yaml")
     given = f"{tmp_path / 'a.csv'}=0,4,7,12"
-    found = payload_log([given], "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    found = payload_log(settings(tmp_path, given), tmp_path / "out")
     assert found.load.mass == pytest.approx(2.0, abs=0.05)
-    spoilt = payload_log(
-        [str(tmp_path / "a.csv")], "ur10e", tmp_path / "model.yaml", tmp_path / "all"
-    )
+    spoilt = payload_log(settings(tmp_path, str(tmp_path / "a.csv")), tmp_path / "all")
     assert found.load.scale[:3].max() < 0.5 * spoilt.load.scale[:3].max()
     for words, what in (("5,4", "LOG=BEGIN,END"), ("90,99", "holds no samples from 90 to 99 s")):
-        given = [f"{tmp_path / 'a.csv'}={words}"]
+        given = f"{tmp_path / 'a.csv'}={words}"
         with pytest.raises(InputError, match=what):
-            payload_log(given, "ur10e", tmp_path / "model.yaml", tmp_path / "no")
+            payload_log(settings(tmp_path, given), tmp_path / "no")
 
 
 def test_what_the_motion_does_not_tell_is_not_written_as_known(ur10e, model):
@@ -147,7 +149,7 @@ def test_without_a_load_nothing_is_written_for_the_robot(ur10e, model, tmp_path)
     log = tmp_path / "empty.csv"
     write_recording(recording(ur10e, 1, load=np.zeros(10)), log)
     model.save(tmp_path / "model.yaml")
-    found = payload_log([str(log)], "ur10e", tmp_path / "model.yaml", tmp_path / "out")
+    found = payload_log(settings(tmp_path, str(log)), tmp_path / "out")
     assert "no load" in found.warnings[0]
     assert not (tmp_path / "out" / "tool.yaml").exists()
     assert (tmp_path / "out" / "metrics.json").is_file()

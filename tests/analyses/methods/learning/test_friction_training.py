@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.methods.learning.friction_training import (
-    LEAST_RATE,
-    Adam,
     TrainingConfig,
     critical_velocity,
     semi_parametric,
@@ -106,22 +104,3 @@ def test_a_band_without_samples_is_one_line():
     one_way = np.abs(v)
     with pytest.raises(InputError, match="0 back"):
         train_networks(one_way, torque, LAW)
-
-
-def test_the_descent_is_that_of_torch():
-    """`torch.optim` is the reference: the same parameters after every step, to the last bit."""
-    torch = pytest.importorskip("torch")
-    start = torch.tensor([[2.0, -1.0, 0.3], [0.1, 4.0, -3.0]], dtype=torch.float64)
-    ours, theirs = start.clone(), start.clone().requires_grad_()
-    steps = 30
-    descent = Adam([ours], 0.02, steps)
-    optimiser = torch.optim.Adam([theirs], lr=0.02)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, LEAST_RATE)
-    for _ in range(steps):
-        descent.step([4.0 * ours**3])
-        optimiser.zero_grad()
-        theirs.grad = 4.0 * theirs.detach() ** 3
-        optimiser.step()
-        schedule.step()
-        assert torch.equal(ours, theirs.detach())
-    assert not torch.equal(ours, start)

@@ -1,6 +1,7 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
 from wrenchsight.analyses.methods.planning.jcn_map import jcn_map, sample, slice_plane
-from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
+from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
 from wrenchsight.analyses.output.result_marker import MARKER
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
@@ -65,9 +66,8 @@ def test_a_slice_is_no_better_than_free_choice_and_round_where_the_arm_is(sts: R
 
 
 def test_the_command_writes_what_it_promises(tmp_path: Path) -> None:
-    result = jcn_map(
-        "sts_sre4_600", tmp_path, 3_000, 5, plane=SliceConfig(num_points=5, extent=0.5)
-    )
+    plane = SliceConfig(num_points=5, extent=0.5)
+    result = jcn_map(JcnMapSettings(num_samples=3_000, seed=5, slice=plane), tmp_path)
     with np.load(tmp_path / "samples.npz") as stored:
         assert {name: stored[name].shape for name in stored.files} == {
             "q": (3_000, 6),
@@ -134,9 +134,10 @@ def test_postures_that_hit_something_are_passed_over_and_counted(
     plane = SliceConfig("z", 0.1, num_points=7, extent=0.5)
     text = sts.source.read_text().replace("urdf: ", f"floor: 0.25\nurdf: {sts.source.parent}/")
     (tmp_path / "robot.yaml").write_text(text)
-    on_ground = jcn_map("sts_sre4_600", tmp_path / "a", 2_000, plane=plane)
+    settings = JcnMapSettings(num_samples=2_000, slice=plane)
+    on_ground = jcn_map(settings, tmp_path / "a")
     # Above a floor at .25 m no point of a plane at .1 m is reached without going through it.
-    raised = jcn_map(str(tmp_path / "robot.yaml"), tmp_path / "b", 2_000, plane=plane)
+    raised = jcn_map(replace(settings, robot=str(tmp_path / "robot.yaml")), tmp_path / "b")
     reached, hits = [], []
     for result in (on_ground, raised):
         assert result.plane is not None
