@@ -83,14 +83,15 @@ class WrenchArrows(LeafSystem):
     def _place(self, path: str, p_WE: Array, arrow: Array, t: float) -> None:
         X_WA, shaft, head = arrow_pose(p_WE, arrow)
         self._meshcat.SetTransform(path, X_WA, t)
-        self._meshcat.SetProperty(f"{path}/shaft", "scale", [1.0, 1.0, max(shaft, 1e-6)], t)
+        # A transform takes a scale that was set before with it.
         self._meshcat.SetTransform(f"{path}/shaft", RigidTransform([0.0, 0.0, 0.5 * shaft]), t)
-        self._meshcat.SetProperty(f"{path}/head", "scale", [head, head, head], t)
+        self._meshcat.SetProperty(f"{path}/shaft", "scale", [1.0, 1.0, max(shaft, 1e-6)], t)
         # The cone's tip is its origin, and it opens along z.
         tip = RigidTransform(
             RotationMatrix.MakeXRotation(np.pi), [0.0, 0.0, float(shaft + head * HEAD_LENGTH)]
         )
         self._meshcat.SetTransform(f"{path}/head", tip, t)
+        self._meshcat.SetProperty(f"{path}/head", "scale", [head, head, head], t)
 
 
 def arrow_pose(p_WE: Array, arrow: Array) -> tuple[RigidTransform, float, float]:

@@ -5,11 +5,10 @@ run again; whatever ends a campaign, the same command goes on where it stopped.
 """
 
 import json
-import shutil
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,18 +28,16 @@ from wrenchsight.analyses.campaign.distributions import (
 from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine
 from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask
 from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
-from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
+from wrenchsight.analyses.output.outputs import json_text, plain
 from wrenchsight.analyses.output.progress import Progress
-from wrenchsight.analyses.output.result_folder import recover, refuse_strangers, staged
-from wrenchsight.analyses.output.result_marker import ResultMarker
-from wrenchsight.analyses.output.sole_writer import sole_writer
+from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
 from wrenchsight.analyses.study.fingerprint import libraries, software_hash
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.shared_results import digest
 from wrenchsight.analyses.study.study import check_names, software_version
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import writing_to
-from wrenchsight.models.truth.worlds import WorldRanges, WorldSource, check_ranges, draw_world
+from wrenchsight.models.truth.worlds import WorldSource, check_ranges, draw_world
 
 COMMAND: Final = "campaign"
 METRICS: Final = "metrics.json"
@@ -48,14 +45,6 @@ TIMINGS: Final = "timings.json"
 FAILURES: Final = "failures"
 _LOG: Final = "workers.log"
 _LAST_LINES: Final = 40  # of what the workers printed, behind the word that one was killed
-_WORDS: Final = {
-    "seed": "of another seed",
-    "quick": "of another length (--quick)",
-    "fastest_feed": "of other feeds (--fastest-feed)",
-    "ranges": "drawn from other ranges",
-    "source": "of other arms",
-    "libraries": "computed with other versions of libraries",
-}
 
 
 @dataclass(frozen=True)
@@ -127,22 +116,18 @@ def run_campaign(
     if settings.world is not None and cluster is not None:
         problem = "a world that is run alone is run on this machine"
         raise InputError("--world", "", problem, "leave --cluster out")
-    OutputFolder(out)
     modules = {name: REGISTRY.entries()[name].module for name in names}
     software = {name: software_hash(module) for name, module in modules.items()}
-    with sole_writer(out, COMMAND), ends_are_interrupts():
-        recover(out)
-        earlier = ResultMarker.read(out)
-        refuse_strangers(out, earlier, COMMAND)
-        campaign = _Campaign(settings, out, software, earlier, fresh)
+    with ends_are_interrupts(), open_results(out, COMMAND) as folder:
+        campaign = _Campaign(settings, folder, software, fresh)
         before = campaign.whole(names)
         # Another machine need not see this folder.
-        everywhere = campaign.parts.everywhere.resolve() if cluster is None else None
+        everywhere = folder.work("everywhere").resolve() if cluster is None else None
         tasks = campaign.tasks(names, modules, everywhere)
         outcomes = (
             on_cluster(tasks, cluster)
             if cluster is not None and tasks
-            else on_this_machine(tasks, jobs, campaign.parts.folder / _LOG)
+            else on_this_machine(tasks, jobs, folder.work(_LOG))
         )
         try:
             with closing(outcomes):
@@ -151,7 +136,7 @@ def run_campaign(
             watch(Progress(COMMAND, "interrupted", what="what is done is kept"))
             # Whatever ended it is what the user is to hear of, not what follows from it.
             with suppress(InputError, OSError):
-                if campaign.record.worlds or earlier is None:  # else the earlier ones stay
+                if campaign.record.worlds or not folder.files:  # else the earlier ones stay
                     campaign.write()
             raise
         found = campaign.write()
@@ -171,24 +156,20 @@ class _Campaign:
     def __init__(
         self,
         settings: CampaignSettings,
-        out: Path,
+        folder: ResultFolder,
         software: dict[str, str],
-        earlier: ResultMarker | None,
         fresh: bool,
     ) -> None:
-        self._settings, self._out, self._earlier = settings, out, earlier
-        self.parts = WorldParts(out)
+        self._settings, self._folder = settings, folder
+        self.parts = WorldParts(folder.path)
         depends_on: dict[str, Any] = {
             "seed": settings.seed,
             "quick": settings.quick,
+            "fastest_feed": settings.fastest_feed,
             "ranges": plain(asdict(settings.source.ranges)),
+            "source": digest(settings.source),
             "libraries": libraries(),
         }
-        others = replace(settings.source, ranges=WorldRanges())
-        if others != WorldSource():  # absent from campaigns that draw from ranges alone
-            depends_on["source"] = digest(others)
-        if settings.fastest_feed:  # absent from campaigns that were run before it was
-            depends_on["fastest_feed"] = True
         self.record = CampaignRecord(depends_on)
         self.failures: dict[int, WorldOutcome] = {}
         self._seconds: dict[str, list[float]] = {}
@@ -196,14 +177,11 @@ class _Campaign:
             self.parts.clear()
         else:
             self._read(software)
-        for left_over in self.parts.folder.glob("world-*"):  # of a run that was killed
-            shutil.rmtree(left_over)
-        self.parts.forget_shared()
         self.record.software |= software
 
     def _read(self, software: dict[str, str]) -> None:
         """Takes in what is there, if it goes together with what is asked."""
-        before = read_table(self._out / TABLE)
+        before = read_table(self._folder.path / TABLE)
         if before is not None:
             self._check(before.settings, before.software, software)
             before.settings = self.record.settings
@@ -216,16 +194,17 @@ class _Campaign:
     def _check(
         self, settings: dict[str, Any], own: dict[str, str], software: dict[str, str]
     ) -> None:
-        what = next((words for key, words in _WORDS.items() if self._differs(key, settings)), "")
-        changed = [name for name in software if own.get(name, software[name]) != software[name]]
-        if changed:
-            what = f"of {changed[0]} as another version of the software runs it"
-        if what:
+        now = self.record.settings
+        other = [key for key in now if settings.get(key) != now[key]]
+        other += [
+            f"software of {name}"
+            for name in software
+            if own.get(name, software[name]) != software[name]
+        ]
+        if other:
+            problem = f"holds worlds of another {other[0].replace('_', ' ')}"
             remedy = "choose another --out, or begin anew with --fresh"
-            raise InputError(self._out, "", f"holds worlds {what}", remedy)
-
-    def _differs(self, key: str, settings: dict[str, Any]) -> bool:
-        return bool(settings.get(key) != self.record.settings.get(key))
+            raise InputError(self._folder.path, "", problem, remedy)
 
     def whole(self, names: Sequence[str]) -> int:
         """How many of the worlds that are asked for have all figures."""
@@ -260,7 +239,7 @@ class _Campaign:
         return tasks
 
     def _drawings(self, number: int) -> Path:
-        return (self.parts.folder / f"world-{number:05d}").resolve()
+        return self._folder.work(_name_of(number)).resolve()
 
     def take(
         self, outcomes: Generator[WorldOutcome], total: int, watch: Callable[[Progress], None]
@@ -271,7 +250,7 @@ class _Campaign:
         for outcome in outcomes:
             with uninterrupted():
                 if outcome.values:
-                    self.parts.add(outcome, self.record.settings, self.record.software)
+                    self.parts.add(outcome, self.record)
                     self.record.add(outcome)
                 if outcome.failures:
                     self.failures[outcome.number] = outcome
@@ -294,13 +273,11 @@ class _Campaign:
         order = [name for name in known if name in record.described]
         order += sorted(set(record.described) - set(order))
         found = tuple(distributions(record, order))
-        outdated = () if self._earlier is None else tuple(self._earlier.files)
-        drawn = [name for name in outdated if name.startswith("world-")]
         alone = self._settings.world
+        drawn = [name for name in self._folder.files if name.startswith("world-")]
+        kept = [n for n in drawn if alone is None or not n.startswith(_name_of(alone))]
         with uninterrupted():
-            keep = [name for name in drawn if alone is None or not name.startswith(_folder(alone))]
-            removed = [name for name in outdated if name not in keep]
-            with staged(self._out, COMMAND, self._earlier, removed) as folder:
+            with self._folder.changing([n for n in self._folder.files if n not in kept]) as folder:
                 if record.worlds:
                     write_table(record, folder / TABLE, order)
                     folder.write_text(METRICS, json_text(self._metrics(found)))
@@ -312,10 +289,10 @@ class _Campaign:
                     )
                 for number, outcome in sorted(self.failures.items()):
                     text = self._failure(outcome)
-                    folder.write_text(f"{FAILURES}/{_folder(number)}.txt", text)
+                    folder.write_text(f"{FAILURES}/{_name_of(number)}.txt", text)
                 if alone is not None and self._drawings(alone).exists():
                     with writing_to(folder.path):
-                        self._drawings(alone).rename(folder.path / _folder(alone))
+                        self._drawings(alone).rename(folder / _name_of(alone))
             self.parts.clear()
         return found
 
@@ -332,7 +309,7 @@ class _Campaign:
         """Of a processor, by experiment, in a world: of all that were ever measured here."""
         before: dict[str, Any] = {}
         with suppress(OSError, ValueError):
-            before = json.loads((self._out / TIMINGS).read_text(encoding="utf-8"))
+            before = json.loads((self._folder.path / TIMINGS).read_text(encoding="utf-8"))
         for name, own in self._seconds.items():
             total = before.get(name, {"worlds": 0, "seconds_a_world": 0.0})
             worlds = total["worlds"] + len(own)
@@ -345,14 +322,14 @@ class _Campaign:
         lines = [f"world {outcome.number}, seed {outcome.seed}", "", repr(world), ""]
         for name, what in outcome.failures.items():
             lines += [f"== {name}: {what}", ""]
-        log = self.parts.folder / _LOG
+        log = self._folder.work(_LOG)
         with suppress(OSError):
             printed = log.read_text(encoding="utf-8", errors="replace").splitlines()
             lines += ["== what the workers of this machine printed last", *printed[-_LAST_LINES:]]
         return "\n".join(lines) + "\n"
 
 
-def _folder(number: int) -> str:
+def _name_of(number: int) -> str:
     return f"world-{number:05d}"
 
 

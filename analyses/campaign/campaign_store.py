@@ -15,7 +15,7 @@ end is written below `.campaign`, so that also a kill loses none.
 
 import json
 import shutil
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -151,28 +151,28 @@ class WorldParts:
     """
 
     def __init__(self, out: Path) -> None:
-        self.folder = out / PARTS
-        with writing_to(self.folder):
-            self.folder.mkdir(exist_ok=True)
+        self._folder = out / PARTS
 
-    def add(
-        self, outcome: WorldOutcome, settings: Mapping[str, Any], software: Mapping[str, str]
-    ) -> None:
+    def add(self, outcome: WorldOutcome, record: CampaignRecord) -> None:
         """Keeps a world's outcome, with what it depends on.
 
         Raises:
             InputError: it cannot be written.
         """
-        own = {name: software[name] for name in outcome.values}
-        text = json.dumps({"settings": settings, "software": own, "outcome": asdict(outcome)})
+        own = {name: record.software[name] for name in outcome.values}
+        text = json.dumps(
+            {"settings": record.settings, "software": own, "outcome": asdict(outcome)}
+        )
         # Named by its experiments too: those of another run of the same world are others.
         name = "-".join([f"{outcome.number:06d}", *sorted(own)])[:200]
-        with whole_file(self.folder / f"{name}.json") as partial:
+        with writing_to(self._folder):
+            self._folder.mkdir(exist_ok=True)
+        with whole_file(self._folder / f"{name}.json") as partial:
             partial.write_text(text, encoding="utf-8")
 
     def read(self) -> Iterator[tuple[dict[str, Any], dict[str, str], WorldOutcome]]:
         """Gives settings, software and outcome of each world that is there."""
-        for path in sorted(self.folder.glob("*.json")):
+        for path in sorted(self._folder.glob("*.json")):
             try:
                 content = json.loads(path.read_text(encoding="utf-8"))
                 outcome = WorldOutcome(**content["outcome"])
@@ -180,17 +180,6 @@ class WorldParts:
             except (ValueError, KeyError, TypeError):  # of a program that is no more
                 path.unlink()
 
-    @property
-    def everywhere(self) -> Path:
-        """Folder for what all worlds share."""
-        return self.folder / "everywhere"
-
-    def forget_shared(self) -> None:
-        """Removes what worlds share: other software may have computed it."""
-        shutil.rmtree(self.everywhere, ignore_errors=True)
-
     def clear(self) -> None:
         """Removes them: the Parquet file has them."""
-        for path in (*self.folder.glob("*.json"), *self.folder.glob(".*.json.*.partial")):
-            path.unlink(missing_ok=True)
-        self.forget_shared()
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -1,7 +1,7 @@
 """Figures of a fit to printed figures: which parameters agree, and each row over the arms."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,25 +12,10 @@ from wrenchsight.models.arrays import Array, Flags
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from wrenchsight.analyses.campaign.figures_fit import FittedRow
+
 _COLUMNS = 4
 _BINS = 14
-
-
-class ShownRow(Protocol):
-    """What is drawn of a row."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def printed(self) -> float: ...
-    @property
-    def best(self) -> float: ...
-    @property
-    def median(self) -> float: ...
-    @property
-    def p05(self) -> float: ...
-    @property
-    def p95(self) -> float: ...
 
 
 def parameters_figure(
@@ -65,7 +50,7 @@ def parameters_figure(
     return figure
 
 
-def rows_figure(rows: Sequence[ShownRow], settles: Flags) -> "Figure":
+def rows_figure(rows: "Sequence[FittedRow]", settles: Flags) -> "Figure":
     """Each row over its printed figure: 5 to 95 % of the arms that agree, and the nearest."""
     figure, ((axes,),) = new_figure(1, 1, height=1.0 + 0.21 * len(rows))
     for k, row in enumerate(reversed(rows)):

@@ -4,13 +4,10 @@ Either gives outcomes as they come, in any order, and loses none when a worker d
 to another. A world that takes every worker down that it is given to is a failure of its own.
 """
 
-import ctypes
 import logging
 import os
 import re
-import signal
 import socket
-import sys
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -19,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wrenchsight.analyses.campaign.world_run import THREADS, WorldOutcome, WorldTask, run_world
+from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
@@ -31,7 +29,6 @@ _START_ONE: Final = "start one with `dask scheduler`, workers with `dask worker 
 _KEPT: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
 """Environment in which glibc keeps what is freed: pages that come anew from the system each time
 take a twelfth of a world's processor time."""
-_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generator[WorldOutcome]:
@@ -55,7 +52,7 @@ def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generat
             try:
                 while source or under_way:
                     while source and len(under_way) < (1 if alone else jobs):
-                        with _for_this_process_alone():
+                        with for_this_process_alone():
                             under_way[executor.submit(run_world, source[0])] = source[0]
                         source.popleft()  # not before: a broken pool takes no more
                     for future in wait(under_way, return_when=FIRST_COMPLETED).done:
@@ -154,11 +151,10 @@ def killed(task: WorldTask) -> WorldOutcome:
 def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
     from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
-    # Its own process, which watches over semaphores, would die of a signal to the whole group.
-    with _for_this_process_alone():
+    with for_this_process_alone():
         executor = ProcessPoolExecutor(
             jobs,
-            initializer=_begin,
+            initializer=begin_worker,
             initargs=(os.getpid(), str(log)),
             env={**dict.fromkeys(THREADS, "1"), **_KEPT},
         )
@@ -166,29 +162,3 @@ def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
         yield executor, BrokenProcessPool
     finally:
         executor.shutdown(wait=True, kill_workers=True)
-
-
-def _begin(parent: int, log: str) -> None:
-    """Runs first in a process: it ends with its parent, and prints into a file."""
-    # The terminal and `kill` tell the whole group; it is the parent that ends this process.
-    for number in _ENDS:
-        signal.signal(number, signal.SIG_IGN)
-    with suppress(AttributeError, OSError):  # not Linux
-        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1: PR_SET_PDEATHSIG
-    if os.getppid() != parent:  # it was faster
-        os._exit(1)
-    with suppress(OSError):
-        descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        sys.stdout.flush()
-        os.dup2(descriptor, 1)  # what Drake or numba print would tear the progress lines apart
-        os.dup2(descriptor, 2)
-
-
-@contextmanager
-def _for_this_process_alone() -> Iterator[None]:
-    """Holds signals back from processes that start within the block, for all of their lives."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

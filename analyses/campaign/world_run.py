@@ -5,13 +5,13 @@ once (`analyses.study.shared_results`); what all worlds have in common once in t
 on each worker of a scheduler. Nothing is drawn or recorded, unless the world has a folder.
 """
 
-import atexit
 import os
+import tempfile
 import threading
 import time
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module
@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from wrenchsight.analyses.output.outputs import json_text, plain_metrics
-from wrenchsight.analyses.output.scratch_folder import scratch_folder
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
@@ -30,6 +29,7 @@ THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
+_kept: list[tempfile.TemporaryDirectory[str]] = []
 
 
 @dataclass(frozen=True)
@@ -104,18 +104,20 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     world = draw_world(task.seed, task.number, task.source)
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    with _one_at_a_time, _one_thread(), scratch_folder() as folder:
-        shared = folder / "shared"
-        shared.mkdir()
-        everywhere = _own_folder() if task.everywhere is None else task.everywhere
-        everywhere.mkdir(exist_ok=True)
+    everywhere = _own_folder() if task.everywhere is None else task.everywhere
+    everywhere.mkdir(parents=True, exist_ok=True)
+    with (
+        _one_at_a_time,
+        _one_thread(),
+        tempfile.TemporaryDirectory(dir=everywhere) as temporary,
+    ):
+        folder = Path(temporary)
         for name, module in task.modules.items():
             started = time.process_time()
             try:
-                with (
-                    sharing_in(shared, everywhere),
-                    _folder_for(name, task.out, folder) as out,
-                ):
+                out = (folder if task.out is None else task.out) / name
+                out.mkdir(parents=True)
+                with sharing_in(folder, everywhere):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     _check_recordings(experiment, task.data)
                     context = ExperimentContext(
@@ -157,9 +159,8 @@ def _one_thread() -> Iterator[None]:
 @cache
 def _own_folder() -> Path:
     """A folder that lasts as long as this process."""
-    stack = ExitStack()
-    atexit.register(stack.close)
-    return stack.enter_context(scratch_folder())
+    _kept.append(tempfile.TemporaryDirectory(prefix="wrenchsight-"))
+    return Path(_kept[0].name)
 
 
 def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:
@@ -186,13 +187,6 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float | None]]:
 def _description(experiment: Experiment, result: ExperimentResult) -> dict[str, Any]:
     rows = [asdict(row) for row in result.comparison]
     return {"title": experiment.title, "section": experiment.section, "comparison": rows}
-
-
-@contextmanager
-def _folder_for(experiment: str, out: Path | None, temporary: Path) -> Iterator[Path]:
-    folder = (temporary if out is None else out) / experiment
-    folder.mkdir(parents=True)
-    yield folder
 
 
 def _check_recordings(experiment: Experiment, data: Path) -> None:

@@ -1,12 +1,15 @@
-"""Signals that end a command: turned into an exception, or held back while files change places."""
+"""Signals that end a command: an exception, or held back; and its processes, which end with it."""
 
 import _thread
+import ctypes
+import os
 import signal
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -100,3 +103,38 @@ def uninterrupted() -> Iterator[None]:
                 signal.signal(number, handler)
         if waiting:
             signal.raise_signal(waiting[0])
+
+
+@contextmanager
+def for_this_process_alone() -> Iterator[None]:
+    """Holds signals back from processes that start within the block, for all of their lives.
+
+    Those that it starts besides, such as multiprocessing's resource tracker, would else die of a
+    signal to the whole group.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def begin_worker(parent: int, log: str | Path) -> None:
+    """Runs first in a process of ours: it ends with its parent, and prints into a file.
+
+    Args:
+        parent: number of the process that started it.
+        log: file that takes what Drake or numba print, which would tear progress lines apart.
+    """
+    # The terminal and `kill` tell the whole group; it is the parent that ends this process.
+    for number in _ENDS:
+        signal.signal(number, signal.SIG_IGN)
+    with suppress(AttributeError, OSError):  # not Linux
+        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # 1: PR_SET_PDEATHSIG
+    if os.getppid() != parent:  # it was faster
+        os._exit(1)
+    with suppress(OSError):
+        descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        sys.stdout.flush()
+        os.dup2(descriptor, 1)
+        os.dup2(descriptor, 2)

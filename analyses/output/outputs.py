@@ -4,8 +4,7 @@ import dataclasses
 import json
 import math
 import os
-import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
@@ -141,25 +140,14 @@ class OutputFolder:
         content = plain_metrics(value) if isinstance(value, Mapping) else plain(value)
         return self.write_text(name, json_text(content))
 
-    def write_yaml(self, name: str, value: Any) -> Path:
-        """Writes `value` as YAML with sorted keys and returns the file's path.
+    def write_settings(self, name: str, settings: Any) -> Path:
+        """Writes YAML with sorted keys and returns the file's path.
+
+        Of a dataclass it is YAML that `load_configuration` reads back: where a field may hold one
+        of several dataclasses, one that is not the first has its tag.
 
         Raises:
             TypeError: a value has no plain form.
-        """
-        import yaml
-
-        text = yaml.safe_dump(
-            plain(value), sort_keys=True, allow_unicode=True, default_flow_style=None, width=100
-        )
-        return self.write_text(name, text)
-
-    def write_settings(self, name: str, settings: Any) -> Path:
-        """Writes a dataclass as YAML that `load_configuration` reads back; returns the path.
-
-        Where a field may hold one of several dataclasses, one that is not the first has its tag.
-
-        Raises:
             InputError: it cannot be written.
         """
         import yaml
@@ -207,52 +195,3 @@ def _with_tags(value: Any) -> Any:
             converted.tag = f"!{type(own).__name__}"
         found[field.name] = converted
     return found
-
-
-def _remove(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-
-
-def replace_folder(new: Path, old: Path, discard: Callable[[Path], None] = _remove) -> None:
-    """Puts folder `new` in the place of `old`, which may be absent.
-
-    Two renames: a crash between them leaves `old` under a hidden name, see `recover_folder`.
-
-    Args:
-        discard: what becomes of the old folder, given the hidden name that it has by then.
-
-    Raises:
-        OSError: a folder cannot be renamed; `old` is then as it was.
-    """
-    aside = _aside(old)
-    recover_folder(old, discard)
-    had_old = os.path.lexists(old)
-    if had_old:
-        old.rename(aside)
-    try:
-        new.rename(old)
-    except BaseException:
-        if had_old:
-            aside.rename(old)
-        raise
-    if had_old:
-        discard(aside)
-
-
-def recover_folder(path: Path, discard: Callable[[Path], None] = _remove) -> None:
-    """Gives `path` its content back if a crash stopped `replace_folder` half way.
-
-    Args:
-        discard: as in `replace_folder`, for a crash behind its renames.
-    """
-    aside = _aside(path)
-    if not os.path.lexists(aside):
-        return
-    if os.path.lexists(path):
-        discard(aside)
-    else:
-        aside.rename(path)
-
-
-def _aside(path: Path) -> Path:
-    return path.with_name(f".{path.name}.old")

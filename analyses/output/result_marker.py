@@ -44,47 +44,29 @@ class ResultMarker:
             files = {str(name): str(checksum) for name, checksum in content["files"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
-        if not all(map(_is_inside, files)):
-            return None
-        return cls(content["command"], files)
+        return cls(content["command"], files) if all(map(_is_inside, files)) else None
 
     def text(self) -> str:
         """Returns what the marker's file holds; the same for the same files."""
         content = {
             "command": self.command,
-            "files": dict(sorted(self.files.items())),
+            "files": dict(self.files),
             "format": _FORMAT,
             "note": _NOTE,
         }
         return json.dumps(content, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 
-@dataclass(frozen=True)
-class Stranger:
-    """A file in a folder of results that is not as a command of ours wrote it.
-
-    Attributes:
-        name: relative to the folder, with `/`.
-        changed: whether it was ours once; else no command of ours wrote it.
-    """
-
-    name: str
-    changed: bool
-
-
-def strangers(folder: Path, marker: ResultMarker | None) -> Iterator[Stranger]:
-    """Yields the visible files below `folder` that are not ours, in order; folders do not count.
+def strangers(folder: Path, marker: ResultMarker | None) -> Iterator[str]:
+    """Yields the names of visible files below `folder` that are not as a command wrote them.
 
     Raises:
         OSError: a file or folder cannot be read.
     """
     listed = {} if marker is None else marker.files
-    for name, entry in visible_files(folder):
-        checksum = listed.get(name)
-        if checksum is None:
-            yield Stranger(name, changed=False)
-        elif not is_as_written(entry, checksum):
-            yield Stranger(name, changed=True)
+    for name, path in visible_files(folder):
+        if not is_as_written(path, listed.get(name)):
+            yield name
 
 
 def visible_files(folder: Path) -> Iterator[tuple[str, Path]]:
@@ -99,9 +81,11 @@ def visible_files(folder: Path) -> Iterator[tuple[str, Path]]:
             yield entry.name, folder / entry.name
 
 
-def is_as_written(path: Path, checksum: str) -> bool:
-    """Whether `path` is a plain file (no link) with this SHA-256."""
-    return stat.S_ISREG(path.lstat().st_mode) and file_checksum(path) == checksum
+def is_as_written(path: Path, checksum: str | None) -> bool:
+    """Whether `path` is a plain file (no link) with this SHA-256; None: it has none."""
+    if checksum is None or not stat.S_ISREG(path.lstat().st_mode):
+        return False
+    return file_checksum(path) == checksum
 
 
 def file_checksum(path: Path) -> str:

@@ -1,23 +1,16 @@
-"""What an experiment's result depends on, as a fingerprint: equal ones mean an equal result.
-
-    software    SHA-256 over the source files that the experiment's module reaches by its imports
-                within the four packages, and over every data file of them (robots, scenarios, ...)
-    libraries   versions of Python and of what computes the figures
-    seed, quick the options; so is `truth`, what simulated arms truly are
-    recordings  per folder of real recordings, SHA-256 over its files; None where it is absent
-
-The number of jobs and of threads is no part of it: they must not change a figure.
-"""
+"""Fingerprints of what an experiment's result depends on: software, libraries, recordings."""
 
 import ast
 import hashlib
 import platform
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+
+from wrenchsight.analyses.output.result_marker import file_checksum, visible_files
 
 PACKAGES: Final = ("models", "systems", "diagrams", "analyses")
 LIBRARIES: Final = ("drake", "EAIK", "matplotlib", "numba", "numpy", "pyarrow", "scipy", "torch")
@@ -25,57 +18,7 @@ ROOT: Final = Path(__file__).resolve().parents[2]  # holds the four packages
 # The runner makes the context and stores the result: no experiment imports it, all depend on it.
 _RUNNER: Final = ("wrenchsight.analyses.study.study", "wrenchsight.analyses.study.stored_result")
 _NAME: Final = "wrenchsight"
-_REPORT: Final = "templates"  # folder of what only the report uses
-_BLOCK: Final = 1 << 20  # bytes
-
-Fingerprint = dict[str, Any]
-
-
-def fingerprint(
-    module: str,
-    data: Path,
-    folders: Iterable[str],
-    *,
-    seed: int,
-    quick: bool,
-    truth: str = "own",
-) -> Fingerprint:
-    """Returns what the result of an experiment depends on, as plain values.
-
-    Args:
-        module: of the experiment; not imported.
-        data: folder of the real recordings.
-        folders: below `data`, which the experiment reads.
-        seed: of every random number.
-        quick: whether the experiment is shortened.
-        truth: of simulated arms.
-
-    Raises:
-        OSError: a file cannot be read.
-    """
-    return {
-        "software": software_hash(module),
-        "libraries": libraries(),
-        "seed": seed,
-        "quick": quick,
-        "truth": truth,
-        "recordings": {name: folder_hash(data / name) for name in sorted(folders)},
-    }
-
-
-def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """Returns in a few words what changed between two fingerprints; empty if nothing did."""
-    for key, words in (
-        ("seed", "the seed is another"),
-        ("quick", "the length is another (--quick)"),
-        ("truth", "the simulated truth is another (--truth)"),
-        ("software", "the software has changed"),
-        ("libraries", "a library's version has changed"),
-        ("recordings", "the recordings have changed"),
-    ):
-        if before.get(key) != now.get(key):
-            return words
-    return ""
+_NO_DATA: Final = ("__pycache__", "templates")  # the latter of what only the report uses
 
 
 @cache
@@ -93,13 +36,13 @@ def libraries() -> dict[str, str]:
 def software_hash(module: str) -> str:
     """Returns the SHA-256 of all of this software that `module` can reach.
 
-    The module may lie outside the four packages; of what it imports, they alone count.
+    These are the source files that it imports, directly or not, within the four packages, and every
+    data file of them (robots, scenarios, ...). The module itself, which is not imported, may lie
+    outside.
     """
-    digest = hashlib.sha256()
-    files = {file for name in _RUNNER for file in _files_of(name)} | source_files(module)
-    for file in sorted((*files, *_data_files()), key=_label):
-        digest.update(f"{_label(file)}\0{file_hash(file)}\n".encode())
-    return digest.hexdigest()
+    runner = {file for name in _RUNNER for file in _files_of(name)}
+    files = {*runner, *source_files(module), *_data_files()}
+    return _hash_of({_label(file): file for file in files})
 
 
 def source_files(module: str) -> set[Path]:
@@ -108,49 +51,36 @@ def source_files(module: str) -> set[Path]:
     Imports inside functions count as well; a module's packages count with it.
     """
     found: set[Path] = set()
-    ahead = list(_files_of(module))
+    ahead = _files_of(module)
     while ahead:
         file = ahead.pop()
-        if file in found:
-            continue
-        found.add(file)
-        for name in _imported(file, file.stat().st_mtime_ns):
-            ahead.extend(_files_of(name))
+        if file not in found:
+            found.add(file)
+            for name in _imported(file, file.stat().st_mtime_ns):
+                ahead += _files_of(name)
     return found
 
 
-def folder_hash(folder: Path) -> str | None:
-    """Returns the SHA-256 over names and contents of all files in `folder`; None if it is absent.
-
-    Hidden files do not count.
-    """
+def recordings_hash(folder: Path) -> str | None:
+    """Returns the SHA-256 over the visible files of a folder; None where it is absent."""
     if not folder.is_dir():
         return None
-    digest = hashlib.sha256()
-    files = (p for p in folder.rglob("*") if p.is_file())
-    for name, file in sorted((p.relative_to(folder).as_posix(), p) for p in files):
-        if not any(part.startswith(".") for part in Path(name).parts):
-            digest.update(f"{name}\0{file_hash(file)}\n".encode())
-    return digest.hexdigest()
+    return _hash_of({name: path for name, path in visible_files(folder) if path.is_file()})
 
 
-def file_hash(path: Path) -> str:
-    """Returns the SHA-256 of a file's content."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+def _hash_of(files: dict[str, Path]) -> str:
+    """The SHA-256 over names and contents."""
+    sums = (f"{name}\0{file_checksum(files[name])}\n" for name in sorted(files))
+    return hashlib.sha256("".join(sums).encode()).hexdigest()
 
 
 def _data_files() -> Iterator[Path]:
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*"):
-            parts = path.relative_to(ROOT / package).parts
-            skipped = ("__pycache__", _REPORT)
-            if any(part in skipped or part.startswith(".") for part in parts):
+            parts = path.relative_to(ROOT).parts
+            if path.suffix == ".py" or any(p in _NO_DATA or p.startswith(".") for p in parts):
                 continue
-            if path.is_file() and path.suffix != ".py":
+            if path.is_file():
                 yield path
 
 
@@ -160,14 +90,13 @@ def _files_of(module: str) -> list[Path]:
     """
     first, *parts = module.split(".")
     if first != _NAME:
-        spec = find_spec(first)
+        spec = find_spec(module)
         return [Path(spec.origin)] if spec is not None and spec.origin is not None else []
-    files = []
-    for depth in range(1, len(parts) + 1):
-        path = ROOT.joinpath(*parts[:depth])
-        candidates = (path / "__init__.py", path.with_suffix(".py"))
-        files += [candidate for candidate in candidates if candidate.is_file()]
-    return files
+    paths = (ROOT.joinpath(*parts[: depth + 1]) for depth in range(len(parts)))
+    candidates = (
+        file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))
+    )
+    return [candidate for candidate in candidates if candidate.is_file()]
 
 
 @cache

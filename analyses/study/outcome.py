@@ -1,11 +1,12 @@
 """What a study was asked, and what became of each of its experiments."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from wrenchsight.analyses.output.progress import State
+from wrenchsight.analyses.study.fingerprint import libraries, recordings_hash, software_hash
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,27 @@ class StudySettings:
     quick: bool
     version: str  # of the software
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
+
+    def fingerprint(self, module: str, folders: Iterable[str]) -> dict[str, Any]:
+        """What an experiment's result depends on: equal ones mean an equal result.
+
+        The number of jobs and of threads is no part of it: they must not change a figure.
+
+        Args:
+            module: of the experiment; not imported.
+            folders: of real recordings, which the experiment reads.
+
+        Raises:
+            OSError: a file cannot be read.
+        """
+        return {
+            "seed": self.seed,
+            "quick": self.quick,
+            "truth": self.truth,
+            "software": software_hash(module),
+            "libraries": libraries(),
+            "recordings": {name: recordings_hash(self.data / name) for name in sorted(folders)},
+        }
 
     @property
     def of_results(self) -> dict[str, Any]:
@@ -35,19 +57,19 @@ class StudySettings:
 class Outcome:
     """What became of one experiment.
 
-    `metrics` and `stored` are empty unless `state` is done or earlier (a whole result of an earlier
-    run on which nothing that it depends on has changed since).
+    `metrics` and `stored` are empty unless `state` is done or earlier (of a run since which nothing
+    has changed that it depends on).
     """
 
     name: str
     state: State
-    title: str = ""
-    section: str = ""
     reason: str = ""  # why it was skipped or failed: one line
     seconds: float | None = None  # by the clock
     processor_seconds: float | None = None  # of all its threads
     metrics: dict[str, Any] = field(default_factory=dict)
-    stored: dict[str, Any] = field(default_factory=dict)  # notes, figures, pages, comparison
+    stored: dict[str, Any] = field(
+        default_factory=dict
+    )  # result.json: title, notes, figures, pages, ...
 
     @property
     def has_result(self) -> bool:

@@ -57,7 +57,6 @@ class ExperimentRegistry:
     def __init__(self, packages: Sequence[str] = (), group: str = "") -> None:
         self._packages, self._group = tuple(packages), group
         self._registered: dict[str, ExperimentEntry] = {}
-        self._removed: set[str] = set()  # modules of packages
 
     def entries(self) -> dict[str, ExperimentEntry]:
         """The experiments by name, in the order of the report.
@@ -66,7 +65,7 @@ class ExperimentRegistry:
             InputError: an installed package offers a module that holds no experiment.
         """
         found = [*self._of_packages(), *self._of_entry_points(), *self._registered.values()]
-        known = {entry.name: entry for entry in found if entry.module not in self._removed}
+        known = {entry.name: entry for entry in found}
         return dict(sorted(known.items(), key=lambda item: item[1].order))
 
     def register(self, module: str) -> ExperimentEntry:
@@ -79,22 +78,17 @@ class ExperimentRegistry:
         if entry.name in self.entries():
             taken = self.entries()[entry.name].module
             raise ValueError(f"{module}: {taken} has an experiment {entry.name} already")
-        if module in self._removed:
-            self._removed.remove(module)
-        else:
-            self._registered[entry.name] = entry
+        self._registered[entry.name] = entry
         return entry
 
     def unregister(self, name: str) -> None:
-        """Takes an experiment out; one of a package comes back by `register`.
+        """Takes an experiment out again.
 
         Raises:
-            ValueError: there is none of this name.
+            ValueError: none of this name was registered.
         """
-        if name not in self.entries():
-            raise ValueError(f"there is no experiment {name}")
         if self._registered.pop(name, None) is None:
-            self._removed.add(self.entries()[name].module)
+            raise ValueError(f"no experiment {name} was registered")
 
     @contextmanager
     def registered(self, module: str) -> Iterator[ExperimentEntry]:
@@ -103,8 +97,7 @@ class ExperimentRegistry:
         try:
             yield entry
         finally:
-            if entry.name in self.entries():
-                self.unregister(entry.name)
+            self._registered.pop(entry.name, None)
 
     def _of_packages(self) -> Iterator[ExperimentEntry]:
         for package in self._packages:

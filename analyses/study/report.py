@@ -217,8 +217,8 @@ def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[_Section]:
             _Section(
                 name=outcome.name,
                 number=len(sections) + 1,
-                title=outcome.title,
-                section=outcome.section,
+                title=stored["title"],
+                section=stored["section"],
                 state=outcome.state,
                 seconds=_duration(outcome.seconds),
                 notes=stored["notes"],

@@ -7,7 +7,6 @@ computes.
 """
 
 import dataclasses
-import fcntl
 import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Mapping
@@ -19,6 +18,7 @@ from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
+from filelock import FileLock
 
 from wrenchsight.models.files.whole_file import whole_file
 
@@ -65,8 +65,7 @@ def shared(
     folder = folders[1] if everywhere else folders[0]
     key = f"{name}-{digest(arguments)[:24]}"
     path = folder / f"{key}.pickle"
-    with (folder / f"{key}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # let go of by the system if this process dies
+    with FileLock(folder / f"{key}.lock"):  # let go of by the system if this process dies
         if not path.exists():
             content = pickle.dumps(compute(), protocol=pickle.HIGHEST_PROTOCOL)
             with whole_file(path) as partial:

@@ -46,6 +46,7 @@ SIZES = (3.0, 10.0, 30.0, 100.0)  # N
 SCALE, CROSS = 0.03, 0.01
 LOADED = 3.0  # times its sd: beyond, a joint's torque is no error of a model of friction
 E_BEFORE = 0.5  # odds of E before a torque was read; the links share the rest
+DOUBT = 0.1  # largest odds of a link that leave a reading at E valid
 NAMED = 0.1  # least odds of a link that is named
 MOST_NAMED = 3
 _ALONG, _AROUND = 5, 8

@@ -13,11 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.external_torque import ExternalTorqueEstimator
+from wrenchsight.models.live.known_contact import KnownContactEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
@@ -46,6 +50,10 @@ def _estimator_of_streams() -> WrenchEstimatorConfig:
     return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
 
 
+def _contact_of_streams() -> ContactConfig:
+    return ContactConfig(lag=0.0)
+
+
 @dataclass
 class LiveConfig:
     """How a stream becomes wrenches."""
@@ -61,6 +69,10 @@ class LiveConfig:
     # s, at the start, in which an unknown payload is held in one posture or several, untouched; its
     # weight is then taken off
     late: float = 0.05  # s by which a sample may come later than the quickest, and be valid
+    contact: ContactConfig = field(default_factory=_contact_of_streams)
+    """A contact whose direction is known: with its axis, the wrench is read at it."""
+    torque_sd: list[float] = field(default_factory=list)
+    # N m, sd of external torque that the arm itself reports: one for all joints, or one each
 
 
 class LiveEstimator:
@@ -101,8 +113,10 @@ class LiveEstimator:
         self._check: SampleCheck | None = None
         if self._config.estimator.check_samples:
             self._check = SampleCheck(robot, jitter=True)
+        self._reader: Reader
         self._waiting: list[Sample] = []  # until the step is known
         self._running: bool | None = None
+        self._is_external = False
         self._silent = False
         self._zero_begin: float | None = None
         self._zeroed = self._zeroing = False
@@ -126,6 +140,11 @@ class LiveEstimator:
     def take(self, sample: Sample) -> list[Reading | StreamEvent]:
         """Takes the next sample of the stream: readings and events, in their order."""
         out: list[Reading | StreamEvent] = []
+        if sample.is_external is not self._is_external:
+            self._is_external = sample.is_external
+            self._estimator = self._seen_q = None
+            if self.step:
+                self._begin(self.step)
         if not self.step:
             self._waiting.append(sample)
             if not self._step_is_known():
@@ -222,13 +241,23 @@ class LiveEstimator:
         self._estimator = WrenchEstimator(self._robot, self._model, config)
         detection = self._config.detection
         self.tracked = None
-        self._reader: Reader = ContactEstimator(self._estimator, detection)
+        if self._is_external:
+            live, sd = self._config, self._config.torque_sd
+            if live.track or live.zero_s or live.contact.axis:
+                problem = "is read without --track, --zero and --contact-axis"
+                raise InputError("watch", "external torque", problem, "leave them out")
+            self._reader = ExternalTorqueEstimator(self._robot, config.reconstruction, sd, step)
+            return
+        self._reader = ContactEstimator(self._estimator, detection)
         if self._config.track or self._config.zero_s:
             self.tracked = TrackedEstimator(
                 *(self._robot, self._model, config, detection),
                 follows_friction=self._config.track,
             )
             self._reader = self.tracked
+        if self._config.contact.axis:
+            own = self.tracked.estimator if self.tracked is not None else self._estimator
+            self._reader = KnownContactEstimator(self._reader, own, self._config.contact)
 
     def _begin(self, step: float) -> None:
         own = self._estimator
@@ -299,7 +328,9 @@ class LiveEstimator:
 
     def _checked(self, sample: Sample) -> GridSample:
         """Position, speed, current and whether it was impossible, 1 or 0, one after another."""
-        effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
+        effort = sample.effort
+        if sample.is_torque and not sample.is_external:
+            effort = self._robot.motor_current(effort)
         x = np.concatenate([sample.q, sample.v, effort, [0.0]])
         x[~np.isfinite(x)] = np.nan
         dropout = bool(np.isnan(x).any())
@@ -319,7 +350,8 @@ class LiveEstimator:
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
         batch, found = self._reader.run(q[None], v[None], current[None])
         impossible = 0 if point.x[-1] == 0.0 else BEYOND
-        usable = not (point.dropout or stale or self.contradicted or self._zeroing)
+        contradicted = self.contradicted and not self._is_external
+        usable = not (point.dropout or stale or contradicted or self._zeroing)
         fault = int(batch.fault[0]) | impossible
         known = not point.dropout and fault == 0
         self._reading = Reading.of(

@@ -68,6 +68,7 @@ class Sample:
         is_torque: whether it is N m.
         running: whether the robot is powered, its brakes open, and not in a protective stop.
         state: the controller's word for that.
+        is_external: whether effort is external torque, positive along the motion that it causes.
         more: what else it says, by name.
     """
 
@@ -80,3 +81,4 @@ class Sample:
     running: bool = True
     state: str = ""
     more: Mapping[str, Array] = field(default_factory=lambda: _NOTHING)
+    is_external: bool = False

@@ -11,14 +11,12 @@ import itertools
 import math
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.damped_least_squares import approach_pose, space_of
-from wrenchsight.models.motion.inverse_kinematics import closed_form
-from wrenchsight.models.rigid_body.ties import whole_turns
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.motion.damped_least_squares import approach_poses
+from wrenchsight.models.motion.inverse_kinematics import closed_form, search_starts
+from wrenchsight.models.motion.path_postures import wrap_within
 from wrenchsight.models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
@@ -27,7 +25,6 @@ _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
 _POLISH_STEPS = 6
 _SEARCH_STEPS = 100
 _NUM_SEEDS = 12
-_BLOCK = 32  # poses that a thread takes at a time
 
 
 def is_closed_form(robot: Robot) -> bool:
@@ -69,7 +66,7 @@ def all_branches(
         reached = _refine(robot, R[row], p[row], q, _POLISH_STEPS, limited=False)
         q = _nearest_to_middle(robot, q)
     else:
-        starts = _starts(robot, len(p)) if seeds is None else np.asarray(seeds, dtype=np.float64)
+        starts = np.array(search_starts(robot, _NUM_SEEDS) if seeds is None else seeds, float)
         starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
         row = np.repeat(np.arange(len(p)), starts.shape[1])
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
@@ -97,20 +94,8 @@ def _from_closed_form(
     return np.ascontiguousarray(q[finite]), row[finite]
 
 
-def _starts(robot: Robot, num_poses: int) -> Array:
-    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
-    upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
-    rng = np.random.default_rng(0)  # the same answer every time
-    random = rng.uniform(lower, upper, (_NUM_SEEDS - 1, robot.num_joints))
-    starts = np.concatenate([np.asarray(robot.home)[np.newaxis], random])
-    return np.broadcast_to(starts, (num_poses, *starts.shape))
-
-
 def _nearest_to_middle(robot: Robot, q: Array) -> Array:
-    middle = 0.5 * (robot.position_lower + robot.position_upper)
-    middle = np.where(np.isfinite(middle), middle, 0.0)
-    turn = np.where(robot.chain.prismatic, 0.0, 2.0 * math.pi)
-    return np.ascontiguousarray(q - turn * whole_turns(q - middle))
+    return wrap_within(q, robot.position_lower, robot.position_upper, robot.chain.prismatic)
 
 
 def _with_turns(
@@ -155,48 +140,18 @@ def _refine(
     robot: Robot, R: Array, p: Array, q: Array, num_steps: int, *, limited: bool
 ) -> NDArray[np.bool_]:
     """Moves q (M, n) in place towards the poses (M); whether each arrives."""
-    reached = np.zeros(len(q), dtype=np.bool_)
-    _refine_batch(
+    left = np.empty(len(q))
+    approach_poses(
         robot.chain.table,
         np.array(robot.position_lower),
         np.array(robot.position_upper),
         np.ascontiguousarray(R),
         np.ascontiguousarray(p),
         q,
-        reached,
         num_steps,
+        True,
         limited,
+        _ROUNDING,
+        left,
     )
-    return reached
-
-
-@kernel(parallel=True)
-def _refine_batch(
-    table: Array,
-    lower: Array,
-    upper: Array,
-    R_goal: Array,
-    p_goal: Array,
-    q: Array,
-    reached: Flags,
-    num_steps: int,
-    limited: bool,
-) -> None:
-    M, n = q.shape
-    for b in prange((M + _BLOCK - 1) // _BLOCK):
-        space = space_of(n)
-        for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
-            left = approach_pose(
-                table,
-                lower,
-                upper,
-                R_goal[m],
-                p_goal[m],
-                q[m],
-                num_steps,
-                True,
-                limited,
-                _ROUNDING,
-                space,
-            )
-            reached[m] = left < _TOLERANCE
+    return left < _TOLERANCE

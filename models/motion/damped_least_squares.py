@@ -7,6 +7,7 @@ and vanishes with it, so that the last steps are Newton's own.
 import math
 
 import numpy as np
+from numba import prange
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
@@ -22,6 +23,7 @@ _LARGEST_DAMPING = 1e-4
 _LONGEST_STEP = 0.5  # rad or m, of a joint in one step
 _SAME = 1e-15  # rad or m; a shorter step changes nothing
 _SINGULAR = 1e-20  # least pivot of the matrix
+_BLOCK = 8  # postures that a thread takes at a time
 
 
 @kernel
@@ -135,3 +137,37 @@ def approach_pose(
         pose_and_jacobian(table, q, R, p, J, scratch)
         size = pose_error(R, p, R_goal, p_goal, error, turn)
     return size
+
+
+@kernel(parallel=True)
+def approach_poses(
+    table: Array,
+    lower: Array,
+    upper: Array,
+    R_goal: Array,
+    p_goal: Array,
+    q: Array,
+    max_steps: int,
+    damped: bool,
+    limited: bool,
+    aim: float,
+    left: Array,
+) -> None:
+    """`approach_pose` for many: q (M, n) towards R_goal (M, 3, 3), p_goal (M, 3); errors `left`."""
+    M, n = q.shape
+    for b in prange((M + _BLOCK - 1) // _BLOCK):
+        space = space_of(n)
+        for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
+            left[m] = approach_pose(
+                table,
+                lower,
+                upper,
+                R_goal[m],
+                p_goal[m],
+                q[m],
+                max_steps,
+                damped,
+                limited,
+                aim,
+                space,
+            )

@@ -111,7 +111,7 @@ def _nearest(robot: Robot, R_WE: Array, p_WE: Array, reference: Array) -> Array 
     """
     solver = closed_form(robot)
     if solver is None:
-        for seed in (reference, *_seeds(robot)):
+        for seed in (reference, *search_starts(robot, _NUMERIC_SEEDS)):
             q = _polish(robot, seed, R_WE, p_WE, num_steps=200, limited=True)
             if _reaches(robot, q, R_WE, p_WE):
                 return q
@@ -169,12 +169,12 @@ def _same_directions(axes: Array) -> Array:
     return np.asarray(same)
 
 
-def _seeds(robot: Robot) -> list[Array]:
+def search_starts(robot: Robot, count: int) -> Array:
+    """(count, n) postures to search from: the robot's home and others, each time the same."""
     lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
     upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
-    rng = np.random.default_rng(0)  # the same answer every time
-    random = rng.uniform(lower, upper, (_NUMERIC_SEEDS, robot.num_joints))
-    return [robot.home, 0.5 * (lower + upper), *random]
+    random = np.random.default_rng(0).uniform(lower, upper, (count - 1, robot.num_joints))
+    return np.vstack([robot.home, random])
 
 
 def _polish(

@@ -2,29 +2,23 @@
 
 A path starts from a posture at its midpoint, which sets the midpoint's position, the orientation
 and the branch. Newton's method then carries the posture from point to point, both ways, to rounding
-of the pose; a redundant arm takes the shortest step in its joints. One kernel serves one path or
-thousands, so that a search can try every branch of many placements at once.
+of the pose; a redundant arm takes the shortest step in its joints. All paths go at once, so that a
+search can try every branch of many placements.
 """
 
 import math
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.damped_least_squares import (
-    Space,
-    approach_pose,
-    damped_step,
-    space_of,
-)
-from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
+from wrenchsight.models.motion.damped_least_squares import approach_poses
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.ties import whole_turns
 
 _REACHED = 1e-11  # m and rad of the pose
+# Far from W's origin rounding may stand above the aim; an arm's length is not.
+_ARRIVED = 10.0 * _REACHED
 _MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
 
 
@@ -48,11 +42,26 @@ def track_paths(
     Returns:
         q (N, k + 1, n), and (N,) whether every point was reached. Joint limits are not looked at.
     """
-    q_mid = np.ascontiguousarray(q_mid, dtype=np.float64)
-    n_W = np.ascontiguousarray(n_W, dtype=np.float64)
-    q = np.empty((len(q_mid), num_segments + 1, chain.num_joints))
-    reached = np.zeros(len(q_mid), dtype=np.bool_)
-    _track_batch(chain.table, q_mid, n_W, path_length, max_joint_step, q, reached)
+    q_mid, n_W = np.asarray(q_mid, dtype=np.float64), np.asarray(n_W, dtype=np.float64)
+    k = num_segments
+    R_WE, p_WM = chain.pose(q_mid)
+    q = np.empty((len(q_mid), k + 1, chain.num_joints))
+    reached = np.ones(len(q_mid), dtype=np.bool_)
+    q[:, k // 2] = q_mid  # of an odd k replaced below
+    # Even k: from the middle point outwards. Odd: the first point is half a step away.
+    for side in (range(k // 2 + 1, k + 1), range((k + 1) // 2 - 1, -1, -1)):
+        before, previous, moved = q_mid, q_mid, 0.0
+        for i in side:
+            rows = np.flatnonzero(reached)
+            # The joints go on as they went.
+            found = previous[rows] + moved * (previous[rows] - before[rows])
+            goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
+            good = _reach_all(chain, R_WE[rows], goal, found, _MAX_STEPS, damped=False)
+            step = np.abs(found - previous[rows])
+            reached[rows] = good & np.all(step <= max_joint_step, axis=1)
+            before, previous = previous, previous.copy()
+            previous[rows] = q[rows, i] = found
+            moved = 2.0 if i == side[0] and k % 2 == 1 else 1.0
     return q, reached
 
 
@@ -72,16 +81,7 @@ def solve_poses(
         and angles may have made whole turns.
     """
     q = np.array(q_start, dtype=np.float64)
-    reached = np.zeros(len(q), dtype=np.bool_)
-    _solve_batch(
-        chain.table,
-        np.ascontiguousarray(R_WE, dtype=np.float64),
-        np.ascontiguousarray(p_WE, dtype=np.float64),
-        q,
-        max_steps,
-        reached,
-    )
-    return q, reached
+    return q, _reach_all(chain, R_WE, p_WE, q, max_steps, damped=True)
 
 
 def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) -> Array:
@@ -94,95 +94,6 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
     middle = np.where(np.isfinite(middle), middle, 0.0)
     turns = whole_turns(q - middle)
     return np.asarray(q - np.where(prismatic, 0.0, 2.0 * math.pi * turns))
-
-
-@kernel
-def _reach(
-    table: Array,
-    R_goal: Array,
-    p_goal: Array,
-    q: Array,
-    max_steps: int,
-    damped: bool,
-    space: Space,
-) -> bool:
-    """Brings q (n,), in place, to one pose, whatever its limits; whether it is reached."""
-    left = approach_pose(table, q, q, R_goal, p_goal, q, max_steps, damped, False, _REACHED, space)
-    # Far from W's origin rounding may stand above the aim; an arm's length is not.
-    return left < 10.0 * _REACHED
-
-
-@kernel
-def _track(
-    table: Array,
-    q_mid: Array,
-    n_W: Array,
-    path_length: float,
-    max_joint_step: float,
-    q: Array,
-    space: Space,
-) -> bool:
-    """Fills q (k + 1, n); whether every point was reached."""
-    k = q.shape[0] - 1
-    n = q.shape[1]
-    R_mid, p_mid, p_goal = np.empty((3, 3)), np.empty(3), np.empty(3)
-    pose_and_jacobian(table, q_mid, R_mid, p_mid, space[2], space[7])
-    guess, before = np.empty(n), np.empty(n)
-    if k % 2 == 0:
-        q[k // 2] = q_mid
-    for side in range(2):
-        # Even k: from the middle point outwards. Odd: the first point is half a step away.
-        first = k // 2 + 1 if side == 0 else (k + 1) // 2 - 1
-        last = k + 1 if side == 0 else -1
-        direction = 1 if side == 0 else -1
-        before[:] = q_mid
-        moved = 0.0
-        for i in range(first, last, direction):
-            along = (i / k - 0.5) * path_length
-            for c in range(3):
-                p_goal[c] = p_mid[c] + along * n_W[c]
-            previous = q_mid if i == first else q[i - direction]
-            # The joints go on as they went.
-            for j in range(n):
-                guess[j] = previous[j] + moved * (previous[j] - before[j])
-            before[:] = previous
-            moved = 2.0 if i == first and k % 2 == 1 else 1.0
-            if not _reach(table, R_mid, p_goal, guess, _MAX_STEPS, False, space):
-                return False
-            for j in range(n):
-                if abs(guess[j] - previous[j]) > max_joint_step:
-                    return False
-            q[i] = guess
-    return True
-
-
-@kernel(parallel=True)
-def _track_batch(
-    table: Array,
-    q_mid: Array,
-    n_W: Array,
-    path_length: float,
-    max_joint_step: float,
-    q: Array,
-    reached: Flags,
-) -> None:
-    N, n = q_mid.shape
-    blocks = (N + 7) // 8
-    for b in prange(blocks):
-        space = space_of(n)
-        for i in range(8 * b, min(N, 8 * b + 8)):
-            reached[i] = _track(table, q_mid[i], n_W[i], path_length, max_joint_step, q[i], space)
-
-
-@kernel(parallel=True)
-def _solve_batch(
-    table: Array, R_WE: Array, p_WE: Array, q: Array, max_steps: int, reached: Flags
-) -> None:
-    N, n = q.shape
-    for b in prange((N + 7) // 8):
-        space = space_of(n)
-        for i in range(8 * b, min(N, 8 * b + 8)):
-            reached[i] = _reach(table, R_WE[i], p_WE[i], q[i], max_steps, True, space)
 
 
 def correct_paths(
@@ -199,9 +110,13 @@ def correct_paths(
     Returns:
         (N,) whether every point was reached.
     """
-    reached = np.zeros(len(q), dtype=np.bool_)
-    _correct_batch(chain.table, q, n_W, p_WM, R_WE, path_length, reached)
-    return reached
+    along = path_length * (np.linspace(0.0, 1.0, q.shape[1]) - 0.5)[:, np.newaxis]
+    p_WE = p_WM[:, np.newaxis] + along * n_W[:, np.newaxis]
+    R = np.broadcast_to(R_WE[:, np.newaxis], (*q.shape[:2], 3, 3)).reshape(-1, 3, 3)
+    flat = q.reshape(-1, q.shape[2])
+    reached = _reach_all(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, damped=False)
+    q[:] = flat.reshape(q.shape)
+    return np.asarray(reached.reshape(q.shape[:2]).all(axis=1))
 
 
 def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
@@ -217,51 +132,31 @@ def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> 
         postures following by the shortest joint motion; and (N, k + 1, n) the part of by_q along
         motions of a redundant arm that leave E where it is (zero for six joints).
     """
-    by_path = np.zeros((len(q), 9))
-    left = np.zeros_like(q)
-    _pull_back_batch(chain.table, q, by_q, path_length, by_path, left)
-    return by_path, left
+    J = chain.jacobian(q)
+    by_pose = np.einsum("nkjp,nkj->nkp", np.linalg.pinv(J), by_q)
+    along = path_length * (np.linspace(0.0, 1.0, q.shape[1]) - 0.5)
+    by_n = np.einsum("k,nkp->np", along, by_pose[..., 3:])
+    by_path = np.hstack([by_pose.sum(axis=1), by_n])
+    if q.shape[2] <= 6:
+        return by_path, np.zeros_like(q)
+    return by_path, by_q - np.einsum("nkpj,nkp->nkj", J, by_pose)
 
 
-@kernel(parallel=True)
-def _correct_batch(
-    table: Array, q: Array, n_W: Array, p_WM: Array, R_WE: Array, path_length: float, reached: Flags
-) -> None:
-    N, count, n = q.shape
-    for i in prange(N):
-        space = space_of(n)
-        p_goal = np.empty(3)
-        good = True
-        for k in range(count):
-            along = (k / (count - 1) - 0.5) * path_length
-            for c in range(3):
-                p_goal[c] = p_WM[i, c] + along * n_W[i, c]
-            good = good and _reach(table, R_WE[i], p_goal, q[i, k], _MAX_STEPS, False, space)
-        reached[i] = good
-
-
-@kernel(parallel=True)
-def _pull_back_batch(
-    table: Array, q: Array, by_q: Array, path_length: float, by_path: Array, left: Array
-) -> None:
-    N, count, n = q.shape
-    for i in prange(N):
-        R, p, J, y, step, A, _, scratch = space_of(n)
-        for k in range(count):
-            pose_and_jacobian(table, q[i, k], R, p, J, scratch)
-            for r in range(6):
-                total = 0.0
-                for j in range(n):
-                    total += J[r, j] * by_q[i, k, j]
-                y[r] = total
-            if not damped_step(J, y, 0.0, step, A):
-                continue
-            # A[6] = (J J^T)^-1 J by_q, the gradient by the pose; step = J^+ J by_q.
-            along = (k / (count - 1) - 0.5) * path_length
-            for r in range(3):
-                by_path[i, r] += A[6, r]
-                by_path[i, 3 + r] += A[6, 3 + r]
-                by_path[i, 6 + r] += along * A[6, 3 + r]
-            if n > 6:
-                for j in range(n):
-                    left[i, k, j] = by_q[i, k, j] - step[j]
+def _reach_all(
+    chain: SerialChain,
+    R_WE: ArrayLike,
+    p_WE: ArrayLike,
+    q: Array,
+    max_steps: int,
+    *,
+    damped: bool,
+) -> Flags:
+    """Brings each q (N, n), in place, to its pose, whatever its limits; (N,) whether it arrives."""
+    left = np.empty(len(q))
+    no_limits = np.empty(0)
+    R = np.ascontiguousarray(R_WE, dtype=np.float64)
+    p = np.ascontiguousarray(p_WE, dtype=np.float64)
+    approach_poses(
+        chain.table, no_limits, no_limits, R, p, q, max_steps, damped, False, _REACHED, left
+    )
+    return left < _ARRIVED

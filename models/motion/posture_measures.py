@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
@@ -237,9 +236,7 @@ def _readable(q: ArrayLike, J: Array, values: Array, G: Array) -> tuple[Array, A
     readable = values < UNREADABLE
     values, G = np.where(readable, values, UNREADABLE), np.where(readable[:, None, None], G, 0.0)
     shape = np.shape(q)
-    gradients = np.empty((len(J), J.shape[2]))
-    _contract_rows(J, G, gradients)
-    return values.reshape(shape[:-1]), gradients.reshape(shape)
+    return values.reshape(shape[:-1]), _contracted(J, G).reshape(shape)
 
 
 def _rows(chain: SerialChain, q: ArrayLike) -> Array:
@@ -249,30 +246,12 @@ def _rows(chain: SerialChain, q: ArrayLike) -> Array:
     return np.ascontiguousarray(array).reshape(-1, chain.num_joints)
 
 
-@kernel
-def contract(J: Array, G: Array, gradient: Array) -> None:
-    """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
-    n = J.shape[1]
-    for j in range(n):
-        gradient[j] = 0.0
-    for i in range(n):
-        wx, wy, wz, vx, vy, vz = J[0, i], J[1, i], J[2, i], J[3, i], J[4, i], J[5, i]
-        ax, ay, az, bx, by, bz = G[0, i], G[1, i], G[2, i], G[3, i], G[4, i], G[5, i]
-        # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b)
-        cx = (wy * az - wz * ay) + (vy * bz - vz * by)
-        cy = (wz * ax - wx * az) + (vz * bx - vx * bz)
-        cz = (wx * ay - wy * ax) + (vx * by - vy * bx)
-        for j in range(i + 1):
-            gradient[j] += J[0, j] * cx + J[1, j] * cy + J[2, j] * cz
-        # b.(w x v_j) = v_j.(b x w)
-        cx = by * wz - bz * wy
-        cy = bz * wx - bx * wz
-        cz = bx * wy - by * wx
-        for j in range(i + 1, n):
-            gradient[j] += J[3, j] * cx + J[4, j] * cy + J[5, j] * cz
-
-
-@kernel
-def _contract_rows(J: Array, G: Array, gradients: Array) -> None:
-    for k in range(J.shape[0]):
-        contract(J[k], G[k], gradients[k])
+def _contracted(J: Array, G: Array) -> Array:
+    """gradient_j = sum_i G_i . dJ_i/dq_j, (N, n); J and G (N, 6, n)."""
+    w, v, a, b = J[:, :3], J[:, 3:], G[:, :3], G[:, 3:]
+    # i >= j: a_i.(w_j x w_i) + b_i.(w_j x v_i) = w_j.(w_i x a_i + v_i x b_i)
+    after = np.cumsum((np.cross(w, a, axis=1) + np.cross(v, b, axis=1))[..., ::-1], axis=-1)
+    # i < j: b_i.(w_i x v_j) = v_j.(b_i x w_i)
+    own = np.cross(b, w, axis=1)
+    before = np.cumsum(own, axis=-1) - own
+    return np.asarray(np.sum(w * after[..., ::-1] + v * before, axis=1))

@@ -125,21 +125,15 @@ def candidates(
         np.broadcast_to(psi[:, np.newaxis], (len(psi), path.num_samples)), problem.tool_axis_E
     )
     layers: list[Array] = []
-    if is_closed_form(robot):
-        turns = ~_turns_freely(robot)
-        for i in range(path.num_samples):
-            p = np.broadcast_to(path.p_WS[i], (len(psi), 3))
-            layers.append(all_branches(robot, R[:, i], p, turns_of=turns))
-            progress((i + 1) / path.num_samples)
-    else:
-        seeds = None
-        for i in range(path.num_samples):
-            p = np.broadcast_to(path.p_WS[i], (len(psi), 3))
-            layers.append(all_branches(robot, R[:, i], p, seeds=seeds))
-            # Each posture is followed along the path: only then do neighbours fit together.
-            found = layers[-1]
-            seeds = found if found.shape[1] else None
-            progress((i + 1) / path.num_samples)
+    closed = is_closed_form(robot)
+    turns, seeds = ~_turns_freely(robot) if closed else None, None
+    for i in range(path.num_samples):
+        p = np.broadcast_to(path.p_WS[i], (len(psi), 3))
+        found = all_branches(robot, R[:, i], p, turns_of=turns, seeds=seeds)
+        layers.append(found)
+        # What a search found is followed along the path: only then do neighbours fit together.
+        seeds = found if found.shape[1] and not closed else None
+        progress((i + 1) / path.num_samples)
     width = max(layer.shape[1] for layer in layers)
     q = np.full((path.num_samples, len(psi), max(width, 1), robot.num_joints), np.nan)
     for i, layer in enumerate(layers):

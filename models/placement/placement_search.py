@@ -26,7 +26,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numba
@@ -401,17 +401,11 @@ class PlacementSearch:
         R_WE = turns.as_matrix() @ np.repeat(kinds.R_WE, len(angles), axis=0)
         p_WM = np.repeat(kinds.p_WM, len(angles), axis=0)
         varied = self._on_all_branches(n_W, p_WM, R_WE, result)
-        costs = self._costs(varied)
-        profiles = self._posture.values(varied.q)
         result.evaluations += len(varied)
-        kept: list[int] = []
-        for index in in_order(costs):
-            if len(kept) == effort.num_starts or not math.isfinite(costs[index]):
-                break
-            # Turned wrists are the same to the measure.
-            if not kept or profile_gaps(profiles[index], profiles[kept]).min() > SAME:
-                kept.append(int(index))
-        return varied[np.array(kept, dtype=np.intp)]
+        costs = self._costs(varied)
+        varied, costs = varied[np.isfinite(costs)], costs[np.isfinite(costs)]
+        # Turned wrists are the same to the measure.
+        return varied[self._different(varied, costs, effort.num_starts, SAME)]
 
     def _descend(
         self, starts: PlacementBatch, num_steps: int, result: SearchResult, clock: "_Clock"
@@ -451,7 +445,7 @@ class PlacementSearch:
             return None
         cost = self.program.measure.value(placement.q)
         clock.better(cost, placement)
-        return Solution(placement, cost, solution.converged, solution.status, solution.evaluations)
+        return replace(solution, placement=placement, cost=cost)
 
     def _finished(self, solution: Solution, result: SearchResult, clock: "_Clock") -> Solution:
         done = finished(self._robot, self.program, solution, self.corrected)

@@ -1,4 +1,4 @@
-"""Singular values and condition number of Jacobians, one or a million.
+"""Condition number of Jacobians, one or a million.
 
 One-sided Jacobi (Hestenes, 1958; Demmel and Veselic, 1992): pairs of rows of J (of its columns
 where n < 6) are turned until all are orthogonal; their lengths are then the singular values. Their
@@ -186,26 +186,6 @@ def _condition_number_batch(J: Array, out: Array) -> None:
         condition_numbers_of(J[rows], out[rows])
 
 
-@kernel
-def _singular_values_rows(J: Array, out: Array) -> None:
-    _squared_singular_values(J, out)
-    for m in range(J.shape[0]):
-        for i in range(out.shape[1]):
-            value = math.sqrt(out[m, i])
-            j = i
-            while j > 0 and out[m, j - 1] < value:
-                out[m, j] = out[m, j - 1]
-                j -= 1
-            out[m, j] = value
-
-
-@kernel(parallel=True)
-def _singular_values_batch(J: Array, out: Array) -> None:
-    for b in prange((J.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        _singular_values_rows(J[rows], out[rows])
-
-
 def condition_number(J: ArrayLike) -> Array:
     """Largest over smallest singular value, (...), of Jacobians (..., 6, n).
 
@@ -213,29 +193,13 @@ def condition_number(J: ArrayLike) -> Array:
     it takes the n singular values that there are. It is inf where the smallest is zero within
     rounding (6 or n times 2.2e-16 of the largest), and NaN where J is not finite.
     """
-    shape, rows = _rows(J)
+    array = np.asarray(J, dtype=np.float64)
+    if array.ndim < 2 or array.shape[-2] != 6 or array.shape[-1] == 0:
+        raise ValueError(f"expected Jacobians of shape (..., 6, n), n > 0, got {array.shape}")
+    rows = np.ascontiguousarray(array).reshape(-1, 6, array.shape[-1])
     out = np.empty(len(rows))
     if len(rows) < _PARALLEL_FROM:
         condition_numbers_of(rows, out)
     else:
         _condition_number_batch(rows, out)
-    return out.reshape(shape)
-
-
-def singular_values(J: ArrayLike) -> Array:
-    """Singular values (..., min(6, n)) of Jacobians (..., 6, n), largest first."""
-    shape, rows = _rows(J)
-    out = np.empty((len(rows), min(6, rows.shape[2])))
-    if len(rows) < _PARALLEL_FROM:
-        _singular_values_rows(rows, out)
-    else:
-        _singular_values_batch(rows, out)
-    return out.reshape(*shape, out.shape[1])
-
-
-def _rows(J: ArrayLike) -> tuple[tuple[int, ...], Array]:
-    """The leading shape, and a contiguous (N, 6, n) array; ValueError for another shape."""
-    array = np.asarray(J, dtype=np.float64)
-    if array.ndim < 2 or array.shape[-2] != 6 or array.shape[-1] == 0:
-        raise ValueError(f"expected Jacobians of shape (..., 6, n), n > 0, got {array.shape}")
-    return array.shape[:-2], np.ascontiguousarray(array).reshape(-1, 6, array.shape[-1])
+    return out.reshape(array.shape[:-2])

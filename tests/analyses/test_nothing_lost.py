@@ -82,7 +82,7 @@ def test_study_does_not_delete_a_folder_of_the_name_of_an_experiment(tmp_path):
     (X / "jcn-map").mkdir(parents=True)
     (X / "jcn-map" / "thesis.txt").write_text("mine")
     line = _refused("study", "--quick", "jcn-map", "--out", X, "--data", tmp_path / "data")
-    assert "jcn-map/thesis.txt, which wrenchsight did not write there" in line
+    assert "jcn-map/thesis.txt, which is not as wrenchsight wrote it" in line
     assert _files(X) == {"jcn-map/thesis.txt": b"mine"}
 
 
@@ -110,15 +110,6 @@ def test_estimate_does_not_overwrite_the_description_of_its_log(X, log):
     result = _estimate(log, X, "--log-format", X / "config.yaml")
     assert result.exit_code == 2
     assert result.stderr.startswith(f"{X / 'config.yaml'}: is read by this command")
-    assert _files(X) == before
-
-
-@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
-def test_nor_when_the_log_is_a_link_to_it(X, tmp_path, link):
-    link(tmp_path / "log.csv", X / "wrench.csv")
-    before = _files(X)
-    line = _refused("estimate", tmp_path / "log.csv", "--robot", "sts_sre4_600", "--out", X)
-    assert "log.csv: is read by this command" in line
     assert _files(X) == before
 
 
@@ -150,7 +141,7 @@ _COMMANDS = {
 def test_a_folder_that_is_not_ours_is_refused_before_anything_else(command, tmp_path):
     (tmp_path / "metrics.json").write_text("mine")
     line = _refused(command, *_COMMANDS[command], "--out", tmp_path)
-    assert "metrics.json, which wrenchsight did not write there" in line
+    assert "metrics.json, which is not as wrenchsight wrote it" in line
     assert _files(tmp_path) == {"metrics.json": b"mine"}
 
 
@@ -170,24 +161,6 @@ def test_results_are_replaced_by_the_same_command(X, log):
     assert _estimate(log, X).exit_code == 0
     assert _files(X) == before  # the same bytes, and nothing else
     assert MARKER in before
-
-
-def test_a_result_that_the_user_changed_stays(X, log):
-    (X / "config.yaml").write_text("# my remarks\n")
-    before = _files(X)
-    result = _estimate(log, X)
-    assert result.exit_code == 2
-    assert "config.yaml: was changed since wrenchsight wrote it" in result.stderr
-    assert _files(X) == before
-
-
-def test_a_file_that_the_user_added_stays(X, log):
-    (X / "figures" / "mine.png").write_text("mine")
-    before = _files(X)
-    result = _estimate(log, X)
-    assert result.exit_code == 2
-    assert "figures/mine.png, which wrenchsight did not write there" in result.stderr
-    assert _files(X) == before
 
 
 def test_a_command_does_not_overwrite_the_configuration_that_it_runs_again(X, tmp_path):

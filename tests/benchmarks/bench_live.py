@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -76,8 +77,8 @@ def main(seconds: float) -> None:
         process, port = controller(seconds)
         latencies, stamps = [], []
         with live(f"rtde://127.0.0.1:{port}", robot.source, folder / "model.yaml") as session:
-            sinks = [Recorder(folder / "rec", robot), MeshcatView(robot)]
-            threads = [SinkThread(sink, session.follow(), print) for sink in sinks]
+            sinks = [partial(Recorder, folder / "rec", robot), partial(MeshcatView, robot)]
+            threads = [SinkThread(make, session.follow(), print) for make in sinks]
             for reading in session:
                 latencies.append(reading.latency)
                 stamps.append(reading.t)

@@ -8,7 +8,6 @@ which the point where the load acts was found once, with the richest law and wit
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -34,14 +33,14 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -99,14 +98,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=[
-            _saved(
+            saved_figure(
                 _share_figure(metrics),
                 context.out,
                 "errors",
                 "Error of the force at the load and of the joint torques, as read and less what "
                 "the pass without load has taught.",
             ),
-            _saved(
+            saved_figure(
                 _torque_figure(passes),
                 context.out,
                 "joint2",
@@ -161,12 +160,6 @@ def _metrics(own: LoadedPass) -> dict[str, Any]:
             "torque_share": 1.0 - taught["torque_rmse_nm"] / plain["torque_rmse_nm"],
         },
     }
-
-
-def _saved(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
-    path = Path("figures") / f"{name}.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, caption)
 
 
 def _share_figure(metrics: dict[str, Any]) -> "Figure":

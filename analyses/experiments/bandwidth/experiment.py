@@ -32,7 +32,7 @@ from scipy.optimize import minimize_scalar
 
 from wrenchsight.analyses.methods.advance import advance
 from wrenchsight.analyses.output.axes import legend_above, log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -40,6 +40,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.held_arm import HeldArm, make_held_arm
 from wrenchsight.models.arrays import Array
@@ -479,7 +480,6 @@ def _figures(
     true: Array,
     readings: Sequence[SignalReading],
 ) -> list[FigureFile]:
-    folder = context.out / "figures"
     figure, axes = new_figure(3, 1, height=7.8, share_x=True)
     amplitude, phase, error = axes[:, 0]
     for response, colour in zip(responses, SERIES, strict=False):
@@ -509,7 +509,11 @@ def _figures(
     legend_above(error, ncols=2)
     handles = amplitude.get_legend_handles_labels()
     figure.legend(*handles, loc="outside upper center", ncols=len(responses) + 1)
-    save_figure(figure, folder / "bode.png")
+    what = (
+        "Amplitude and phase of the estimated over the true external torque (Fig. 22); below, "
+        "the errors against eq. 30."
+    )
+    bode = saved_figure(figure, context.out, "bode", what)
 
     figure, axes = new_figure(3, 1, height=7.8)
     kinds = (("step", 1.1), ("ramp", 1.4), ("sine", 1.6))
@@ -526,19 +530,8 @@ def _figures(
     axes[2, 0].set_xlabel("time [s]")
     handles = axes[0, 0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside upper center", ncols=len(readings) + 1)
-    save_figure(figure, folder / "signals.png")
-    return [
-        FigureFile(
-            (folder / "bode.png").relative_to(context.out),
-            "Amplitude and phase of the estimated over the true external torque (Fig. 22); below, "
-            "the errors against eq. 30.",
-        ),
-        FigureFile(
-            (folder / "signals.png").relative_to(context.out),
-            "A step, a ramp and a sine as read with several gains under the drives' current noise "
-            "(Fig. 23).",
-        ),
-    ]
+    what = "A step, a ramp and a sine read with several gains under the current's noise (Fig. 23)."
+    return [bode, saved_figure(figure, context.out, "signals", what)]
 
 
 NOTES = (

@@ -22,7 +22,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     found_path,
 )
 from wrenchsight.analyses.output.axes import legend_above, log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -30,6 +30,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
@@ -276,7 +277,6 @@ def _comparison() -> list[ComparisonRow]:
 
 
 def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureFile]:
-    folder = context.out / "figures"
     cases = (("initial", result.initial, "before"), ("optimised", result.optimised, "after"))
 
     figure, axes = new_figure(1, 1, height=3.2)
@@ -307,7 +307,8 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
     ax.set_xlabel("distance along the path [m]")
     ax.set_ylabel("condition number of J")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    save_figure(figure, folder / "condition-number.png")
+    what = "Condition number of the Jacobian along both paths (Fig. 8)."
+    files = [saved_figure(figure, context.out, "condition-number", what)]
 
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
     for column, (label, readings, _) in enumerate(cases):
@@ -330,7 +331,8 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
         high = max(ax.get_ylim()[1] for ax in axes[row])
         for ax in axes[row]:
             ax.set_ylim(low, high)
-    save_figure(figure, folder / "wrench.png")
+    what = "The constant wrench as eq. 22 reads it, forward and back; black: the true one (Fig. 9)."
+    files.append(saved_figure(figure, context.out, "wrench", what))
 
     figure, axes = new_figure(1, 1, height=3.2)
     ax = axes[0, 0]
@@ -345,22 +347,8 @@ def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureF
     ax.set_xlabel("sample")
     ax.set_ylabel("error of the force in Y [N]")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    save_figure(figure, folder / "error-y.png")
-    return [
-        FigureFile(
-            (folder / "condition-number.png").relative_to(context.out),
-            "Condition number of the Jacobian along both paths (Fig. 8).",
-        ),
-        FigureFile(
-            (folder / "wrench.png").relative_to(context.out),
-            "The constant wrench as eq. 22 reads it, forward and back; black: the true wrench "
-            "(Fig. 9).",
-        ),
-        FigureFile(
-            (folder / "error-y.png").relative_to(context.out),
-            "Error of the force in Y before and after the optimisation (Fig. 10).",
-        ),
-    ]
+    what = "Error of the force in Y before and after the optimisation (Fig. 10)."
+    return [*files, saved_figure(figure, context.out, "error-y", what)]
 
 
 NOTES = (

@@ -48,7 +48,7 @@ from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, TRACKING, stored_excitation
-from wrenchsight.analyses.output.figures import SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -56,6 +56,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
@@ -452,13 +453,11 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     panel.set_xlabel("stated false alarms per hour")
     panel.set_ylabel("delay [ms]; missed [%]")
     panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
-    path = Path("figures") / "contact-detection.png"
-    save_figure(figure, out / path)
     caption = (
         "Pushes missed by size; false alarms counted against those stated; what a lower level buys "
         "for pushes of half a second at E."
     )
-    return FigureFile(path, caption)
+    return saved_figure(figure, out, "contact-detection", caption)
 
 
 NOTES = (

@@ -7,7 +7,6 @@ trajectory. Both trajectories were found by `excite` and lie beside the robot as
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,14 +18,13 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
 )
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ROBOT
-from wrenchsight.analyses.output.figures import save_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 
@@ -68,14 +66,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.95, "figures")
     figures = []
     if context.draws:
-        path = Path("figures") / "torque_validation.png"
         figure = torque_figure(fit, robot.joint_names, "validation, simulated arm")
-        save_figure(figure, context.out / path)
         what = (
             "Measured torque along the second excitation and what the model identified along the "
             "first predicts for it (the article's Fig. 6)."
         )
-        figures.append(FigureFile(path, what))
+        figures.append(saved_figure(figure, context.out, "torque_validation", what))
     result.model.save(context.out / "model.yaml")
     return ExperimentResult(
         metrics=metrics,

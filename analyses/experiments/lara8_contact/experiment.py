@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.lara8_contact.lara8_reading import (
+from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
     FOLDER,
     FORMAT,
     K_0,
@@ -33,7 +33,7 @@ from wrenchsight.analyses.experiments.lara8_contact.lara8_reading import (
     settled_from,
 )
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -41,6 +41,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -279,7 +280,7 @@ def _figures(
 ) -> list[FigureFile]:
     names = list(dict.fromkeys(name for name, _ in readings))
     figures = [
-        _saved(
+        saved_figure(
             _torque_figure(readings, names),
             out,
             "torque",
@@ -289,7 +290,7 @@ def _figures(
     ]
     shown = SWEEP if SWEEP in names else names[0]
     figures.append(
-        _saved(
+        saved_figure(
             comparisons[shown, "urdf"].figure(),
             out,
             "wrench",
@@ -329,12 +330,6 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     return figure
-
-
-def _saved(figure: "Figure", out: Path, name: str, caption: str) -> FigureFile:
-    path = Path("figures") / f"{name}.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, caption)
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:

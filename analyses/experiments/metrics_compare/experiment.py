@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -29,6 +29,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
@@ -36,7 +37,7 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
     reconstruct_wrench,
 )
-from wrenchsight.models.rigid_body.conditioning import condition_number, singular_values
+from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import plain_truth
@@ -224,7 +225,7 @@ def _measures(robot: Robot, q: Array) -> tuple[dict[str, Array], float]:
     lengths = np.geomspace(0.05, 2.0, 75)
     smallest = [float(np.min(condition_number(_scaled(J, length)))) for length in lengths]
     length = float(lengths[int(np.argmin(smallest))])
-    values = singular_values(J)
+    values = np.linalg.svd(J, compute_uv=False)
     inverse = np.linalg.pinv(J)
     return {
         "jcn": condition_number(J),
@@ -388,11 +389,8 @@ def _draw_correlations(
     ax.invert_yaxis()
     ax.set_xlabel("rank correlation with the force error")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    save_figure(figure, context.out / "figures" / "correlations.png")
-    return FigureFile(
-        (context.out / "figures" / "correlations.png").relative_to(context.out),
-        "How well each measure of a posture ranks the force error there; bars: 95 % intervals.",
-    )
+    what = "How well each measure of a posture ranks the force error there; bars: 95 % intervals."
+    return saved_figure(figure, context.out, "correlations", what)
 
 
 def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
@@ -419,11 +417,8 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
     for panel in axes.flat:
         log_scale(panel, "y")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center")
-    save_figure(figure, context.out / "figures" / "errors.png")
-    return FigureFile(
-        (context.out / "figures" / "errors.png").relative_to(context.out),
-        "Force error of each posture over the condition number and over the stated sd.",
-    )
+    what = "Force error of each posture over the condition number and over the stated sd."
+    return saved_figure(figure, context.out, "errors", what)
 
 
 NOTES = (

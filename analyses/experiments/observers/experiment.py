@@ -51,7 +51,6 @@ from wrenchsight.analyses.output.figures import (
     SERIES,
     legend_below,
     new_figure,
-    save_figure,
 )
 from wrenchsight.analyses.study.experiment import (
     Experiment,
@@ -59,6 +58,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
@@ -372,14 +372,12 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
     right.set_xlim(min(50.0, 10.0 * np.floor(0.1 * lowest)), 100.0)
     right.set_xlabel("inside the 95 % band [%]")
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    path = Path("figures") / "observers.png"
-    save_figure(figure, out / path)
     caption = (
         "Every observer on every log (force_only): error, and share inside, of the valid samples."
     )
     if unread:
         caption += f" Hatched (*): of all samples, as none is valid, on {', '.join(unread)}."
-    return FigureFile(path, caption)
+    return saved_figure(figure, out, "observers", caption)
 
 
 def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFile:
@@ -396,9 +394,8 @@ def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFi
         panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
     axes[2, 0].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0])
-    path = Path("figures") / "pushes.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`.")
+    what = f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`."
+    return saved_figure(figure, out, "pushes", what)
 
 
 def _notes(metrics: Mapping[str, Any]) -> list[str]:

@@ -30,7 +30,6 @@ from wrenchsight.analyses.output.figures import (
     SERIES,
     legend_below,
     new_figure,
-    save_figure,
 )
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -39,6 +38,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
@@ -222,12 +222,10 @@ def _force_figure(
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0], 4)
-    path = Path("figures") / "force.png"
-    save_figure(figure, out / path)
-    return FigureFile(
-        path,
-        "Force on the pad (its axes) at the poses where eq. 22 reads best (left) and worst (right)",
+    what = (
+        "Force on the pad (its axes) at the poses where eq. 22 reads best (left) and worst (right)"
     )
+    return saved_figure(figure, out, "force", what)
 
 
 _BARS = {"inverse": "eq. 22", "truncated": "truncated", "damped": "damped",
@@ -252,9 +250,8 @@ def _bar_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
     ax.set_xlabel("pose")
     ax.set_ylabel("RMSE of the force [N]")
     ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    path = Path("figures") / "rmse.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, "RMSE of the force per pose and method, rows with more than 1 N")
+    what = "RMSE of the force per pose and method, rows with more than 1 N"
+    return saved_figure(figure, out, "rmse", what)
 
 
 def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
@@ -276,9 +273,8 @@ def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
     axes[0, 0].set_xlabel("stated sd of the force [N]")
     axes[0, 1].set_xlabel("condition number")
     axes[0, 0].set_ylabel("RMSE of the force [N]")
-    path = Path("figures") / "ranking.png"
-    save_figure(figure, out / path)
-    return FigureFile(path, "What ranks the poses: the stated sd, or the condition number")
+    what = "What ranks the poses: the stated sd, or the condition number"
+    return saved_figure(figure, out, "ranking", what)
 
 
 def _comparison() -> list[ComparisonRow]:

@@ -35,7 +35,7 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     twins,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -43,6 +43,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -179,15 +180,13 @@ def _figure(
     panel.invert_yaxis()
     panel.set_xlabel("simulated over real; shaded: within 25 %; bars: chance; full: beyond both")
     figure.legend(loc="outside upper center", ncols=6)
-    path = Path("figures") / "realism.png"
-    save_figure(figure, out / path)
     caption = (
         "The simulated UR10e over the real one, joint by joint: what a model identified in the "
         "same way leaves unexplained along the same motions, and what is in the currents. Bars: "
         "how far chance takes two simulated arms with the same parameters apart, in all but 5 % of "
         "the numbers. Full circles lie beyond both bar and 25 %."
     )
-    return FigureFile(path, caption)
+    return saved_figure(figure, out, "realism", caption)
 
 
 NOTES = (

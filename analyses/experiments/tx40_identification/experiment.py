@@ -25,14 +25,13 @@ from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import save_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -128,13 +127,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "friction": whole.metrics()["friction"],
         "base_parameters": whole.metrics()["base_parameters"]["count"],
     }
-    path = Path("figures") / "torque.png"
     figure = torque_figure(fifths.fit, robot.joint_names, "held out, TX40, presliding")
-    save_figure(figure, context.out / path)
     caption = "Measured and predicted joint torque, each fifth by a fit of the others"
     return ExperimentResult(
         metrics=metrics,
-        figures=[FigureFile(path, caption)],
+        figures=[saved_figure(figure, context.out, "torque", caption)],
         comparison=_comparison(),
         notes=filled(NOTES, metrics),
         configuration={"cutoff_hz": CUTOFF, "law": LAW, "edge_s": EDGE, "stretches": FIFTHS},

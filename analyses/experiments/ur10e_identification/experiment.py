@@ -25,7 +25,7 @@ from wrenchsight.analyses.methods.learning.identification_config import LAWS, Id
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -33,6 +33,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.robot.robot import Robot
 
@@ -124,12 +125,12 @@ def _law_metrics(result: IdentificationResult) -> dict[str, Any]:
 
 def _figure(fit: TorqueFit, joint_names: tuple[str, ...], out: Path, law: str = "") -> FigureFile:
     stem = f"torque_{fit.name}_{law}".rstrip("_").replace("+", "_")
-    path = Path("figures") / f"{stem}.png"
     kind = f"validation, UR10e{', ' if law else ''}{law}"
-    save_figure(torque_figure(fit, joint_names, kind), out / path)
     with_law = f" with the friction law {law}" if law else ""
-    return FigureFile(
-        path,
+    return saved_figure(
+        torque_figure(fit, joint_names, kind),
+        out,
+        stem,
         f"Measured and predicted joint torque over {fit.name}, a run that was not "
         f"fitted{with_law}.",
     )
@@ -153,11 +154,8 @@ def _laws_figure(
         axis.set_xticks(places, [joint.removesuffix("_joint") for joint in joint_names])
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
-    path = Path("figures") / "friction_laws.png"
-    save_figure(figure, out / path)
-    return FigureFile(
-        path, "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
-    )
+    what = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
+    return saved_figure(figure, out, "friction_laws", what)
 
 
 def _comparison() -> list[ComparisonRow]:

@@ -44,7 +44,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 )
 from wrenchsight.analyses.methods.reading.drifted_band import covariance_about
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -52,6 +52,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
+from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
@@ -316,14 +317,12 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
     panel.invert_yaxis()
     figure.legend(loc="outside upper center", ncols=5)
-    path = Path("figures") / "trust.png"
-    save_figure(figure, out / path)
     caption = (
         "Share of the samples inside the stated 95 % band, log by log; open diamonds: with the "
         "drift that `estimate` finds in the log and allows for; full ones: of the model whose "
         f"friction was found again from {REFRESH_SECONDS:g} s without contact."
     )
-    return FigureFile(path, caption)
+    return saved_figure(figure, out, "trust", caption)
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.analyses.output.scratch_folder import scratch_folder
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
@@ -114,17 +113,16 @@ def draft_robot(
     if os.path.lexists(out):
         raise InputError(out, "", "is there already", "name another file with --out")
     # Loaded twice: to find a posture to start from, and as it is written.
-    with scratch_folder() as folder:
-        first = folder / "robot.yaml"
-        first.write_text(_text(first, *fields, home, 0.0, truth), encoding="utf-8")
-        robot = Robot.load(first)
-        home, floor = _good_posture(robot, home)
-        truth = _assumed(robot)
-    text = _text(out, *fields, home, floor, truth)
     with writing_to(out):
         out.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(out) as partial, writing_to(out):
-        partial.write_text(text, encoding="utf-8")
+    with whole_file(out) as partial:
+        with writing_to(out):
+            partial.write_text(_text(out, *fields, home, 0.0, truth), encoding="utf-8")
+        robot = Robot.load(partial)
+        home, floor = _good_posture(robot, home)
+        text = _text(out, *fields, home, floor, _assumed(robot))
+        with writing_to(out):
+            partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
     marked = (
         line for line in text.splitlines() if FILL_IN in line and ":" in line.partition("#")[0]

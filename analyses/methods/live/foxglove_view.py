@@ -16,11 +16,10 @@ import foxglove
 import numpy as np
 from foxglove import channels, messages
 from foxglove.websocket import ServerListener
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, Sphere
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
+from wrenchsight.analyses.methods.live.arm_scene import ArmScene, LinkShape
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench_bag import FRAME
 from wrenchsight.models.live.reading import Reading
@@ -53,17 +52,9 @@ class FoxgloveView:
     period = 1.0 / 20.0  # s
 
     def __init__(self, robot: Robot, port: int = PORT) -> None:
-        builder = DiagramBuilder()
-        self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        parts = robot.add_to_plant(self._plant)
-        self._plant.Finalize()
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
-        self._own = self._plant.GetMyMutableContextFromRoot(self._context)
-        self._instance, self._frame_E = parts.model_instance, parts.frame_E
-        self._bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
+        self._scene = ArmScene(robot)
+        self._links = _links(self._scene.shapes)
         self._joint_names = robot.joint_names
-        self._links = _links(self._plant, scene_graph.model_inspector(), self._bodies)
         self._listener = _Listener()
         context = self._channel_context = foxglove.Context()
         options: Any = {"host": HOST, "context": context, "capabilities": []}
@@ -105,12 +96,7 @@ class FoxgloveView:
 
     def _draw(self, reading: Reading) -> None:
         stamp, log_time = _stamp(reading.t)
-        self._plant.SetPositions(self._own, self._instance, reading.q)
-        placed = [
-            (body.name(), self._plant.EvalBodyPoseInWorld(self._own, body)) for body in self._bodies
-        ]
-        p_WE = self._frame_E.CalcPoseInWorld(self._own).translation()
-        placed.append((FRAME, RigidTransform(p_WE)))
+        poses, p_WE = self._scene.placed(reading.q)
         transforms = [
             messages.FrameTransform(
                 timestamp=stamp,
@@ -119,7 +105,7 @@ class FoxgloveView:
                 translation=_vector(X_WB.translation()),
                 rotation=_quaternion(X_WB),
             )
-            for name, X_WB in placed
+            for name, X_WB in [*poses.items(), (FRAME, RigidTransform(p_WE))]
         ]
         self._tf.log(messages.FrameTransforms(transforms=transforms), log_time=log_time)
         if self._listener.wants_arm:
@@ -200,34 +186,24 @@ def _arrow(reading: Reading, stamp: Any) -> Any:
     )
 
 
-def _links(plant: Any, inspector: Any, bodies: list[Any]) -> list[Any]:
+def _links(shapes: list[LinkShape]) -> list[Any]:
     """An entity a link, with its shapes."""
-    has_looks = inspector.NumGeometriesWithRole(Role.kIllustration) > 0
-    role = Role.kIllustration if has_looks else Role.kProximity
-    entities = []
-    for body in bodies:
-        frame = plant.GetBodyFrameIdOrThrow(body.index())
-        parts: dict[str, list[Any]] = {}
-        for geometry in inspector.GetGeometries(frame, role):
-            made = _primitive(inspector, geometry, role)
-            if made is not None:
-                parts.setdefault(made[0], []).append(made[1])
-        if parts:
-            entity = messages.SceneEntity(
-                frame_id=body.name(), id=body.name(), frame_locked=True, **parts
-            )
-            entities.append(entity)
-    return entities
+    parts: dict[str, dict[str, list[Any]]] = {}
+    for one in shapes:
+        made = _primitive(one)
+        if made is not None:
+            parts.setdefault(one.link, {}).setdefault(made[0], []).append(made[1])
+    return [
+        messages.SceneEntity(frame_id=link, id=link, frame_locked=True, **lists)
+        for link, lists in parts.items()
+    ]
 
 
-def _primitive(inspector: Any, geometry: Any, role: Any) -> tuple[str, Any] | None:
+def _primitive(one: LinkShape) -> tuple[str, Any] | None:
     """The list of an entity that a shape belongs to, and what stands for it there."""
-    shape, pose = inspector.GetShape(geometry), _pose(inspector.GetPoseInFrame(geometry))
-    rgba = inspector.GetProperties(geometry, role)
-    given = rgba.HasProperty("phong", "diffuse")
-    own = rgba.GetProperty("phong", "diffuse") if given else None
-    r, g, b, a = (own.r(), own.g(), own.b(), own.a()) if own is not None else (0.6, 0.6, 0.6, 1.0)
-    look = {"pose": pose, "color": messages.Color(r=r, g=g, b=b, a=a)}
+    shape, rgba, pose = one.shape, one.rgba, _pose(one.X_LS)
+    color = messages.Color(r=rgba.r(), g=rgba.g(), b=rgba.b(), a=rgba.a())
+    look = {"pose": pose, "color": color}
     if isinstance(shape, Box):
         return "cubes", messages.CubePrimitive(size=_vector(shape.size()), **look)
     if isinstance(shape, Sphere):

@@ -1,7 +1,9 @@
 """LCM as Drake speaks it: status messages of an iiwa or a Panda in, forces and torques out.
 
-Source: `lcm://CHANNEL`, options `robot` (iiwa or panda) and `url`, LCM's own (its default keeps to
-this computer). Effort is the measured joint torque in N m: `torque_per_ampere: 1` in robot.yaml.
+Source: `lcm://CHANNEL`, options `robot` (iiwa or panda), `url`, LCM's own (its default keeps to
+this computer), and `torque`: `measured`, joint torque in N m (`torque_per_ampere: 1` in
+robot.yaml), or `external`, as the arm reports it. A Panda's driver hands on tau_ext_hat_filtered,
+what the arm exerts against the outside: it is turned. An iiwa's acts on the arm.
 
 Publisher: `lcm://CHANNEL`, as `drake.lcmt_force_torque`: at E in axes of W, environment on robot,
 at the controller's time in us. It has no place for a flag: readings that are not valid are not
@@ -23,6 +25,7 @@ from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
 from wrenchsight.models.robot.robot import Robot
 
 ROBOTS = ("iiwa", "panda")
+TORQUES = ("measured", "external")
 _PANDA_RUNS = (1, 2, 3)  # idle, move, guiding, as libfranka's RobotMode
 _PANDA_MODES = {0: "other", 4: "reflex", 5: "user stop", 6: "error recovery"}
 _DAMAGED = (ValueError, struct.error, IndexError, OverflowError, MemoryError, TypeError)
@@ -49,13 +52,16 @@ class LcmSource:
         lcm: where it is.
         channel: its name.
         kind: whose status it bears, one of ROBOTS.
+        external: whether effort is the external torque.
     """
 
     rate = 1.0
     step = None
 
-    def __init__(self, lcm: DrakeLcmInterface, channel: str, kind: str) -> None:
-        self._lcm, self._kind = lcm, kind
+    def __init__(
+        self, lcm: DrakeLcmInterface, channel: str, kind: str, external: bool = False
+    ) -> None:
+        self._lcm, self._kind, self._external = lcm, kind, external
         self._items: list[Sample | StreamEvent] = []
         self._seen = self._closed = False
         self._damaged = 0
@@ -65,9 +71,9 @@ class LcmSource:
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "LcmSource":
         """As `SourceOpener`."""
-        address.require_known("robot", "url")
-        kind = address.choice("robot", ROBOTS)
-        return cls(open_lcm(address), address.place, kind)
+        address.require_known("robot", "url", "torque")
+        kind, torque = address.choice("robot", ROBOTS), address.choice("torque", TORQUES)
+        return cls(open_lcm(address), address.place, kind, torque == "external")
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
         """As the protocol."""
@@ -117,8 +123,14 @@ class LcmSource:
         if not q.shape == v.shape == tau.shape:
             raise ValueError("signals of different lengths")
         t = 1e-6 * message.utime
-        more = {"external_torque": np.array(message.joint_torque_external, float)}
-        return Sample(t, now, q, v, tau, True, running, state, more)
+        external = np.array(message.joint_torque_external, float)
+        if not self._external:
+            more = {"external_torque": external}
+            return Sample(t, now, q, v, tau, True, running, state, more)
+        if external.shape != q.shape:
+            raise ValueError("no external torque of each joint")
+        tau = -external if self._kind == "panda" else external
+        return Sample(t, now, q, v, tau, True, running, state, is_external=True)
 
 
 class LcmPublisher:

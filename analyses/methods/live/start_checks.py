@@ -70,7 +70,7 @@ class StartChecks:
 
     def take(self, sample: Sample, live: LiveEstimator) -> StreamEvent | None:
         """Takes a sample; what is to be said, if anything. A contradiction is noted in `live`."""
-        if self._over or not (sample.running and np.isfinite(sample.t)):
+        if self._over or sample.is_external or not (sample.running and np.isfinite(sample.t)):
             return None
         if self._begin is None or not 0.0 <= sample.t - self._begin < 10.0 * CHECK_TIME:
             self._begin = self._look = sample.t  # the clock jumped

@@ -17,7 +17,7 @@ from wrenchsight.analyses.methods.live.watch_config import WatchSettings
 from wrenchsight.analyses.output.console import say
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.files.input_error import needing_extra
+from wrenchsight.models.files.input_error import InputError, needing_extra
 from wrenchsight.models.live.samples import EventKind, StreamEvent
 from wrenchsight.models.robot.robot import Robot
 
@@ -71,25 +71,53 @@ SERVED_VIEWS = {"meshcat": _meshcat, "foxglove": _foxglove}
 
 
 class SinkThread(threading.Thread):
-    """Feeds one sink, so that no other waits for it.
+    """Makes one sink and feeds it, so that no other waits for it.
+
+    All of a sink happens in this thread: Meshcat wants its calls from the thread that made it.
+
+    Args:
+        make: makes the sink.
+        reader: its place among the readings.
+        tell: takes what is to be said.
 
     Attributes:
-        reader: its place among the readings, with what it was too slow for.
+        reader: as given, with what the sink was too slow for.
+
+    Raises:
+        InputError: as `make`.
     """
 
-    def __init__(self, sink: Sink, reader: RingReader, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, make: Callable[[], Sink], reader: RingReader, tell: Callable[[str], None]
+    ) -> None:
         super().__init__(daemon=True)
-        self._sink, self.reader, self._tell = sink, reader, tell
-        self._over = threading.Event()
+        self._make, self.reader, self._tell = make, reader, tell
+        self._refusal: InputError | None = None
+        self._made, self._over = threading.Event(), threading.Event()
         self.start()
+        self._made.wait()
+        if self._refusal is not None:
+            raise self._refusal
 
     def run(self) -> None:
         """Until `finish`."""
-        while not self._over.wait(self._sink.period):
-            self._say(self._sink.take(list(self.reader.read())))
-        while len(rows := self.reader.read()):
-            self._say(self._sink.take(list(rows)))
-        self._say(self._sink.close())
+        name = "a viewer or recorder"
+        try:
+            sink = self._make()
+            name = type(sink).__name__
+            self._made.set()
+            while not self._over.wait(sink.period):
+                self._say(sink.take(list(self.reader.read())))
+            while len(rows := self.reader.read()):
+                self._say(sink.take(list(rows)))
+            self._say(sink.close())
+        except InputError as error:
+            self._refusal = error
+            self._tell(str(error))
+        except Exception as error:  # of any library: the others go on
+            self._tell(f"{name} broke and gets nothing more ({type(error).__name__}: {error})")
+        finally:
+            self._made.set()
 
     def finish(self) -> None:
         """Ends the sink with all that was read."""
@@ -120,16 +148,21 @@ def watch(settings: WatchSettings, console: Console) -> int:
         def tell(text: str) -> None:
             told.append(StreamEvent(EventKind.SINK, text, time.monotonic()))
 
-        sinks: list[Sink] = []
-        if settings.record is not None:
+        def recorder() -> Sink:
+            assert settings.record is not None
             folder = Path(settings.record)
-            sinks.append(Recorder(folder, session.robot, settings.record_format))
+            made = Recorder(folder, session.robot, settings.record_format)
             OutputFolder(folder).write_settings("config.yaml", settings)
-        if settings.view in SERVED_VIEWS:
-            view = SERVED_VIEWS[settings.view](session.robot)
-            sinks.append(view)
-            tell(f"the arm and its force are at {view.url}")
-        threads = [SinkThread(sink, session.follow(), tell) for sink in sinks]
+            return made
+
+        def view() -> Sink:
+            made = SERVED_VIEWS[settings.view](session.robot)
+            tell(f"the arm and its force are at {made.url}")
+            return made
+
+        wanted = [recorder] if settings.record is not None else []
+        wanted += [view] if settings.view in SERVED_VIEWS else []
+        threads = [SinkThread(make, session.follow(), tell) for make in wanted]
         summary, timer = LiveSummary(settings.source), _Timer(settings.duration_s)
         plain = settings.view == "lines" or not console.is_terminal
         reader = session.follow()

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import Detection
-from wrenchsight.models.detection.link_odds import LOADED, PlaceOdds, place_evidence
+from wrenchsight.models.detection.link_odds import DOUBT, LOADED, PlaceOdds, place_evidence
 
 BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which it is read what it starts from
 SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
-DOUBT = 0.1  # largest odds of a link that leave a reading at E valid
 LONGEST = 2.0  # s, of a contact's piece: the error of one says little about that of the next
 MOST_PIECES = 20
 

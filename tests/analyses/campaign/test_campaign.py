@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
@@ -85,11 +86,11 @@ def test_the_fastest_feed_alone_is_another_campaign(tmp_path, experiment, campai
     experiment("feeds", body)
     campaign("feeds", worlds=1, jobs=1, fastest_feed=True)
     assert (tmp_path / "feeds").read_text() == "True"
-    with pytest.raises(InputError, match="of other feeds"):
+    with pytest.raises(InputError, match="of another fastest feed"):
         campaign("feeds", worlds=1, jobs=1)
     campaign("feeds", worlds=1, jobs=1, folder="all")
     assert (tmp_path / "feeds").read_text() == "False"
-    with pytest.raises(InputError, match="of other feeds"):
+    with pytest.raises(InputError, match="of another fastest feed"):
         campaign("feeds", worlds=1, jobs=1, folder="all", fastest_feed=True)
 
 
@@ -143,7 +144,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     experiment("always", always)
     result = campaign("once")
     assert (result.worlds, result.failures) == (3, {})
-    assert not (tmp_path / "campaign" / ".campaign" / "everywhere").exists()
+    assert not (tmp_path / "campaign" / ".wrenchsight.partial").exists()
     result = campaign("always", folder="always")
     assert result.worlds == 2
     assert "killed" in result.failures[1].failures["always"]
@@ -200,21 +201,18 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
 
 def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
     experiment("toy")
-    experiment("other")
     campaign("toy", worlds=2)
-    parts = tmp_path / "campaign" / ".campaign"
-    from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
-
     # As if killed after its worlds, before the file: what is beside counts.
     record = read_table(tmp_path / "campaign" / "campaign.parquet")
     (tmp_path / "again").mkdir()
     kept = WorldParts(tmp_path / "again")
     for outcome in record.worlds.values():
         outcome.described = record.described
-        kept.add(outcome, record.settings, record.software)
+        kept.add(outcome, record)
     assert campaign("toy", worlds=2, folder="again").kept == 2
     assert counted("ran_toy") == 2
-    assert not list(parts.glob("*.json"))
+    assert file_of(tmp_path, "again") == file_of(tmp_path, "campaign")
+    assert not list((tmp_path / "again").glob(".campaign*"))
 
 
 def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, counted):
@@ -222,11 +220,11 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
     campaign("toy", worlds=1, jobs=1)
     with pytest.raises(InputError, match=r"holds worlds of another seed.*--fresh"):
         campaign("toy", seed=1)
-    with pytest.raises(InputError, match="of another length"):
+    with pytest.raises(InputError, match="of another quick"):
         campaign("toy", quick=True)
     module = tmp_path / "modules" / "campaign_toy.py"
     module.write_text(module.read_text() + "# changed\n")
-    with pytest.raises(InputError, match="of toy as another version of the software runs it"):
+    with pytest.raises(InputError, match="of another software of toy"):
         campaign("toy")
     assert campaign("toy", worlds=1, jobs=1, fresh=True).kept == 0
     assert counted("ran_toy") == 2

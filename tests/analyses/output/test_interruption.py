@@ -94,12 +94,3 @@ def test_without_a_signal_nothing_happens():
     with uninterrupted():
         pass
     assert signal.getsignal(signal.SIGINT) == before
-
-
-def test_a_library_may_turn_an_end_into_an_error_of_its_own():
-    with pytest.raises(RuntimeError), ends_are_interrupts() as came:
-        try:
-            os.kill(os.getpid(), signal.SIGTERM)
-        except KeyboardInterrupt:
-            raise RuntimeError("half compiled") from None
-    assert came == [signal.SIGTERM]

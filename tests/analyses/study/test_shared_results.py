@@ -33,19 +33,18 @@ def _counter(result):
     return calls, compute
 
 
-def test_outside_a_study_every_call_computes():
-    calls, compute = _counter(3.0)
-    assert [shared("f", (1,), compute) for _ in range(2)] == [3.0, 3.0]
-    assert len(calls) == 2
-
-
-def test_inside_it_is_computed_once_per_arguments(tmp_path):
+def test_inside_a_study_it_is_computed_once_per_arguments(tmp_path):
     calls, compute = _counter(np.arange(3.0))
+    for arguments in ((1,), (1,)):
+        shared("f", arguments, compute)
+    assert len(calls) == 2  # outside, every call computes
     with sharing_in(tmp_path):
+        with pytest.raises(ZeroDivisionError):
+            shared("f", (1,), lambda: 1 / 0)  # is not kept
         for arguments in ((1,), (1,), (2,)):
             np.testing.assert_array_equal(shared("f", arguments, compute), np.arange(3.0))
         shared("g", (1,), compute)
-    assert len(calls) == 3
+    assert len(calls) == 5
 
 
 def test_the_first_gets_what_the_others_get(tmp_path):
@@ -54,15 +53,6 @@ def test_the_first_gets_what_the_others_get(tmp_path):
     with sharing_in(tmp_path):
         first, second = (shared("f", (), lambda: strided) for _ in range(2))
     assert first.strides == second.strides != strided.strides
-
-
-def test_an_error_is_passed_on_and_not_kept(tmp_path):
-    calls, compute = _counter(1)
-    with sharing_in(tmp_path):
-        with pytest.raises(ZeroDivisionError):
-            shared("f", (), lambda: 1 / 0)
-        assert shared("f", (), compute) == 1
-    assert calls
 
 
 def test_who_asks_meanwhile_waits_for_the_other_process(tmp_path):

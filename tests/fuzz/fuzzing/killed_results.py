@@ -6,12 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
 
-from wrenchsight.analyses.campaign.campaign_store import PARTS, read_table
+from wrenchsight.analyses.campaign.campaign_store import read_table
 from wrenchsight.analyses.output.marked_page import refuse_unmarked
-from wrenchsight.analyses.output.result_folder import STAGING, recover
+from wrenchsight.analyses.output.result_folder import STAGING, ResultFolder, recover
 from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
-from wrenchsight.analyses.study.stored_result import DamagedResultError, read_result
-from wrenchsight.analyses.study.study_folder import StudyFolder
+from wrenchsight.analyses.study.stored_result import read_result
 from wrenchsight.models.files.input_error import InputError
 
 
@@ -65,7 +64,7 @@ class Folder(Results):
             return "no marker"
         found = next(strangers(self.path, marker), None)
         if found is not None:
-            return f"{found.name} is not as it was written"
+            return f"{found} is not as it was written"
         if set(marker.files) != set(after):
             return "files that the marker does not know, or that are gone"
         if self.telling not in after:
@@ -98,7 +97,7 @@ class CampaignFolder(Folder):
         return None if record.worlds else "no world is left"
 
     def hidden(self) -> list[str]:
-        return _hidden(self.path, {MARKER, PARTS}) + _hidden(self.path / PARTS, set())
+        return _hidden(self.path, {MARKER})
 
 
 class StudyResults(Results):
@@ -109,13 +108,13 @@ class StudyResults(Results):
         self._experiment = experiment
 
     def fault(self) -> str | None:
+        hidden = self.hidden()
         try:
-            StudyFolder(self.path, [self._experiment]).recover(self._experiment)
-            read_result(self.path / self._experiment)
-        except (InputError, DamagedResultError, OSError) as error:
+            folder = ResultFolder(self.path, "study")  # ends what a kill stopped, as the next run
+        except InputError as error:
             return str(error)
-        if StudyFolder(self.path, [self._experiment]).not_ours(self._experiment):
-            return "its experiment's folder holds what is not its own"
+        if read_result(folder, self._experiment) is None:
+            return "no result of the experiment"
         after = self._content()
         changed = {name for name in after if self._older.get(name) != after[name]}
         if "metrics.json" in changed and "report.html" not in changed:
@@ -123,12 +122,9 @@ class StudyResults(Results):
         own = {name for name in changed if name.startswith(f"{self._experiment}/")}
         if own and f"{self._experiment}/metrics.json" not in own:
             return f"{sorted(own)} beside older metrics"
-        if self._tidy_end and not self._had_part and self.hidden():
-            return f"left behind: {self.hidden()}"
+        if self._tidy_end and not self._had_part and hidden:
+            return f"left behind: {hidden}"
         return None
-
-    def hidden(self) -> list[str]:
-        return _hidden(self.path, {MARKER}) + _hidden(self.path / self._experiment, {MARKER})
 
 
 class Page(Results):

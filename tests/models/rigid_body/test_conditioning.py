@@ -1,4 +1,4 @@
-"""Singular values against numpy's, against exact ones, and at the edges."""
+"""Condition numbers against numpy's, against exact ones, and at the edges."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.rigid_body.conditioning import (
     condition_number,
     condition_number_of,
-    singular_values,
 )
 from wrenchsight.models.robot.robot import Robot
 
@@ -19,16 +18,9 @@ from wrenchsight.models.robot.robot import Robot
 TOLERANCE = 1e-9
 
 
-def lapack(J: Array) -> Array:
-    return np.linalg.svd(J, compute_uv=False)
-
-
 @pytest.mark.parametrize("n", range(1, 10))
 def test_equals_lapack(n: int) -> None:
     J = np.random.default_rng(n).normal(size=(500, 6, n))
-    expected = lapack(J)
-    assert singular_values(J).shape == (500, min(6, n))
-    assert np.abs(singular_values(J) / expected - 1.0).max() < TOLERANCE
     assert np.abs(condition_number(J) / np.linalg.cond(J) - 1.0).max() < TOLERANCE
 
 
@@ -67,9 +59,7 @@ def test_any_matrix(J: Array) -> None:
     """Zero rows, repeated columns, tiny entries: what hypothesis finds."""
     # Entries below 1e-60 underflow in fourth powers; no Jacobian has any.
     J = np.where(np.abs(J) < 1e-60, 0.0, J)
-    expected = lapack(J)
-    found = singular_values(J)
-    assert np.abs(found - expected).max() <= 1e-13 * max(expected[0], 1e-300)
+    expected = np.linalg.svd(J, compute_uv=False)
     ratio = float(condition_number(J))
     if expected[-1] > 1e-6 * expected[0]:
         assert ratio == pytest.approx(expected[0] / expected[-1], rel=TOLERANCE)
@@ -77,14 +67,13 @@ def test_any_matrix(J: Array) -> None:
         assert ratio > 0.9e6
 
 
-def test_relative_accuracy_of_small_singular_values() -> None:
+def test_condition_numbers_are_relatively_accurate() -> None:
     """Scaled orthogonal rows have singular values that are known to the last digits."""
     rng = np.random.default_rng(2)
     exact = np.array([1.0, 0.3, 1e-3, 1e-6, 1e-9, 1e-12])
     for _ in range(20):
         Q, _ = np.linalg.qr(rng.normal(size=(6, 6)))
         J = rng.permutation(exact)[:, None] * Q
-        assert np.abs(singular_values(J) / exact - 1.0).max() < 1e-13
         assert condition_number(J) == pytest.approx(1e12, rel=1e-13)
 
 
@@ -103,7 +92,6 @@ def test_singular_is_infinite(sts: Robot) -> None:
     dependent[5] = J[0] - 2.0 * J[3]  # singular but for rounding
     stack = np.array([np.zeros((6, 6)), zero_row, equal_columns, dependent, J])
     assert np.isinf(condition_number(stack)).tolist() == [True] * 4 + [False]
-    assert singular_values(stack)[0].tolist() == [0.0] * 6
     # The bundled arm stretched out straight.
     assert np.isinf(sts.chain.condition_number(np.zeros(6)))
     # Seven joints, two of them about the same axis, are not singular for that.
@@ -120,14 +108,12 @@ def test_not_finite_is_nan() -> None:
 
 def test_one_and_many_agree_bit_for_bit() -> None:
     J = np.random.default_rng(6).normal(size=(300, 6, 7))
-    many, values = condition_number(J), singular_values(J)
+    many = condition_number(J)
     for k in (0, 127, 128, 299):
         assert np.array_equal(condition_number(J[k]), many[k])
-        assert np.array_equal(singular_values(J[k]), values[k])
     assert condition_number(J[0]).shape == ()
     folded = J.reshape(30, 10, 6, 7)
     assert np.array_equal(condition_number(folded), many.reshape(30, 10))
-    assert np.array_equal(singular_values(folded), values.reshape(30, 10, 6))
     assert condition_number(J[:0]).shape == (0,)
     # Column order in memory must not matter.
     assert np.array_equal(condition_number(np.asfortranarray(J)), many)
@@ -152,7 +138,6 @@ def test_input_is_left_alone() -> None:
     J = np.random.default_rng(7).normal(size=(6, 6))
     before = J.copy()
     condition_number(J)
-    singular_values(J)
     assert np.array_equal(J, before)
 
 
@@ -171,5 +156,3 @@ def test_from_another_kernel(n: int) -> None:
 def test_wrong_shapes_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"expected Jacobians of shape \(\.\.\., 6, n\)"):
         condition_number(np.zeros(shape))
-    with pytest.raises(ValueError, match=r"expected Jacobians of shape"):
-        singular_values(np.zeros(shape))

@@ -61,6 +61,17 @@ def test_a_panda_says_whether_it_runs(mode, running):
     assert bool(sample.state) is not running
 
 
+@pytest.mark.parametrize(("kind", "make", "sign"), [("iiwa", iiwa, 1.0), ("panda", panda, -1.0)])
+def test_external_torque_is_that_on_the_arm(kind, make, sign):
+    lcm = DrakeLcm("memq://")
+    source = LcmSource(lcm, "S", kind, external=True)
+    message = make(7, np.random.default_rng(2))
+    lcm.Publish("S", message.encode())
+    _, sample = source.read(0.0)
+    np.testing.assert_array_equal(sample.effort, sign * np.array(message.joint_torque_external))
+    assert sample.is_external
+
+
 def test_what_is_no_status_is_left_out():
     lcm, rng = DrakeLcm("memq://"), np.random.default_rng(3)
     source = LcmSource(lcm, "S", "iiwa")
