@@ -6,7 +6,6 @@ import pytest
 
 from wrenchsight.models.row_blocks import in_row_blocks
 
-
 MOST = numba.config.NUMBA_NUM_THREADS
 
 
