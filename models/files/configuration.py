@@ -105,8 +105,15 @@ def save_configuration(configuration: Any, path: str | Path) -> None:
     Raises:
         InputError: the file cannot be written there.
     """
+    # Drake leaves out what is None, also where the default is something.
+    absent = [
+        field.name
+        for field in dataclasses.fields(configuration)
+        if getattr(configuration, field.name) is None and field.default is not None
+    ]
+    text = yaml_dump_typed(configuration) + "".join(f"{name}: null\n" for name in absent)
     with whole_file(path) as partial:
-        partial.write_text(yaml_dump_typed(configuration), encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
 
 
 def nearest(word: str, known: typing.Iterable[str]) -> str:

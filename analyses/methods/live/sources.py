@@ -20,9 +20,18 @@ def _ros2(address: SourceAddress, robot: Robot) -> Source:
     return Ros2Source.open(address, robot)
 
 
+def _franka(address: SourceAddress, robot: Robot) -> Source:
+    with needing_extra("franka", "franka://"):
+        import pylibfranka  # noqa: F401
+    from wrenchsight.analyses.methods.live.franka_source import FrankaSource
+
+    return FrankaSource.open(address, robot)
+
+
 __all__ = ["SOURCES", "open_source"]
 
 SOURCES["rtde"] = RtdeSource.open
 SOURCES["replay"] = ReplaySource.open
 SOURCES["lcm"] = _lcm
 SOURCES["ros2"] = _ros2
+SOURCES["franka"] = _franka

@@ -38,7 +38,8 @@ class WatchSettings:
     """All that a run of `watch` depends on, as its config.yaml holds it."""
 
     command: str = "watch"  # which wrote it
-    source: str = ""  # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL, ros2://TOPIC
+    source: str = ""
+    # rtde://HOST[:PORT], replay://FILE, lcm://CHANNEL, ros2://TOPIC, franka://HOST
     robot: str = ""  # a bundled robot's name, or the path of a robot.yaml
     model: str | None = None
     # model.yaml that identify wrote; else the robot's own files, and no reading is valid

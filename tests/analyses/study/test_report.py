@@ -147,31 +147,21 @@ def test_every_link_leads_somewhere_and_none_to_the_network(outcome, render, tmp
             assert (tmp_path / unquote(target)).is_file(), target
 
 
-def test_the_page_loads_nothing(outcome, render, tmp_path):
-    render(outcome("one"))
-    text = (tmp_path / "report.html").read_text()
-    for word in ("http:", "https:", "<script", "@import", "url("):
-        assert word not in text
-
-
-def test_identifiers_are_unique(outcome, render):
+def test_two_sections_share_a_page_that_loads_nothing(outcome, render, tmp_path):
     page = render(outcome("one"), outcome("two"))
     assert len(set(page.ids)) == len(page.ids)
-
-
-def test_figures_are_numbered_through_and_have_their_captions(outcome, render):
-    page = render(outcome("one"), outcome("two"))
     captions = "".join(page.captions)
     for number_of_figure in range(1, 5):
         assert captions.count(f"Figure {number_of_figure}.") == 1
-    assert "Torque, measured & predicted." in captions
-    assert [image["alt"] for image in page.images][:2] == ["Torque, measured & predicted.", "Bode."]
-
-
-def test_images_state_a_size_that_fits_the_page(outcome, render):
-    for image in render(outcome("one")).images:
+    texts = ["Torque, measured & predicted.", "Bode."]
+    assert texts[0] in captions
+    assert [image["alt"] for image in page.images][:2] == texts
+    for image in page.images:
         assert int(image["width"]) == 960
         assert int(image["height"]) == pytest.approx(240, abs=1)  # 2 of 8 inches
+    text = (tmp_path / "report.html").read_text()
+    for word in ("http:", "https:", "<script", "@import", "url("):
+        assert word not in text
 
 
 def test_the_summary_comes_first_and_compares(outcome, render):

@@ -78,6 +78,18 @@ def test_what_is_saved_is_read_back_to_the_last_digit(tmp_path: Path) -> None:
     assert again.__dict__ == thing.__dict__
 
 
+def test_nothing_is_saved_where_the_default_is_something(tmp_path: Path) -> None:
+    @dataclass
+    class Room:
+        name: str = ""
+        floor: float | None = 0.0
+        ceiling: float | None = None
+
+    save_configuration(Room("hall", None), tmp_path / "saved.yaml")
+    assert load_configuration(tmp_path / "saved.yaml", Room) == Room("hall", None)
+    assert "ceiling" not in (tmp_path / "saved.yaml").read_text()
+
+
 def test_child_name_selects_a_part(tmp_path: Path) -> None:
     path = write(tmp_path, "a: {name: first}\nb: {name: second}\n")
     assert load_configuration(path, Thing, "b").name == "second"
