@@ -141,6 +141,7 @@ def make_estimator(
         builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
 
     position, velocity, current, fault = _checked_inputs(builder, estimator)
+    builder.Connect(fault, reconstruction.GetInputPort("fault"))
     builder.Connect(position, terms.GetInputPort("q"))
     builder.Connect(velocity, terms.GetInputPort("v"))
     builder.Connect(current, motor.GetInputPort("current"))

@@ -20,7 +20,6 @@ from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
     READING,
-    READING_MEMORY,
     READING_WORK_ROWS,
     WrenchReading,
     read_sample,
@@ -50,7 +49,8 @@ class JacobianWrenchReconstruction(LeafSystem):
       terms         -->  |                              | --> covariance
       tau_ext       -->  |                              | --> condition_number
       tau_ext_valid -->  | JacobianWrenchReconstruction | --> valid
-      observed      -->  |                              | --> reading
+      fault         -->  |                              | --> reading
+      observed      -->  |                              |
       torque_error  -->  |                              |
       pole          -->  |                              |
                          +------------------------------+
@@ -58,6 +58,7 @@ class JacobianWrenchReconstruction(LeafSystem):
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
+                 fault              (1,) not 0 where the sample is one that cannot be; optional
                  observed           (42,) wrench and covariance, of an observer that reads them
                                     itself; to be left unconnected otherwise
                  torque_error       (ERROR_ROWS n,) of TorqueErrorSystem; left unconnected the error
@@ -74,7 +75,7 @@ class JacobianWrenchReconstruction(LeafSystem):
                  reading            (44,) these four, one after the other (READING_SIZES), in
                                     one port
                  All with direct feedthrough, all from one computation.
-    State:       (READING_MEMORY,) with a time step; none without
+    State:       `WrenchReading.initial_state`, with a time step; none without
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
                  torque_covariance  (n²,) Σ_tau, N² m², row by row; of a constant error alone
                  damping            (1,) of method "damped"
@@ -118,6 +119,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
         self._observed = self.DeclareVectorInputPort("observed", OBSERVED)
+        self._fault = self.DeclareVectorInputPort("fault", 1)
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         # The whitening and the prior change only with the parameters, not at every tick.
@@ -127,7 +129,8 @@ class JacobianWrenchReconstruction(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
             tuned | {self._pole.ticket()},
         )
-        ports = self._terms, self._tau_ext, self._tau_ext_valid, self._observed, self._torque_error
+        ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._fault]
+        ports += [self._observed, self._torque_error]
         tickets = {port.ticket() for port in ports} | {self._tables.ticket()}
         self._last: LastTick | None = None
         if time_step > 0.0:
@@ -186,12 +189,15 @@ class JacobianWrenchReconstruction(LeafSystem):
         counts = not self._tau_ext_valid.HasValue(context) or (
             self._tau_ext_valid.Eval(context)[0] == 1.0
         )
-        state, reading = np.full(READING_MEMORY, np.nan), np.empty(READING)
+        lost = self._fault.HasValue(context) and self._fault.Eval(context)[0] != 0.0
+        state, reading = self._wrench_reading.initial_state(), np.empty(READING)
         if self._last is not None:
             state[:] = context.get_discrete_state(0).value()
         work = np.empty((READING_WORK_ROWS, max(self._n, 6)))
         tau_ext = self._tau_ext.Eval(context)
-        read_sample(tables, state, error, J, tau_ext, bool(counts), observed, reading, work)
+        read_sample(
+            *(tables, state, error, J, tau_ext, bool(counts), bool(lost), observed, reading, work)
+        )
         value.set_value((reading, state))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:

@@ -270,6 +270,7 @@ class WrenchEstimator:
             T,
             self.config.force_bandwidth_hz,
             np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
+            robot.joint_torque(np.eye(n)),
         )
         self.observed_size = 0 if self.observer.kernels.wrench is None else OBSERVED
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
@@ -309,7 +310,13 @@ class WrenchEstimator:
             slip=friction.slip_table,
             error=error.table,
             poles=error.poles,
-            **dict(zip(("read_load", "lag", "explained", "wrench"), reading.tables, strict=True)),
+            **dict(
+                zip(
+                    ("read_load", "lag", "explained", "doubt", "wrench"),
+                    reading.tables,
+                    strict=True,
+                )
+            ),
             check=np.empty((0, self.num_joints)) if self.check is None else self.check.table,
             period=np.array([period]),
         )
@@ -454,7 +461,8 @@ class WrenchEstimator:
                 sd[rows] = part[:, row]
             now = TorqueError(*(x[rows] for x in error))
             F[rows], covariance[rows], condition[rows], valid[rows] = self.reading.run(
-                parts.reading, now, J[rows], tau_ext[rows], counts[rows], own, conditions
+                *(parts.reading, now, J[rows], tau_ext[rows], counts[rows], fault[rows] != 0),
+                *(own, conditions),
             )
         return EstimateBatch(
             *(tau_ext, F, covariance, condition, valid, J, error.sd, transmitted, counts, fault),

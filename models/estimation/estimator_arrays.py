@@ -20,7 +20,8 @@ from wrenchsight.models.estimation.torque_error_stage import (
 from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
     READING,
-    READING_MEMORY,
+    READING_NUMBERS,
+    READING_ROWS,
     READING_WORK_ROWS,
 )
 from wrenchsight.models.kernel import kernel
@@ -41,7 +42,7 @@ class Parameters(NamedTuple):
         friction: table of the friction law's velocity_law.
         slip: FrictionLaw.slip_table.
         error, poles: of TorqueErrorStage; poles in one row.
-        read_load, lag, explained, wrench: WrenchReading.tables; all but the last in one row each.
+        read_load, lag, explained, doubt, wrench: WrenchReading.tables; all but the last in one row.
         check: SampleCheck.table; without rows samples are not checked.
         period: (1, 1) s between samples.
     """
@@ -55,6 +56,7 @@ class Parameters(NamedTuple):
     read_load: Array
     lag: Array
     explained: Array
+    doubt: Array
     wrench: Array
     check: Array
     period: Array
@@ -114,6 +116,7 @@ def parameters_of(values: Array, layout: Layout) -> Parameters:
         _part(values, layout, 9),
         _part(values, layout, 10),
         _part(values, layout, 11),
+        _part(values, layout, 12),
     )
 
 
@@ -123,7 +126,7 @@ class State(NamedTuple):
     Attributes:
         observer, friction: (rows, n) of the observer and of the friction law.
         error: (STAGE_ROWS, n) of the torque error.
-        reading: (READING_MEMORY,).
+        reading: of `WrenchReading.initial_state`.
         check: (CHECK_ROWS, n) of the check of samples.
     """
 
@@ -136,8 +139,8 @@ class State(NamedTuple):
 
 def state_size(num_joints: int, observer_rows: int, friction_rows: int) -> int:
     """Entries of the state."""
-    rows = observer_rows + friction_rows + STAGE_ROWS + CHECK_ROWS
-    return rows * num_joints + READING_MEMORY
+    rows = observer_rows + friction_rows + STAGE_ROWS + CHECK_ROWS + READING_ROWS
+    return rows * num_joints + READING_NUMBERS
 
 
 @kernel(forceinline=True)
@@ -152,7 +155,7 @@ def state_of(state: Array, layout: Layout, n: int) -> State:
         view_2d(state, 0, rows[0], n),
         view_2d(state, a, rows[1], n),
         view_2d(state, b, STAGE_ROWS, n),
-        state[d : d + READING_MEMORY],
+        state[d : d + READING_NUMBERS + READING_ROWS * n],
         view_2d(state, c, CHECK_ROWS, n),
     )
 
@@ -168,7 +171,7 @@ class Tick(NamedTuple):
         signals: (NUM_SIGNALS, n), see `models.observers.observer`.
         error: of the sample; its sds are rows of `signals`.
         error_state: (STAGE_ROWS, n) after the sample.
-        reading_state: (READING_MEMORY,) after the sample.
+        reading_state: of the reading, after the sample.
         observed: (OBSERVED,) wrench that the observer reads itself, and its covariance.
     """
 
@@ -197,7 +200,7 @@ def tick_sizes(num_joints: int) -> dict[str, int]:
         "J": 6 * n,
         "signals": TORQUE_SD * n,
         "torque_error": ERROR_ROWS * n,
-        "rest": STAGE_ROWS * n + READING_MEMORY + OBSERVED,
+        "rest": (STAGE_ROWS + READING_ROWS) * n + READING_NUMBERS + OBSERVED,
     }
 
 
@@ -210,7 +213,7 @@ def tick_of(out: Array, n: int) -> Tick:
     d = c + TORQUE_SD * n
     e = d + ERROR_ROWS * n
     f = e + STAGE_ROWS * n
-    g = f + READING_MEMORY
+    g = f + READING_NUMBERS + READING_ROWS * n
     return Tick(
         out[:n],
         out[n:a],

@@ -26,8 +26,6 @@ from wrenchsight.models.estimation.estimator_arrays import (
     Layout,
     Parameters,
     State,
-    Tick,
-    Workspace,
     parameters_of,
     state_of,
     tick_of,
@@ -291,22 +289,7 @@ def tick_output(
     """
     n = q.shape[0]
     p, s = parameters_of(values, layout), state_of(state, layout, n)
-    _output(choice, p, observer, s, q, v, current, known, tick_of(out, n), workspace_of(scratch, n))
-
-
-@kernel(forceinline=True)
-def _output(
-    choice: KernelChoice,
-    p: Parameters,
-    observer: Array,
-    s: State,
-    q: Array,
-    v: Array,
-    current: Array,
-    known: Array,
-    tick: Tick,
-    work: Workspace,
-) -> None:
+    tick, work = tick_of(out, n), workspace_of(scratch, n)
     checked = work.checked
     tick.flags[FAULT] = 0.0
     if p.check.shape[0] > 0:
@@ -324,9 +307,11 @@ def _output(
     tick.flags[COUNTS] = 1.0 if counts else 0.0
     tick.reading_state[:] = s.reading
     read_wrench(
-        (p.read_load[0], p.lag[0], p.explained[0], p.wrench),
+        (p.read_load[0], p.lag[0], p.explained[0], p.doubt[0], p.wrench),
         *(tick.reading_state, tick.error, J, tick.tau_ext),
-        *(counts, observed, tick.reading, work.reading),
+        counts,
+        tick.flags[FAULT] != 0.0,
+        *(observed, tick.reading, work.reading),
     )
 
 
@@ -353,22 +338,7 @@ def tick_update(
     """
     n = q.shape[0]
     p, s = parameters_of(values, layout), state_of(state, layout, n)
-    _update(choice, p, observer, s, q, v, current, known, tick_of(out, n), workspace_of(scratch, n))
-
-
-@kernel(forceinline=True)
-def _update(
-    choice: KernelChoice,
-    p: Parameters,
-    observer: Array,
-    s: State,
-    q: Array,
-    v: Array,
-    current: Array,
-    known: Array,
-    tick: Tick,
-    work: Workspace,
-) -> None:
+    tick, work = tick_of(out, n), workspace_of(scratch, n)
     checked, signals = work.checked, tick.signals
     if p.check.shape[0] > 0:
         checked[0], checked[1] = signals[Q], signals[V]
@@ -395,12 +365,9 @@ def estimate_tick(
     scratch: Array,
 ) -> None:
     """Both halves of a tick; `sample` (3, n) q, v, current, the others as `tick_output`."""
-    n = sample.shape[1]
-    p, s = parameters_of(values, layout), state_of(state, layout, n)
-    tick, work = tick_of(out, n), workspace_of(scratch, n)
     q, v, current = sample[0], sample[1], sample[2]
-    _output(choice, p, observer, s, q, v, current, known, tick, work)
-    _update(choice, p, observer, s, q, v, current, known, tick, work)
+    tick_output(choice, values, layout, observer, state, q, v, current, known, out, scratch)
+    tick_update(choice, values, layout, observer, state, q, v, current, known, out, scratch)
 
 
 # ----------------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """Kernels of the wrench reconstruction: one sample, or a log; the theory is in `wrench`."""
 
 import numpy as np
-from numba import prange
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
@@ -12,6 +11,7 @@ from wrenchsight.models.rigid_body.small_matrices import (
     largest_eigenvalue_3x3,
     orthogonalise_rows,
 )
+from wrenchsight.models.row_blocks import in_row_blocks
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, FORCE_ONLY, BAYESIAN, _DAMPED, _TRUNCATED = range(5)
@@ -26,7 +26,7 @@ _SCRATCH, _FEIGNED, _VECTOR = 42, 48, 51
 _SD, _STICTION, _WEIGHTS = range(_VECTOR + 3, _VECTOR + 6)
 WORK_ROWS = _VECTOR + 6
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
-_BLOCK = 256  # samples a thread takes at a time
+_BLOCK = 1024  # samples that are worth a thread: some 5 ms
 _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values give
 _LARGEST = 1e60  # N, N m and their squares; more counts as not finite
 
@@ -453,7 +453,6 @@ def _passed_on(table: Array, H: Array, sd: Array, product: Array, covariance: Ar
             covariance[j, i] = total
 
 
-@kernel(parallel=True)
 def reconstruct_log(
     table: Array,
     J_now: Array,
@@ -465,20 +464,38 @@ def reconstruct_log(
     covariance: Array,
     quality: Array,
 ) -> None:
-    """`reconstruct_with` for N samples, in parallel; conditions are NaN where J_now has no rows."""
-    N = J.shape[0]
-    for block in prange((N + _BLOCK - 1) // _BLOCK):
-        start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
-        work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
-        conditions = np.zeros(stop - start)
-        if J_now.shape[0] > 0:
-            condition_numbers_of(J_now[start:stop], conditions)
-        for k in range(start, stop):
-            valid = _reading(
-                table, J[k], tau_ext[k], sd[k], stiction[k], wrench[k], covariance[k], work
-            )
-            condition = conditions[k - start]
-            quality[k, 0] = np.inf if np.isnan(condition) else condition
-            if J_now.shape[0] == 0:
-                quality[k, 0] = np.nan
-            quality[k, 1] = 1.0 if valid else 0.0
+    """`reconstruct_with` for N samples, by threads; conditions are NaN where J_now has no rows."""
+
+    def run(rows: slice) -> None:
+        _reconstruct_rows(
+            *(table, J_now[rows], J[rows], tau_ext[rows], sd[rows], stiction[rows]),
+            *(wrench[rows], covariance[rows], quality[rows]),
+        )
+
+    in_row_blocks(run, len(J), _BLOCK)
+
+
+@kernel(nogil=True)
+def _reconstruct_rows(
+    table: Array,
+    J_now: Array,
+    J: Array,
+    tau_ext: Array,
+    sd: Array,
+    stiction: Array,
+    wrench: Array,
+    covariance: Array,
+    quality: Array,
+) -> None:
+    work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
+    conditions = np.zeros(J.shape[0])
+    if J_now.shape[0] > 0:
+        condition_numbers_of(J_now, conditions)
+    for k in range(J.shape[0]):
+        valid = _reading(
+            table, J[k], tau_ext[k], sd[k], stiction[k], wrench[k], covariance[k], work
+        )
+        quality[k, 0] = np.inf if np.isnan(conditions[k]) else conditions[k]
+        if J_now.shape[0] == 0:
+            quality[k, 0] = np.nan
+        quality[k, 1] = 1.0 if valid else 0.0

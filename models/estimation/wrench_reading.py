@@ -25,6 +25,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
     reconstruct_with,
 )
 from wrenchsight.models.identification.torque_error_model import (
+    TAU_J_ROW,
     ConstantTorqueError,
     TorqueErrorModel,
 )
@@ -36,6 +37,13 @@ from wrenchsight.models.observers.explained_torque import (
     unexplained,
 )
 from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
+from wrenchsight.models.observers.signal_doubt import (
+    DOUBT_NUMBERS,
+    DOUBT_ROWS,
+    doubt_table,
+    initial_doubt,
+    is_believed,
+)
 from wrenchsight.models.views import view_2d
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
@@ -44,8 +52,9 @@ OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
 READING_WORK_ROWS = WORK_ROWS + 2  # rows of max(n, 6) in which a sample is read
 _SD, _LATENESS = WORK_ROWS, WORK_ROWS + 1
 
-READING_MEMORY = 7  # entries of the state: a slow wrench, and s of doubt
-_DOUBT = 6
+_DOUBT, _SIGNALS = 6, 7  # of the state: a slow wrench, s of doubt, then that of `signal_doubt`
+READING_NUMBERS, READING_ROWS = _SIGNALS + DOUBT_NUMBERS, DOUBT_ROWS
+# of the state: so many numbers, then so many rows of n
 
 
 class WrenchReading:
@@ -58,6 +67,7 @@ class WrenchReading:
         time_step: s.
         force_bandwidth_hz: see `wrenchsight.models.observers.lag`.
         usual_sd: see `WrenchReconstruction`.
+        torques: (n, n) N m on the joints, a row for one ampere in each motor; None: joint by joint.
 
     Raises:
         ValueError: as `WrenchReconstruction` and `LagModel`.
@@ -71,9 +81,10 @@ class WrenchReading:
         time_step: float,
         force_bandwidth_hz: float,
         usual_sd: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
     ) -> None:
         learnt = not isinstance(error, ConstantTorqueError)
-        self.error, self._usual_sd = error, usual_sd
+        self.error, self._usual_sd, self._torques = error, usual_sd, torques
         self._time_step, self._force_bandwidth_hz = time_step, force_bandwidth_hz
         self.config = config
         self.num_joints = n = error.num_joints
@@ -84,11 +95,13 @@ class WrenchReading:
         beyond = BEYOND if learnt else np.inf
         self.explained = explained_table(error.correlation, *live, error.scale, time_step, beyond)
         self.read_load = np.array([error.read_load])
+        lines = np.eye(n) if torques is None else torques
+        self.doubt = doubt_table(lines, rates, time_step, learnt)
 
     @property
-    def tables(self) -> tuple[Array, Array, Array, Array]:
+    def tables(self) -> tuple[Array, Array, Array, Array, Array]:
         """The constants of `read_wrench`."""
-        return self.read_load, self.lag, self.explained, self.reconstruction.table
+        return self.read_load, self.lag, self.explained, self.doubt, self.reconstruction.table
 
     @classmethod
     def constant(
@@ -120,12 +133,13 @@ class WrenchReading:
             same = np.array_equal(torque_covariance, error.covariance)
             error = error if same else ConstantTorqueError.of(torque_covariance)
         return WrenchReading(
-            *(error, config, K_0, self._time_step, self._force_bandwidth_hz, self._usual_sd)
+            *(error, config, K_0, self._time_step, self._force_bandwidth_hz),
+            *(self._usual_sd, self._torques),
         )
 
     def initial_state(self) -> Array:
-        """Returns the (READING_MEMORY,) state before the first sample."""
-        return np.full(READING_MEMORY, np.nan)
+        """Returns the state before the first sample."""
+        return np.concatenate([np.full(_SIGNALS, np.nan), initial_doubt(self.num_joints)])
 
     def run(
         self,
@@ -134,17 +148,19 @@ class WrenchReading:
         J: Array,
         tau_ext: Array,
         counts: Flags,
+        lost: Flags,
         observed: Array,
         conditions: bool = True,
     ) -> WrenchEstimate:
         """Reads N samples.
 
         Args:
-            state: (READING_MEMORY,), changed in place.
+            state: of `initial_state`, changed in place.
             error: of N samples.
             J: (N, 6, n) at E in axes of W.
             tau_ext: (N, n) N m.
             counts: (N,) whether tau_ext is of its sample, so that the reading may be valid.
+            lost: (N,) whether the sample is one that cannot be.
             observed: (N, OBSERVED) wrench and covariance that the observer reads itself, which then
                 take the place of the reading's; (N, 0): it does not.
             conditions: whether condition numbers are wanted; NaN where not.
@@ -161,7 +177,8 @@ class WrenchReading:
         if observed.shape[1] > 0:
             wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
         _judge_log(
-            *(self.lag, self.explained, state, error.J_seen, tau_ext, sd, np.asarray(counts, bool)),
+            *((self.lag, self.explained, self.doubt), state, error.J_seen, tau_ext, sd),
+            *(error.rows, np.asarray(counts, bool), np.asarray(lost, bool)),
             *(wrench, covariance, quality),
         )
         return WrenchEstimate(wrench, covariance, quality[:, 0], quality[:, 1] == 1.0)
@@ -169,13 +186,14 @@ class WrenchReading:
 
 @kernel(forceinline=True)
 def judge_reading(
-    lag: Array,
-    explained: Array,
+    tables: tuple[Array, Array, Array],
     state: Array,
     seen: Array,
     tau_ext: Array,
     sd: Array,
+    tau_J: Array,
     counts: bool,
+    lost: bool,
     wrench: Array,
     covariance: Array,
     quality: Array,
@@ -184,19 +202,23 @@ def judge_reading(
     """Single-sample kernel: adds lag and scale to a reading, and settles whether it is valid.
 
     Args:
-        lag, explained: of WrenchReading.
-        state: (READING_MEMORY,), changed.
+        tables: lag, explained and doubt of WrenchReading.
+        state: of `initial_state`, changed.
         seen: (6, n) J as tau_ext saw it.
         tau_ext, sd: (n,) N m.
+        tau_J: (n,) N m, of the sample before.
         counts: whether tau_ext is of this sample.
+        lost: whether the sample is one that cannot be.
         wrench: (6,).
         covariance: (6, 6), changed.
         quality: (2,) condition number and valid, the latter changed.
         lateness: (6,), overwritten.
     """
+    lag, explained, doubt = tables
     D = unexplained(explained, seen, tau_ext, sd)
     at_E, state[_DOUBT] = is_explained(explained, state[_DOUBT], D)
-    valid = counts and quality[1] == 1.0 and at_E
+    sound = is_believed(doubt, state[_SIGNALS:], tau_ext, sd, tau_J, counts, lost)
+    valid = counts and quality[1] == 1.0 and at_E and sound
     quality[1] = 1.0 if valid else 0.0
     lag_tick(lag, state[:6], wrench, covariance, lateness)
     lag_update(lag, state[:6], wrench, valid)
@@ -204,12 +226,13 @@ def judge_reading(
 
 @kernel(forceinline=True)
 def read_wrench(
-    tables: tuple[Array, Array, Array, Array],
+    tables: tuple[Array, Array, Array, Array, Array],
     state: Array,
     error: TorqueError,
     J: Array,
     tau_ext: Array,
     counts: bool,
+    lost: bool,
     observed: Array,
     reading: Array,
     work: Array,
@@ -218,16 +241,17 @@ def read_wrench(
 
     Args:
         tables: of WrenchReading.
-        state: (READING_MEMORY,), changed.
+        state: of `initial_state`, changed.
         error: of the sample.
         J: (6, n).
         tau_ext: (n,).
         counts: whether tau_ext is of this sample, so that the reading may be valid.
+        lost: whether the sample is one that cannot be.
         observed: (OBSERVED,) as `WrenchReading.run`, or (0,).
         reading: (READING,), written.
         work: (READING_WORK_ROWS, max(n, 6)), overwritten.
     """
-    read_load, lag, explained, wrench = tables
+    read_load, lag, explained, doubt, wrench = tables
     n = J.shape[1]
     sd, covariance, quality = work[_SD, :n], view_2d(reading, 6, 6, 6), reading[42:READING]
     for j in range(n):
@@ -241,37 +265,39 @@ def read_wrench(
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
     judge_reading(
-        *(lag, explained, state, error.J_seen, tau_ext, sd, counts),
-        *(reading[:6], covariance, quality, work[_LATENESS]),
+        *((lag, explained, doubt), state, error.J_seen, tau_ext, sd, error.rows[TAU_J_ROW]),
+        *(counts, lost, reading[:6], covariance, quality, work[_LATENESS]),
     )
 
 
 @kernel
 def read_sample(
-    tables: tuple[Array, Array, Array, Array],
+    tables: tuple[Array, Array, Array, Array, Array],
     state: Array,
     error: Array,
     J: Array,
     tau_ext: Array,
     counts: bool,
+    lost: bool,
     observed: Array,
     reading: Array,
     work: Array,
 ) -> None:
     """`read_wrench` with the torque error in (ERROR_ROWS n,) memory."""
     views = torque_error_views(error, J.shape[1])
-    read_wrench(tables, state, views, J, tau_ext, counts, observed, reading, work)
+    read_wrench(tables, state, views, J, tau_ext, counts, lost, observed, reading, work)
 
 
 @kernel
 def _judge_log(
-    lag: Array,
-    explained: Array,
+    tables: tuple[Array, Array, Array],
     state: Array,
     seen: Array,
     tau_ext: Array,
     sd: Array,
+    rows: Array,
     counts: Flags,
+    lost: Flags,
     wrench: Array,
     covariance: Array,
     quality: Array,
@@ -279,6 +305,6 @@ def _judge_log(
     lateness = np.empty(6)
     for k in range(tau_ext.shape[0]):
         judge_reading(
-            *(lag, explained, state, seen[k], tau_ext[k], sd[k], counts[k]),
-            *(wrench[k], covariance[k], quality[k], lateness),
+            *(tables, state, seen[k], tau_ext[k], sd[k], rows[k, TAU_J_ROW]),
+            *(counts[k], lost[k], wrench[k], covariance[k], quality[k], lateness),
         )

@@ -95,9 +95,10 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
 ) = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 19)
 
 # Rows of the state.
-_POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED = range(7)
-TORQUE_ERROR_ROWS = 7
-UNKNOWN_SHARE_ROW, TRANSMITTED_ROW = _UNKNOWN_SHARE, _TRANSMITTED  # w, and L of the last sample
+_POSITION, _UNKNOWN_SHARE, _TURN, _UNKNOWN, _TURNING, _SLOW_SPEED, _TRANSMITTED, _TAU_J = range(8)
+TORQUE_ERROR_ROWS = 8
+UNKNOWN_SHARE_ROW, TRANSMITTED_ROW, TAU_J_ROW = _UNKNOWN_SHARE, _TRANSMITTED, _TAU_J
+# w, and L and tau_J of the last sample
 NUM_FEATURES = 6  # of `torque_error_features`
 
 
@@ -412,6 +413,7 @@ def initial_torque_error_state(num_joints: int) -> Array:
     state[_POSITION] = np.nan
     state[_UNKNOWN_SHARE] = 1.0
     state[_TURN] = 1.0  # where nothing is known, nothing turns
+    state[_TAU_J] = np.nan
     return state
 
 
@@ -498,11 +500,12 @@ def torque_sd_tick(
 
 @kernel
 def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
-    """Takes L = tau_J - tau_f, (n,) N m, for the next sample into `state`, where it is finite."""
+    """Takes L = tau_J - tau_f and tau_J, (n,) N m, for the next sample, where they are finite."""
     for i in range(tau_J.shape[0]):
         transmitted = tau_J[i] - tau_f[i]
         if np.isfinite(transmitted):
             state[_TRANSMITTED, i] = transmitted
+            state[_TAU_J, i] = tau_J[i]
 
 
 @kernel

@@ -15,6 +15,9 @@ law takes as a sample that never came. Checked are, joint by joint,
     drift         the sum of r dt over DRIFT_TIME, at most DRIFT times the speed limit: what a stuck
                   encoder leaves behind, or a velocity that is none of this joint's; once over, it
                   is forgotten within DRIFT_TIME ln DRIFT_KEPT
+    disorder      the sum of (|r| - |v| - SMOOTH DISAGREEMENT) dt likewise: positions that run to
+                  and fro further than their velocity goes, as of samples in a wrong order, or read
+                  at other times than they are taken for
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
                   not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
@@ -50,6 +53,7 @@ DISAGREEMENT, JITTER = 0.1, 3.0
 RISE, RISE_TIME = 4.0, 1.0  # s
 DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
 DRIFT_KEPT = 1.1  # of the bound
+SMOOTH = 0.5
 FROZEN_TIME, ZERO_TIME = 0.5, 0.05  # s
 ZERO_FALL = 0.1
 MOVES = 0.02  # of the speed limit, above which a joint moves
@@ -60,7 +64,7 @@ BEYOND, DISAGREES, FROZEN = 1, 2, 4
 
 _LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
 _ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
-_Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _SAME, _BEFORE, CHECK_ROWS = range(10)
+_Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _DISORDER, _SAME, _BEFORE, CHECK_ROWS = range(11)
 
 
 class SampleCheck:
@@ -201,12 +205,13 @@ def take_sample(
                 r = _disagreement(state, age, j, q[j], v[j])
                 fade = np.exp(-age / RISE_TIME)
                 state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * fade)
-                total = state[_SUM, j] * np.exp(-age / DRIFT_TIME) + r * age
+                total, disorder = _drift(table, state, age, j, r, v[j])
                 # No more than is needed to tell it: a drift that is over is forgotten soon.
                 most = DRIFT_KEPT * table[_DRIFT, j]
                 state[_SUM, j] = min(max(total, -most), most)
+                state[_DISORDER, j] = min(disorder, most)
             else:
-                state[_SUM, j] = 0.0
+                state[_SUM, j] = state[_DISORDER, j] = 0.0
             state[_Q, j], state[_V, j], state[_AGE, j] = q[j], v[j], 0.0
         state[_BEFORE, j] = _wrong_current(table, state, period, j, current[j])
         if current[j] != state[_I, j]:
@@ -244,9 +249,8 @@ def _wrong_motion(
     drift = table[_DRIFT, j] + 2.0 * table[_SHARE, j] * age
     if abs(r * age) > drift:  # in a single sample
         return BEYOND
-    if abs(state[_SUM, j] * np.exp(-age / DRIFT_TIME) + r * age) > drift:
-        return DISAGREES
-    return 0
+    total, disorder = _drift(table, state, age, j, r, v)
+    return DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
 @kernel
@@ -283,6 +287,22 @@ def _disagreement(
     """r of one joint, rad/s (m/s)."""
     r: float = (q - state[_Q, j]) / age - 0.5 * (v + state[_V, j])
     return r
+
+
+@kernel
+def _drift(
+    table: Array,
+    state: Array,
+    age: float,
+    j: int,
+    r: float,
+    v: float,
+) -> tuple[float, float]:
+    """Drift and disorder of one joint with a sample, rad (m)."""
+    fade = np.exp(-age / DRIFT_TIME)
+    goes = abs(v) + SMOOTH * table[_SHARE, j] + table[_ENCODER, j] / age
+    disorder = fade * state[_DISORDER, j] + (abs(r) - goes) * age
+    return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 
 @kernel

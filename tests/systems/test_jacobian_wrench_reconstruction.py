@@ -57,7 +57,8 @@ def bayes(J, tau_ext, force_sd=FORCE_SD, moment_sd=MOMENT_SD, Sigma=SIGMA):
 def test_ports():
     block = block_of(config(), SIGMA)
     names = [block.get_input_port(i).get_name() for i in range(block.num_input_ports())]
-    assert names == ["terms", "tau_ext", "tau_ext_valid", "observed", "torque_error", "pole"]
+    ports = ["terms", "tau_ext", "tau_ext_valid", "observed", "fault", "torque_error", "pole"]
+    assert names == ports
     sizes = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1, "reading": 44}
     assert {name: block.GetOutputPort(name).size() for name in sizes} == sizes
     assert block.num_output_ports() == len(sizes)

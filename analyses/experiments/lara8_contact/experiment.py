@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.lara8_contact.lara8_reading import (
+from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
     FOLDER,
     FORMAT,
     K_0,

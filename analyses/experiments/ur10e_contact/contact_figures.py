@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import JUDGED
 from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import block_mean
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import JUDGED
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import ContactStudy, ReadRun
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import ContactRun
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import ContactRun
 from wrenchsight.analyses.methods.calibration.specimen_refitting import (
     JointTorques,
     fit_rows,

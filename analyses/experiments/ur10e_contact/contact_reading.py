@@ -17,11 +17,11 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import FORMAT, ContactRun
 from wrenchsight.analyses.experiments.ur10e_contact.contact_friction import (
     FrictionRows,
     friction_rows,
 )
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import FORMAT, ContactRun
 from wrenchsight.analyses.methods.calibration.specimen_refitting import joint_torques
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.estimation import estimate_log

@@ -9,6 +9,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTROLLERS,
+    INTERVALS,
+    JUDGED,
+    SCENES,
+    read_run,
+    write_rounded,
+)
 from wrenchsight.analyses.experiments.ur10e_contact.contact_friction import (
     air_fit,
     plain_friction,
@@ -23,14 +31,6 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     read_command,
     read_ours,
     read_two_joints,
-)
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
-    CONTROLLERS,
-    INTERVALS,
-    JUDGED,
-    SCENES,
-    read_run,
-    write_rounded,
 )
 from wrenchsight.analyses.methods.calibration.specimen_refitting import (
     carried_over,

@@ -11,6 +11,14 @@ motion in the air. `contact_reading` says what each method may use. `command` is
 from pathlib import Path
 from typing import Any
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTROLLERS,
+    FOLDER,
+    JUDGED,
+    SCENES,
+    find_runs,
+    tooled,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER as IDENTIFIED_FOLDER,
 )
@@ -21,14 +29,6 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_figures import (
     one_run_a_group,
 )
 from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import AXIS
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
-    CONTROLLERS,
-    FOLDER,
-    JUDGED,
-    SCENES,
-    find_runs,
-    tooled,
-)
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     SETTLED_ON,
     ContactStudy,

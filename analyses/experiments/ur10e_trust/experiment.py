@@ -188,9 +188,9 @@ def _log_metrics(
             """The reading at the point of action."""
             log = uniform.q, uniform.v, seen.transmitted, J
             error = own.error.run(own.error.initial_state(), *log)
-            observed = np.empty((len(J), 0))
+            lost, observed = np.zeros(len(J), bool), np.empty((len(J), 0))
             state = own.reading.initial_state()
-            return own.reading.run(state, error, J, seen.tau_ext, seen.fresh, observed)
+            return own.reading.run(state, error, J, seen.tau_ext, seen.fresh, lost, observed)
 
         variance = None
         if tracked:

@@ -194,7 +194,7 @@ def train_networks(
     centre = (train * y).sum(axis=1)
     spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
     z = (y - centre[:, None]) / spread[:, None]
-    with _one_thread():  # the same sums in the same order on every machine; faster, too
+    with one_thread():  # the same sums in the same order on every machine; faster, too
         weights, errors, steps = _descend(x, z, train, held, config, progress)
     W1, b1, W2, b2 = weights
     networks = FrictionNetworks(W1, b1, W2 * spread[:, None], b2 * spread + centre, edge)
@@ -251,7 +251,8 @@ def _held_out(group: NDArray[Any], rng: np.random.Generator) -> NDArray[np.bool_
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
+    """Torch on one thread for as long as a block lasts: its sums have one order."""
     import torch
 
     before = torch.get_num_threads()

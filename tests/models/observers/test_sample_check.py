@@ -136,6 +136,17 @@ def test_a_current_that_freezes_is_flagged_while_its_joint_moves(value: float) -
     assert not batch.fault[802:].any() and batch.valid[-20:].all()
 
 
+def test_samples_read_at_other_times_than_they_are_taken_for_are_told() -> None:
+    """Each 5 ms early or late: positions run to and fro, by less than any single bound."""
+    q, v, current = log()
+    rows = np.arange(N) + np.rint(0.005 / T * np.random.default_rng(3).normal(size=N)).astype(int)
+    rows = np.where((np.arange(N) > 300) & (np.arange(N) < 900), rows, np.arange(N))
+    batch = run((q[rows], v[rows], current[rows]))
+    told = np.flatnonzero(batch.fault & DISAGREES)
+    assert 300 < told[0] < 300 + round(0.2 / T)
+    assert batch.valid[told[0] : 900].mean() < 0.02
+
+
 def test_a_current_that_falls_to_zero_is_told_at_once_and_until_it_is_back() -> None:
     q, v, current = log()
     assert abs(current[299, 1]) > 0.1 * arm().current_limit[1]

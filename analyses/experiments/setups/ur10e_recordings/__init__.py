@@ -1,1 +1,1 @@
-"""The UR10e's recordings, the force of its known payload, and simulated twins of its logs."""
+"""The UR10e's recordings, its known payload, its runs in contact, and twins of its logs."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from wrenchsight.analyses.experiments.lara8_contact.experiment import EXPERIMENT, run
-from wrenchsight.analyses.experiments.lara8_contact.lara8_reading import VARIANTS
+from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import VARIANTS
 from wrenchsight.analyses.output.outputs import plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
 

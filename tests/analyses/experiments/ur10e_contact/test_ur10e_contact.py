@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FITTED, VALIDATED
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
     INTERVALS,
     JUDGED,
     SCENES,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FITTED, VALIDATED
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import METHODS, SPEEDS
 from wrenchsight.analyses.experiments.ur10e_contact.experiment import EXPERIMENT, run
 from wrenchsight.analyses.output.outputs import plain_metrics

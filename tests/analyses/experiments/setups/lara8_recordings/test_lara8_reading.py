@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.lara8_contact.lara8_reading import (
+from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
     FOLDER,
     Lara8Log,
     controller_friction,

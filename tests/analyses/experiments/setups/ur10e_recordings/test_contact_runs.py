@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.ur10e_contact.contact_runs import (
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     BLENDS,
     RunName,
     find_runs,

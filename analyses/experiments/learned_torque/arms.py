@@ -1,0 +1,229 @@
+"""The arms of `learned-torque`: which logs are fitted, which are judged, and by what truth."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
+    FILTER,
+    METHODS,
+    SHORTEST,
+    Errors,
+    Judged,
+    Predictors,
+    TorqueLog,
+    torque_log,
+)
+from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
+    controller_friction,
+    read_logs,
+    stated_model,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTROLLERS,
+    JUDGED,
+    ContactRun,
+    find_runs,
+    read_run,
+    tooled,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FITTED,
+    FOLDER,
+    FREE_LOGS,
+    LOADED_LOGS,
+    identify_ur10e,
+)
+from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_specimen
+from wrenchsight.analyses.methods.learning.identification import identify
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.known_tool import with_tool_of
+from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import derivative
+
+LAW: Final = IdentificationConfig(
+    friction="presliding", cross_validate=False
+)  # what `--friction best` chooses here
+THREE: Final = "three_runs"
+AMOUNTS: Final = {"quarter": 0.25, "half": 0.5, THREE: 1.0}  # of each fitted run, its start
+REPEATED: Final = "same_motion"  # the three runs, and the motion that is judged, without its load
+WEEKS: Final = "weeks"  # the three runs, and all free motion of the weeks before
+_MOVING = {f: [n for n in names if "17-p" not in n or "ptp" in n] for f, names in FREE_LOGS.items()}
+FREE: Final = {n: f for f, names in _MOVING.items() for n in names}
+SAME_WEEK: Final = "ur-20_02_10-20sec_7harm"
+LATER: Final = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec")
+SINGLE_JOINTS: Final = tuple(f"ur-20_01_22-joint_{j + 1}" for j in range(6))
+TIME_STEP: Final = 0.01  # s
+LEARNING: Final = 1000  # samples of a loaded log that tell where the load acts
+STRIDE: Final = 5
+QUICK: Final = 0.05  # share of the training
+Progress = Callable[[float, str], None]
+
+
+class Ur10e:
+    """The UR10e's model and predictors of each amount of data, and its logs to be judged.
+
+    Attributes:
+        predictors: by amount.
+        models: by amount.
+        seconds: that were fitted, by amount.
+    """
+
+    def __init__(self, data: Path, seed: int, quick: bool, progress: Progress) -> None:
+        """Args: `quick` takes one model for all amounts, and little training."""
+        self.robot, self._data = Robot.load("ur10e"), data
+        whole = [self._read(FOLDER, name.removesuffix(".csv")) for name in FITTED]
+        sets = {
+            name: [own[: round(share * own.num_samples)] for own in whole]
+            for name, share in AMOUNTS.items()
+        }
+        before = [self._read(own, name) for name, own in FREE.items() if name not in LATER]
+        sets[WEEKS] = [*whole, *before]
+        sets[REPEATED] = [*whole, self._read(FOLDER, LATER[0])]
+        three = identify_ur10e(data, self.robot, LAW).model
+        self.predictors, self.models, self.seconds = {}, {}, {}
+        for k, (name, recordings) in enumerate(sets.items()):
+            progress(k / len(sets), f"{name}: model and networks")
+            own = name == THREE or quick
+            self.models[name] = three if own else identify(recordings, self.robot, [], LAW).model
+            # A joint that stands carries any torque within its stiction: no model is fitted there.
+            single = [self._read(FOLDER, own) for own in SINGLE_JOINTS] if name == WEEKS else []
+            logs = [
+                torque_log(own, self.robot, self.models[name]) for own in (*recordings, *single)
+            ]
+            motions = [log.motion for log in logs]
+            self.seconds[name] = float(sum(own.time_step * own.used.sum() for own in motions))
+            logs, more = logs[: len(recordings)], motions[len(recordings) :]
+            self.predictors[name] = Predictors(logs, seed, QUICK if quick else 1.0, more)
+            if name == THREE:
+                state = np.vstack([_state(log)[log.motion.used] for log in logs])
+                self._range = state.min(axis=0), state.max(axis=0)
+        self._covariance = self.predictors[THREE].covariance["model"]
+
+    def free(self, name: str, amount: str) -> Judged:
+        """A contact-free log, read at the flange."""
+        log = torque_log(self._read(FREE[name], name), self.robot, self.models[amount])
+        J = np.asarray(self.robot.chain.jacobian(log.motion.q))
+        return Judged.at_point(log, J[:, 3:], self._covariance)
+
+    def loaded(self, folder: str, name: str, amount: str) -> Judged:
+        """A log with a known payload, read where it acts; LEARNING samples tell where."""
+        recording = resampled(self._read(folder, name), TIME_STEP)
+        log = torque_log(recording, self.robot, self.models[amount], loaded=True)
+        J = np.asarray(self.robot.chain.jacobian(log.motion.q))
+        R_WE, _ = self.robot.chain.pose(log.motion.q)
+        rows = np.flatnonzero(log.motion.used)[:LEARNING:STRIDE]
+        tau = log.model - log.motion.torque  # the model's point is taken for all predictors
+        p_EP = find_point_of_action(J[rows], R_WE[rows], tau[rows], self._covariance).p_EP
+        mass = LOADED_LOGS[folder][name]
+        force = mass * payload_reference(self.robot, recording, FILTER.cutoff, p_EP).direction
+        J_P = jacobian_at(J, R_WE, p_EP)[:, 3:]
+        known = np.einsum("kaj,ka->kj", J_P, force)
+        motion = replace(log.motion, torque=log.motion.torque + known)
+        judged = Judged.at_point(replace(log, motion=motion), J_P, self._covariance)
+        return judged.narrowed(np.arange(len(tau)) >= LEARNING)
+
+    def inside(self, judged: Judged) -> Flags:
+        """(N,) samples whose q and v lie, joint by joint, within what the three runs have."""
+        state, (least, most) = _state(judged.log), self._range
+        return np.asarray(((state >= least) & (state <= most)).all(axis=1))
+
+    def _read(self, folder: str, name: str) -> Recording:
+        return read_recording(self._data / folder / f"{name}.csv", robot=self.robot)
+
+
+def _state(log: TorqueLog) -> Array:
+    return np.concatenate([log.motion.q, log.motion.v], axis=1)
+
+
+def contact_errors(data: Path, arm: Ur10e) -> dict[str, dict[str, Errors]]:
+    """Errors of the force along the tool by interval and method, of another UR10e in contact.
+
+    Its runs have .6 s in the air, too little for a network's history: the networks are those of the
+    three runs, to which the torque of the tool's masses is added. The model is that of these runs,
+    with the friction that this robot's motion in the air shows.
+    """
+    found: dict[str, list[dict[str, Errors]]] = {key: [] for key in JUDGED}
+    predictors = arm.predictors[THREE]
+    all_runs = [read_run(path) for path in find_runs(data)]
+    for controller in CONTROLLERS:
+        robot = tooled(arm.robot, controller)
+        runs = [run for run in all_runs if run.name.controller == controller]
+        air = [(run.log, run.is_free) for run in runs]
+        refit = refit_specimen(air, robot, arm.models[THREE]).model if runs else arm.models[THREE]
+        for run in runs:
+            for own in _pieces(run, robot, refit, predictors.covariance["model"]):
+                for interval in JUDGED:
+                    first, last = run.intervals.get(interval, (np.inf, np.inf))
+                    judged = own.narrowed((own.log.t >= first) & (own.log.t <= last))
+                    found[interval].append(predictors.errors(judged))
+    return {
+        interval: {m: Errors.pooled([own[m] for own in parts]) for m in METHODS}
+        for interval, parts in found.items()
+    }
+
+
+def _pieces(
+    run: ContactRun, robot: Robot, refit: IdentifiedModel, covariance: Array
+) -> list[Judged]:
+    """The stretches of a run whose motion is known, read along the tool, less the tool's torque."""
+    known = np.isfinite(run.q).all(axis=1) & np.isfinite(run.log.v).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]]))).reshape(-1, 2)
+    carrying = with_tool_of(refit, robot)
+
+    def pressing(q: Array) -> tuple[Array, Array]:
+        """Jacobian (N, 3, n) at the contact, and the axis (N, 3) along which it is pushed back."""
+        return np.asarray(robot.chain.jacobian(q))[:, 3:], -robot.chain.pose(q)[0][:, :, 2]
+
+    found = []
+    for first, end in edges.tolist():
+        piece = run.log[first:end]
+        if piece.duration < 1.5 * SHORTEST / FILTER.cutoff:
+            continue
+        J, axis = pressing(piece.q)
+        external = run.sensor_force[first:end, None] * np.einsum("kaj,ka->kj", J, axis)
+        log = torque_log(piece, robot, carrying, external, True)
+        own = log.motion
+        state = own.q, own.v, derivative(own.v, own.time_step)
+        tool = carrying.chain(robot).inverse_dynamics(*state)
+        tool = tool - refit.chain(robot).inverse_dynamics(*state)
+        J, axis = pressing(own.q)
+        judged = Judged.at_point(log.less(tool), J, covariance)
+        along = np.einsum("ka,kaj->kj", axis, judged.gain)[:, None, :]
+        found.append(replace(judged, gain=along))
+    return found
+
+
+def lara8_errors(data: Path, seed: int, quick: bool) -> dict[str, dict[str, Errors]]:
+    """Errors by log and method; each log is predicted from the others, their loads taken off.
+
+    The model is not fitted on this arm: the maker's masses, the controller's friction.
+    """
+    logs: dict[str, tuple[TorqueLog, Array]] = {}
+    for own in read_logs(data):
+        external = own.joint_torque(own.sensor_wrench())
+        known = np.flatnonzero(np.isfinite(external).all(axis=1))
+        rows = slice(int(known[0]), int(known[-1]) + 1)
+        piece = own.recording[rows]
+        if piece.duration < 2.0 * SHORTEST / FILTER.cutoff:
+            continue
+        model = stated_model(own.robot, controller_friction(own.name))
+        log = torque_log(piece, own.robot, model, external[rows], True)
+        logs[own.name] = log, np.asarray(own.robot.chain.jacobian(log.motion.q))[:, 3:]
+    found = {}
+    for name, (log, J) in logs.items():
+        others = [other for key, (other, _) in logs.items() if key != name]
+        predictors = Predictors(others, seed, QUICK if quick else 1.0)
+        judged = Judged.at_point(log, J, predictors.covariance["model"])
+        found[name] = predictors.errors(judged)
+    return found

@@ -1,0 +1,202 @@
+"""Three predictors of contact-free torque, and what their error does to a force.
+
+    model    inverse dynamics and friction law of an identified model
+    network  the recurrent network alone
+    hybrid   the model, and the network of what it leaves
+
+All see the same zero-phase low-passed q and v, and are held against torque with the same low-pass.
+A force is read from the error alone, F = (J S^-1 J^T)^-1 J S^-1 tau_ext, J of a point contact and S
+the covariance of the model's error, whichever predictor is judged: no observer, no prior. Postures
+in which such an error reads as more than READABLE are left out, of all predictors alike.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.learned_torque.recurrent_network import (
+    Motion,
+    NetworkConfig,
+    TorqueNetwork,
+)
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.low_passed_logs import low_pass_log
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+
+METHODS: Final = ("model", "network", "hybrid")
+HELD_OUT: Final = 0.15  # of each log, its end: what a predictor's band is learnt from
+FILTER: Final = IdentificationConfig()
+SHORTEST: Final = 5.0  # periods of the cutoff, of a log that is only read
+READABLE: Final = 10.0  # N, sd of a force's component
+BAND: Final = 1.96  # sds: 95 %
+# Settled by leaving each of the three fitted runs out in turn.
+ALONE: Final = NetworkConfig(hidden=128, epochs=30.0, rate=5e-3, decay=0.1, blur=0.0)
+ON_MODEL: Final = NetworkConfig(hidden=16, epochs=10.0, rate=2e-3, decay=1.0, blur=1.5)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLog:
+    """A low-passed log; N samples.
+
+    Attributes:
+        t: (N,) s.
+        motion: with the torque that a contact-free arm spends; a known wrench's is taken off.
+        model: (N, n) N m, the same as the model predicts it.
+    """
+
+    t: Array
+    motion: Motion
+    model: Array
+
+    def less(self, torque: Array) -> "TorqueLog":
+        """The same with a torque (N, n) N m taken off the measured and off the predicted one."""
+        motion = replace(self.motion, torque=self.motion.torque - torque)
+        return replace(self, motion=motion, model=self.model - torque)
+
+
+def torque_log(
+    recording: Recording,
+    robot: Robot,
+    model: IdentifiedModel,
+    external: Array | None = None,
+    loaded: bool = False,
+) -> TorqueLog:
+    """Low-passes a log and predicts its torque by a model.
+
+    Args:
+        recording: the log, all of it known, on a uniform grid if a torque is.
+        robot: that it is of.
+        model: a model of it.
+        external: (T, n) N m at the recording's samples, torque of a wrench that is known.
+        loaded: whether the torque that the gears transmit is the measured one, not the model's.
+    """
+    config = replace(FILTER, time_step=min(0.01, float(f"{recording.time_step:.3g}")))
+    run = low_pass_log("", recording, robot, config, SHORTEST)
+    rigid = np.asarray(model.chain(robot).inverse_dynamics(run.q, run.v, run.vdot))
+    friction = model.friction.torque_along(run.q, run.v, rigid)
+    tau = run.tau
+    if loaded:
+        friction = model.friction.torque_along(run.q, run.v, tau - friction)
+    if external is not None:
+        smooth = ZeroPhaseLowPass(FILTER.cutoff, recording.time_step, FILTER.filter_order)(external)
+        at = np.searchsorted(recording.t, run.t - 1e-9)
+        tau = tau + smooth[np.minimum(at, len(smooth) - 1)]
+    motion = Motion(run.q, run.v, tau, run.used, run.low_pass.time_step)
+    return TorqueLog(run.t, motion, run.match(rigid + friction))
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A log, the samples of it that are judged, and how they are read.
+
+    Attributes:
+        log: the log.
+        rows: (N,).
+        gain: (N, axes, n) force from joint torque.
+        covariance: (n, n) (N m)^2, which says what is readable.
+    """
+
+    log: TorqueLog
+    rows: Flags
+    gain: Array
+    covariance: Array
+
+    @classmethod
+    def at_point(cls, log: TorqueLog, J: Array, covariance: Array) -> "Judged":
+        """All of a log, read at a point with the Jacobian (N, 3, n) of its velocity."""
+        weighted = J @ np.linalg.inv(covariance)
+        gain = np.linalg.solve(weighted @ J.transpose(0, 2, 1), weighted)
+        return cls(log, log.motion.used, np.asarray(gain), covariance)
+
+    def narrowed(self, where: Flags) -> "Judged":
+        """The same with fewer samples."""
+        return replace(self, rows=self.rows & where)
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of one predictor.
+
+    Attributes:
+        torque: (K, n) N m, predicted less measured.
+        force: (M, axes) N, what that is read as, where it is readable.
+        sd: (M, axes) N, as the band states it.
+    """
+
+    torque: Array
+    force: Array
+    sd: Array
+
+    @classmethod
+    def pooled(cls, parts: Sequence["Errors"]) -> "Errors":
+        """All of several logs."""
+        keys = ("torque", "force", "sd")
+        return cls(*(np.concatenate([getattr(one, key) for one in parts]) for key in keys))
+
+    def metrics(self) -> dict[str, Any]:
+        """Lists per joint and axis, as written to metrics.json."""
+        return {
+            "torque_rmse_nm": rms(self.torque),
+            "rmse_n": rms(self.force),
+            "inside_95_pct": 100.0 * np.mean(np.abs(self.force) <= BAND * self.sd, axis=0),
+        }
+
+
+class Predictors:
+    """The three predictors, trained on the same logs.
+
+    Attributes:
+        covariance: (n, n) (N m)^2 by method, mean square of its error on the ends of these logs.
+    """
+
+    def __init__(
+        self, logs: Sequence[TorqueLog], seed: int, share: float = 1.0, more: Sequence[Motion] = ()
+    ) -> None:
+        """Args: `share` of the epochs are trained; `more` is motion for the network alone."""
+        alone, over, ends = [], [], []
+        for log in logs:
+            rows = np.flatnonzero(log.motion.used)
+            early = np.arange(len(log.t)) < rows[int((1.0 - HELD_OUT) * len(rows))]
+            alone.append(replace(log.motion, used=log.motion.used & early))
+            over.append(replace(alone[-1], torque=log.motion.torque - log.model))
+            ends.append(log.motion.used & ~early)
+        self._alone, self._over = (
+            TorqueNetwork(motions, replace(config, seed=seed, epochs=share * config.epochs))
+            for motions, config in (([*alone, *more], ALONE), (over, ON_MODEL))
+        )
+        self.covariance = {}
+        for method in METHODS:
+            error = np.concatenate(
+                [self._error(method, log)[end] for log, end in zip(logs, ends, strict=True)]
+            )
+            self.covariance[method] = error.T @ error / len(error)
+
+    def errors(self, judged: Judged) -> dict[str, Errors]:
+        """By method."""
+        G, S = judged.gain[judged.rows], judged.covariance
+        clear = (np.einsum("kai,ij,kaj->ka", G, S, G) <= READABLE**2).all(axis=1)
+        found = {}
+        for method in METHODS:
+            torque = self._error(method, judged.log)[judged.rows]
+            variance = np.einsum("kai,ij,kaj->ka", G, self.covariance[method], G)
+            force = np.einsum("kaj,kj->ka", G, torque)
+            found[method] = Errors(torque, force[clear], np.sqrt(variance[clear]))
+        return found
+
+    def _error(self, method: str, log: TorqueLog) -> Array:
+        """(N, n) N m, predicted less measured."""
+        if method == "network":
+            return self._alone.torque(log.motion) - log.motion.torque
+        more = self._over.torque(log.motion) if method == "hybrid" else 0.0
+        return np.asarray(log.model + more - log.motion.torque)
+
+
+def rms(x: Array) -> Array:
+    """Root mean square along the first axis."""
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
