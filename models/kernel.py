@@ -9,11 +9,13 @@ So what changed is compiled again, and what calls it, and nothing else.
 
 import ast
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
+import numba
 from numba import njit
 from numba.core import caching
 
@@ -153,3 +155,18 @@ class _Implementation(caching.CompileResultCacheImpl):
 
 class _Cache(caching.FunctionCache):
     _impl_class = _Implementation
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keeps numba's loops in this thread.
+
+    A step is some milliseconds of work in several loops. Waiting for a second thread at the end of
+    each costs more than it gives as soon as anything else runs on the machine.
+    """
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)

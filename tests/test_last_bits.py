@@ -28,8 +28,8 @@ from wrenchsight.models.estimation.point_of_action import find_point_of_action, 
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
-from wrenchsight.models.motion.branches import all_branches
-from wrenchsight.models.motion.inverse_kinematics import closed_form, follow_path
+from wrenchsight.models.motion.branches import all_branches, closed_form
+from wrenchsight.models.motion.inverse_kinematics import follow_path
 from wrenchsight.models.motion.posture_map import best_postures
 from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
 from wrenchsight.models.motion.redundancy import best_on_grid, candidates, refine

@@ -13,7 +13,7 @@ from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.figures import COLOUR, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.templates import page_templates
-from wrenchsight.analyses.study.report import number
+from wrenchsight.analyses.study.report import decimals_of_three_digits, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,7 +103,7 @@ def table_row(one: Distribution) -> _Row:
     """A distribution as text."""
     low, high = one.range
     digits = [value for value in (one.article, one.median, low, high) if value is not None]
-    decimals = _decimals(digits)
+    decimals = decimals_of_three_digits(digits)
     holds = one.holds_article
     return _Row(
         label=one.label,
@@ -148,8 +148,3 @@ def violin_figure(found: Sequence[Distribution]) -> "Figure":
 
 def _comparable(one: Distribution) -> bool:
     return one.article is not None and one.article != 0.0
-
-
-def _decimals(values: Sequence[float]) -> int:
-    largest = max(abs(value) for value in values)
-    return max(0, 2 - int(np.floor(np.log10(largest)))) if largest > 0.0 else 0

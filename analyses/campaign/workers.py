@@ -15,8 +15,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from wrenchsight.analyses.campaign.world_run import THREADS, WorldOutcome, WorldTask, run_world
+from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask, run_world
 from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
+from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
@@ -156,7 +157,7 @@ def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
             jobs,
             initializer=begin_worker,
             initargs=(os.getpid(), str(log)),
-            env={**dict.fromkeys(THREADS, "1"), **_KEPT},
+            env={**dict.fromkeys(ONE_THREAD, "1"), **_KEPT},
         )
     try:
         yield executor, BrokenProcessPool

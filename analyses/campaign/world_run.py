@@ -16,17 +16,15 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from wrenchsight.analyses.output.outputs import json_text, plain_metrics
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import WorldSource, draw_world
-
-THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment of every worker: 1, or the last bits of a figure depend on the machine's cores."""
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
 _kept: list[tempfile.TemporaryDirectory[str]] = []
@@ -199,7 +197,7 @@ def _check_worker(module: str, software: str) -> None:
     remedy = "install the same version wherever it is to run"
     if _software_here(module) != software:
         raise UnfitWorkerError("", f"has another version of {module}", remedy)
-    several = [name for name in THREADS if os.environ.get(name) != "1"]
+    several = [name for name in ONE_THREAD if os.environ.get(name) != "1"]
     if several:
         remedy = "start workers with a nanny, as `dask worker` does, or set it"
         raise UnfitWorkerError(several[0], "is not 1 in its environment", remedy)

@@ -15,7 +15,6 @@ table, do not pass.
 """
 
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,7 +23,7 @@ from typing import Any, Final
 from wrenchsight.analyses.output.outputs import OutputFolder, json_text
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.registry import REGISTRY
-from wrenchsight.analyses.study.report import comparisons, number
+from wrenchsight.analyses.study.report import comparisons, decimals_of_three_digits, number
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file
 
@@ -217,8 +216,7 @@ def _moved_by(spread: Mapping[str, Any], key: str) -> str:
 
 def _range(median: float, low: float, high: float) -> str:
     """Three digits of the largest."""
-    largest = max(abs(low), abs(median), abs(high))
-    decimals = max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
+    decimals = decimals_of_three_digits((median, low, high))
     median_text, low_text, high_text = (number(x, decimals) for x in (median, low, high))
     return f"{median_text} ({low_text} to {high_text})"
 

@@ -148,23 +148,25 @@ def number(value: Any, decimals: int | None = None) -> str:
     return text.replace("-", "\u2212")
 
 
+def decimals_of_three_digits(values: Sequence[Any]) -> int:
+    """Returns how many decimals three digits of the largest number need."""
+    largest = max((abs(v) for v in values if isinstance(v, int | float)), default=0.0)
+    return max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
+
+
 def _decimals(stated: list[Any], here: list[Any]) -> int | None:
     """Returns how many decimals stated figures have, but enough for three digits of the largest.
 
     One more where `here` needs it: 139 beside 76.2 is better than beside 76.
     """
 
-    def for_three_digits(values: list[Any]) -> int:
-        largest = max((abs(v) for v in values if isinstance(v, int | float)), default=0.0)
-        return 2 - math.floor(math.log10(largest)) if largest > 0.0 else -1
-
     numbers = [v for v in stated if isinstance(v, int | float)]
     if not any(numbers):
         return None
     # A computed figure has 16 digits; six are all that anyone prints.
     printed = max(len(f"{v:.6g}".partition(".")[2]) for v in numbers)
-    decimals = max(printed, for_three_digits(stated), 0)
-    return min(max(decimals, for_three_digits(here)), decimals + 1)
+    decimals = max(printed, decimals_of_three_digits(stated))
+    return min(max(decimals, decimals_of_three_digits(here)), decimals + 1)
 
 
 def common_source(rows: Sequence[Comparison]) -> str:

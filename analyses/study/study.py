@@ -14,8 +14,8 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as distribution_version
@@ -45,12 +45,8 @@ from wrenchsight.models.robot.truth_config import TRUTHS
 
 COMMAND: Final = "study"
 _TIMINGS: Final = "timings.json"
-_ONE_THREAD: Final = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
+ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment of every process that measures: 1, or the last bits hang on the machine's cores."""
 
 
 def run_study(
@@ -180,8 +176,10 @@ class _Run:
         spawn = multiprocessing.get_context("spawn")  # a forked numba or Drake may hang
         self.connection, theirs = spawn.Pipe()
         module = REGISTRY.entries()[name].module
-        task = _Task(name, module, self._staging, _shared(self._folder), self._settings)
-        arguments = (task, theirs, self._log, os.getpid())
+        run = partial(
+            _run_experiment, name, module, self._staging, _shared(self._folder), self._settings
+        )
+        arguments = (run, theirs, self._log, os.getpid())
         with _thread_limits(threads), for_this_process_alone():
             self._process = spawn.Process(target=_work, args=arguments, name=name)
             self._process.start()
@@ -263,18 +261,9 @@ def _run_all(runs: list[_Run], jobs: int, watch: Callable[[Progress], None]) -> 
                 watch(Progress(run.outcome.name, "interrupted"))
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What an experiment's process is given."""
-
-    name: str
-    module: str
-    out: Path
-    shared: Path
-    settings: StudySettings
-
-
-def _work(task: _Task, connection: Connection, log: Path, parent: int) -> None:
+def _work(
+    run: Callable[[Connection], tuple[State, str]], connection: Connection, log: Path, parent: int
+) -> None:
     """Runs in the experiment's process: its output goes to `log`, its steps to `connection`."""
     import faulthandler
 
@@ -282,7 +271,7 @@ def _work(task: _Task, connection: Connection, log: Path, parent: int) -> None:
     faulthandler.enable()
     state: State = "failed"
     try:
-        state, reason = _run_experiment(task, connection)
+        state, reason = run(connection)
     except BaseException as error:  # whatever it is, the parent is to know
         lines = str(error).strip().splitlines()
         reason = lines[0] if lines else ""
@@ -296,46 +285,41 @@ def _work(task: _Task, connection: Connection, log: Path, parent: int) -> None:
     connection.send((state, reason, usage.ru_utime + usage.ru_stime))
 
 
-def _run_experiment(task: _Task, connection: Connection) -> tuple[State, str]:
-    experiment: Experiment = import_module(task.module).EXPERIMENT
-    if experiment.name != task.name:
-        raise ValueError(f"{task.module}: its experiment is {experiment.name}, not {task.name}")
+def _run_experiment(
+    name: str, module: str, out: Path, shared: Path, settings: StudySettings, connection: Connection
+) -> tuple[State, str]:
+    experiment: Experiment = import_module(module).EXPERIMENT
+    if experiment.name != name:
+        raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
     connection.send(("loaded",))
-    settings = task.settings
     missing = [settings.data / n for n in experiment.needs if not (settings.data / n).is_dir()]
     if missing:
         return "skipped", f"needs the recordings {', '.join(map(str, missing))}; see --data"
     if "numba" in sys.modules:
         on_first_compilation(lambda what: connection.send(("progress", 0.0, what)))
+    due = 0.0
+
+    def progress(fraction: float, what: str) -> None:
+        nonlocal due
+        if time.monotonic() >= due:
+            due = time.monotonic() + 0.1
+            connection.send(("progress", float(fraction), str(what)))
+
     context = ExperimentContext(
-        out=task.out,
+        out=out,
         data=settings.data,
         seed=settings.seed,
         quick=settings.quick,
-        progress=_Throttled(connection),
+        progress=progress,
         truth=settings.truth,
     )
-    depends_on = settings.fingerprint(task.module, (*experiment.needs, *experiment.uses))
-    with sharing_in(task.shared):
+    depends_on = settings.fingerprint(module, (*experiment.needs, *experiment.uses))
+    with sharing_in(shared):
         result = experiment.run(context)
-    if software_hash(task.module) != depends_on["software"]:
+    if software_hash(module) != depends_on["software"]:
         depends_on["software"] = "changed while it ran"  # which part was imported when is not known
-    write_result(task.out, experiment, result, depends_on, settings.of_results)
+    write_result(out, experiment, result, depends_on, settings.of_results)
     return "done", ""
-
-
-class _Throttled:
-    """Passes progress on, at most ten times a second."""
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
-        self._next = 0.0
-
-    def __call__(self, fraction: float, what: str) -> None:
-        now = time.monotonic()
-        if now >= self._next:
-            self._next = now + 0.1
-            self._connection.send(("progress", float(fraction), str(what)))
 
 
 def _earlier(
@@ -399,7 +383,7 @@ def _thread_limits(threads: int) -> Iterator[None]:
     Numba's loops write each element once, so they may share the cores that `jobs` leaves.
     """
     before = dict(os.environ)
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"), NUMBA_NUM_THREADS=str(threads))
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"), NUMBA_NUM_THREADS=str(threads))
     try:
         yield
     finally:

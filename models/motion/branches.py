@@ -1,26 +1,29 @@
 """All postures for many poses of E at once.
 
-`models.motion.inverse_kinematics` answers for one pose; a map of the workspace or a search over the
-free angle of a tool asks for thousands. Arms that EAIK can decompose are solved by it pose by pose,
-the wrapping, polishing and checking is done for all of them together. Every other arm is solved by
-damped least squares from several starting points a pose, which finds postures but cannot promise
-all of them.
+A map of the workspace or a search over the free angle of a tool asks for thousands. Arms of six
+revolute joints whose axes EAIK can decompose are solved by it pose by pose, the wrapping, polishing
+and checking is done for all of them together. Every other arm is solved by damped least squares
+from several starting points a pose, which finds postures but cannot promise all of them. Whatever
+the source, a solution counts once forward kinematics confirms it.
 """
 
 import itertools
 import math
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from eaik.pybindings.EAIK import Robot as EaikRobot
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.damped_least_squares import approach_poses
-from wrenchsight.models.motion.inverse_kinematics import closed_form, search_starts
 from wrenchsight.models.motion.path_postures import wrap_within
 from wrenchsight.models.robot.robot import Robot
 
 _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-13  # of that pose; not worth another step
+_PARALLEL = 1e-8  # rad; axes nearer than this are meant to be parallel
 _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
 _POLISH_STEPS = 6
 _SEARCH_STEPS = 100
@@ -30,6 +33,45 @@ _NUM_SEEDS = 12
 def is_closed_form(robot: Robot) -> bool:
     """Whether all branches are known; otherwise they are what a search finds."""
     return closed_form(robot) is not None
+
+
+@lru_cache(maxsize=16)
+def closed_form(robot: Robot) -> Any:
+    """EAIK's solver for the arm; None where it has none."""
+    chain = robot.chain
+    if robot.num_joints != 6 or np.any(chain.prismatic):
+        return None
+    # Product of exponentials at q = 0: axes H and steps P from one joint to the next, both in W.
+    R, p = np.eye(3), np.zeros(3)
+    axes, steps = [], []
+    for R_PJ, p_PJ, axis in zip(chain.R_PJ, chain.p_PJ, chain.axis, strict=True):
+        steps.append(R @ p_PJ)
+        p = p + steps[-1]
+        R = R @ R_PJ
+        axes.append(R @ axis)
+    R_WE, p_WE = chain.pose(np.zeros(6))
+    steps.append(p_WE - p)
+    directions = _same_directions(np.array(axes))
+    try:
+        solver = EaikRobot(directions.T, np.array(steps).T, R_WE, [], True)
+    except RuntimeError:  # a geometry that it takes for another one, and finds impossible
+        return None
+    return solver if solver.has_known_decomposition() else None
+
+
+def _same_directions(axes: Array) -> Array:
+    """Unit axes (n, 3), those that are parallel but for rounding made exactly so.
+
+    EAIK looks at its zeros bit by bit: with axes 1e-13 off it takes one kind of arm for another.
+    Polishing corrects what the solutions lose by this.
+    """
+    same = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    for i in range(1, len(same)):
+        for j in range(i):
+            if np.linalg.norm(np.cross(same[i], same[j])) < _PARALLEL:
+                same[i] = math.copysign(1.0, same[i] @ same[j]) * same[j]
+                break
+    return np.asarray(same)
 
 
 def all_branches(
@@ -66,7 +108,7 @@ def all_branches(
         reached = _refine(robot, R[row], p[row], q, _POLISH_STEPS, limited=False)
         q = _nearest_to_middle(robot, q)
     else:
-        starts = np.array(search_starts(robot, _NUM_SEEDS) if seeds is None else seeds, float)
+        starts = np.array(_starts(robot) if seeds is None else seeds, float)
         starts = np.broadcast_to(starts, (len(p), *starts.shape[-2:]))
         row = np.repeat(np.arange(len(p)), starts.shape[1])
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
@@ -86,12 +128,20 @@ def _from_closed_form(
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = R, p, 1.0
     solved = [
         np.asarray(solution.Q, dtype=np.float64).reshape(-1, robot.num_joints)
-        for solution in solver.calculate_IK_batched(list(poses), 1)  # type: ignore[attr-defined]
+        for solution in map(solver.calculate_IK, poses)  # type: ignore[attr-defined]
     ]
     row = np.repeat(np.arange(len(p)), [len(found) for found in solved])
     q = np.concatenate(solved) if solved else np.empty((0, robot.num_joints))
     finite = np.all(np.isfinite(q), axis=1)
     return np.ascontiguousarray(q[finite]), row[finite]
+
+
+def _starts(robot: Robot) -> Array:
+    """(_NUM_SEEDS, n) postures to search from: the robot's home and others, each time the same."""
+    lower = np.where(np.isfinite(robot.position_lower), robot.position_lower, -math.pi)
+    upper = np.where(np.isfinite(robot.position_upper), robot.position_upper, math.pi)
+    random = np.random.default_rng(0).uniform(lower, upper, (_NUM_SEEDS - 1, robot.num_joints))
+    return np.vstack([robot.home, random])
 
 
 def _nearest_to_middle(robot: Robot, q: Array) -> Array:

@@ -19,6 +19,7 @@ from wrenchsight.models.rigid_body.ties import whole_turns
 _REACHED = 1e-11  # m and rad of the pose
 # Far from W's origin rounding may stand above the aim; an arm's length is not.
 _ARRIVED = 10.0 * _REACHED
+_SINGULAR = 1e-18  # added to J J^T, which may have no inverse
 _MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
 
 
@@ -133,7 +134,8 @@ def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> 
         motions of a redundant arm that leave E where it is (zero for six joints).
     """
     J = chain.jacobian(q)
-    by_pose = np.einsum("nkjp,nkj->nkp", np.linalg.pinv(J), by_q)
+    JJ = J @ np.swapaxes(J, -1, -2) + _SINGULAR * np.eye(6)
+    by_pose = np.linalg.solve(JJ, J @ by_q[..., np.newaxis])[..., 0]
     along = path_length * (np.linspace(0.0, 1.0, q.shape[1]) - 0.5)
     by_n = np.einsum("k,nkp->np", along, by_pose[..., 3:])
     by_path = np.hstack([by_pose.sum(axis=1), by_n])

@@ -24,17 +24,16 @@ families whose members are equally good.
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.motion.branches import all_branches, is_closed_form
 from wrenchsight.models.motion.path_postures import solve_poses, track_paths, wrap_within
 from wrenchsight.models.placement.placement_descent import PlacementBatch, PlacementDescent
@@ -526,21 +525,6 @@ class _Clock:
         if cost < self._cost:
             self._cost, self.best = cost, placement
             self._result.history.append((time.perf_counter() - self._began, cost))
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Keeps numba's loops in this thread.
-
-    A step is some milliseconds of work in several loops. Waiting for a second thread at the end of
-    each costs more than it gives as soon as anything else runs on the machine.
-    """
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(threads)
 
 
 def _placement(batch: PlacementBatch, index: int) -> Placement:

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.motion.branches import all_branches
 from wrenchsight.models.motion.path_postures import track_paths
 from wrenchsight.models.placement.placement_descent import PlacementBatch
@@ -28,7 +29,7 @@ from wrenchsight.models.placement.placement_program import (
     PlacementProgram,
     quaternion_from,
 )
-from wrenchsight.models.placement.placement_search import Optimum, SearchResult, one_thread
+from wrenchsight.models.placement.placement_search import Optimum, SearchResult
 from wrenchsight.models.rigid_body.ties import better, in_order
 from wrenchsight.models.robot.robot import Robot
 

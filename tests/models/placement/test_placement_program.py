@@ -93,6 +93,8 @@ def test_pose_errors_vanish_on_the_path_and_measure_what_is_off(
     placement = start(sts)
     errors, _ = program.pose_errors(program.pack(placement))
     assert np.max(np.abs(errors)) < 1e-10
+    same = dataclasses.replace(placement, quaternion=-placement.quaternion)
+    np.testing.assert_allclose(program.pose_errors(program.pack(same))[0], errors, atol=1e-10)
     higher = dataclasses.replace(placement, p_WM=placement.p_WM + np.array([0, 0, 0.01]))
     errors, _ = program.pose_errors(program.pack(higher))
     np.testing.assert_allclose(
