@@ -7,20 +7,19 @@ import numba
 
 
 def in_row_blocks(run: Callable[[slice], None], rows: int, block: int) -> None:
-    """Calls `run` for slices of `rows` rows, of `block` rows or more each.
+    """Calls `run` for slices of `block` rows, the last of which may be shorter.
 
-    In the place of numba's own parallel loop where that compiles slowly: a minute for the reading
-    of a wrench, whose kernel alone takes ten seconds.
+    In the place of numba's own parallel loops, which compile slowly: a minute for the reading of a
+    wrench, whose kernel alone takes ten seconds.
 
     Args:
         run: calls a kernel of `nogil=True`.
         rows: N.
-        block: rows that are worth a thread.
+        block: rows that are worth a thread, and bound the memory of one.
     """
-    threads = numba.get_num_threads()
-    size = max(block, -(-rows // threads))
-    slices = [slice(begin, min(rows, begin + size)) for begin in range(0, rows, size)]
-    if len(slices) < 2:
+    slices = [slice(begin, min(rows, begin + block)) for begin in range(0, rows, block)]
+    threads = min(numba.get_num_threads(), len(slices))
+    if threads < 2:
         for part in slices:
             run(part)
         return

@@ -1,15 +1,13 @@
-"""The kernels of a serial chain over many samples: rows one after another, or blocks in parallel.
+"""The kernels of a serial chain over many samples, one after another; threads may share them out.
 
 Each loop calls the kernel of one sample, so that a sample and a row of a million agree bit for bit.
 """
 
 import numpy as np
-from numba import prange
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.chain_kernels import (
-    SCRATCH_COLUMNS,
     add_coupled_rotors,
     gravity_terms,
     inverse_dynamics_regressor,
@@ -24,27 +22,15 @@ from wrenchsight.models.rigid_body.chain_kernels import (
 )
 from wrenchsight.models.rigid_body.conditioning import condition_numbers_of
 
-# Starting threads costs some microseconds, as much as a few samples.
-PARALLEL_FROM = 64
-_BLOCK = 128
 
-
-@kernel
+@kernel(nogil=True)
 def pose_rows(table: Array, q: Array, R_WE: Array, p_WE: Array, scratch: Array) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         tool_pose(table, scratch, R_WE[k], p_WE[k])
 
 
-@kernel(parallel=True)
-def pose_batch(table: Array, q: Array, R_WE: Array, p_WE: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        pose_rows(table, q[rows], R_WE[rows], p_WE[rows], scratch)
-
-
-@kernel
+@kernel(nogil=True)
 def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
     R_WE = np.empty((3, 3))
     p_WE = np.empty(3)
@@ -54,45 +40,21 @@ def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
         tool_jacobian(scratch, p_WE, J[k])
 
 
-@kernel(parallel=True)
-def jacobian_batch(table: Array, q: Array, J: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        jacobian_rows(table, q[rows], J[rows], scratch)
-
-
-@kernel
+@kernel(nogil=True)
 def condition_number_rows(table: Array, q: Array, out: Array, scratch: Array) -> None:
     J = np.empty((q.shape[0], 6, q.shape[1]))  # of a block of rows
     jacobian_rows(table, q, J, scratch)
     condition_numbers_of(J, out)
 
 
-@kernel(parallel=True)
-def condition_number_batch(table: Array, q: Array, out: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        condition_number_rows(table, q[rows], out[rows], scratch)
-
-
-@kernel
+@kernel(nogil=True)
 def gravity_torque_rows(table: Array, q: Array, G: Array, scratch: Array) -> None:
     for k in range(q.shape[0]):
         place_links(table, q[k], scratch)
         gravity_terms(table, G[k], scratch)
 
 
-@kernel(parallel=True)
-def gravity_torque_batch(table: Array, q: Array, G: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        gravity_torque_rows(table, q[rows], G[rows], scratch)
-
-
-@kernel
+@kernel(nogil=True)
 def momentum_terms_rows(
     table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array, scratch: Array
 ) -> None:
@@ -103,17 +65,7 @@ def momentum_terms_rows(
         momentum_and_forces(table, v[k], momentum[k], CTv[k], G[k], scratch)
 
 
-@kernel(parallel=True)
-def momentum_terms_batch(
-    table: Array, q: Array, v: Array, momentum: Array, CTv: Array, G: Array
-) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        momentum_terms_rows(table, q[rows], v[rows], momentum[rows], CTv[rows], G[rows], scratch)
-
-
-@kernel
+@kernel(nogil=True)
 def inverse_dynamics_rows(
     table: Array, q: Array, v: Array, vdot: Array, tau: Array, scratch: Array
 ) -> None:
@@ -128,15 +80,7 @@ def inverse_dynamics_rows(
         add_coupled_rotors(table, vdot[k], tau[k])
 
 
-@kernel(parallel=True)
-def inverse_dynamics_batch(table: Array, q: Array, v: Array, vdot: Array, tau: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        inverse_dynamics_rows(table, q[rows], v[rows], vdot[rows], tau[rows], scratch)
-
-
-@kernel
+@kernel(nogil=True)
 def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, scratch: Array) -> None:
     n = q.shape[1]
     gx, gy, gz = table[n, 12], table[n, 13], table[n, 14]
@@ -145,11 +89,3 @@ def regressor_rows(table: Array, q: Array, v: Array, vdot: Array, Y: Array, scra
         link_velocities(v[k], scratch)
         link_accelerations(v[k], vdot[k], gx, gy, gz, scratch)
         inverse_dynamics_regressor(Y[k], scratch)
-
-
-@kernel(parallel=True)
-def regressor_batch(table: Array, q: Array, v: Array, vdot: Array, Y: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        scratch = np.empty((q.shape[1], SCRATCH_COLUMNS))
-        regressor_rows(table, q[rows], v[rows], vdot[rows], Y[rows], scratch)

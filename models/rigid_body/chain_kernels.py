@@ -576,7 +576,3 @@ def pose_and_jacobian(
     place_links(table, q, scratch)
     tool_pose(table, scratch, R_WE, p_WE)
     tool_jacobian(scratch, p_WE, J)
-
-
-# Loops over samples. Each `_rows` runs its kernel row by row; each `_batch` hands blocks of rows to
-# threads, with scratch memory of their own, so that the outputs are the only large arrays.

@@ -13,12 +13,12 @@ fast, and the same bits).
 import math
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
+from wrenchsight.models.row_blocks import in_row_blocks
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _ROUNDING = float(np.finfo(np.float64).eps)
@@ -26,9 +26,8 @@ _ROUNDING = float(np.finfo(np.float64).eps)
 # Samples turned side by side: two full vector registers at least, yet all fits the first cache.
 _LANES = 16
 
-# Starting threads costs some microseconds, as much as a few samples.
-_PARALLEL_FROM = 64
-_BLOCK = 8 * _LANES
+# Samples that are worth a thread: a millisecond.
+_BLOCK = 128 * _LANES
 
 
 @kernel
@@ -170,20 +169,13 @@ def _squared_singular_values(J: Array, out: Array) -> None:
                 out[m, i] = total
 
 
-@kernel
+@kernel(nogil=True)
 def condition_numbers_of(J: Array, out: Array) -> None:
     """Condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples."""
     squares = np.empty((J.shape[0], min(6, J.shape[2])))
     _squared_singular_values(J, squares)
     for m in range(J.shape[0]):
         out[m] = _ratio(squares[m], max(6, J.shape[2]))
-
-
-@kernel(parallel=True)
-def _condition_number_batch(J: Array, out: Array) -> None:
-    for b in prange((J.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        condition_numbers_of(J[rows], out[rows])
 
 
 def condition_number(J: ArrayLike) -> Array:
@@ -198,8 +190,5 @@ def condition_number(J: ArrayLike) -> Array:
         raise ValueError(f"expected Jacobians of shape (..., 6, n), n > 0, got {array.shape}")
     rows = np.ascontiguousarray(array).reshape(-1, 6, array.shape[-1])
     out = np.empty(len(rows))
-    if len(rows) < _PARALLEL_FROM:
-        condition_numbers_of(rows, out)
-    else:
-        _condition_number_batch(rows, out)
+    in_row_blocks(lambda part: condition_numbers_of(rows[part], out[part]), len(rows), _BLOCK)
     return out.reshape(array.shape[:-2])

@@ -25,20 +25,12 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.kernel import is_compiled
 from wrenchsight.models.rigid_body.chain_batches import (
-    PARALLEL_FROM,
-    condition_number_batch,
     condition_number_rows,
-    gravity_torque_batch,
     gravity_torque_rows,
-    inverse_dynamics_batch,
     inverse_dynamics_rows,
-    jacobian_batch,
     jacobian_rows,
-    momentum_terms_batch,
     momentum_terms_rows,
-    pose_batch,
     pose_rows,
-    regressor_batch,
     regressor_rows,
 )
 from wrenchsight.models.rigid_body.chain_kernels import (
@@ -49,6 +41,9 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     all_terms,
 )
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.models.row_blocks import in_row_blocks
+
+_BLOCK = 1024  # samples that are worth a thread: a millisecond
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,28 +286,28 @@ class SerialChain:
         shape, rows = self._rows(q)
         R_WE = np.empty((len(rows[0]), 3, 3))
         p_WE = np.empty((len(rows[0]), 3))
-        self._run(pose_rows, pose_batch, *rows, R_WE, p_WE)
+        self._run(pose_rows, *rows, R_WE, p_WE)
         return R_WE.reshape(*shape, 3, 3), p_WE.reshape(*shape, 3)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Jacobian [angular; linear] of E in axes of W, (..., 6, n): V_WE = J v."""
         shape, rows = self._rows(q)
         J = np.empty((len(rows[0]), 6, self.num_joints))
-        self._run(jacobian_rows, jacobian_batch, *rows, J)
+        self._run(jacobian_rows, *rows, J)
         return J.reshape(*shape, 6, self.num_joints)
 
     def condition_number(self, q: ArrayLike) -> Array:
         """Condition number (...) of the Jacobian at q, which is not kept: for many samples."""
         shape, rows = self._rows(q)
         out = np.empty(len(rows[0]))
-        self._run(condition_number_rows, condition_number_batch, *rows, out)
+        self._run(condition_number_rows, *rows, out)
         return out.reshape(shape)
 
     def momentum_terms(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array, Array]:
         """M v, C^T v and G in one pass; each (..., n)."""
         shape, rows = self._rows(q, v)
         momentum, CTv, G = (np.empty_like(rows[0]) for _ in range(3))
-        self._run(momentum_terms_rows, momentum_terms_batch, *rows, momentum, CTv, G)
+        self._run(momentum_terms_rows, *rows, momentum, CTv, G)
         n = self.num_joints
         return momentum.reshape(*shape, n), CTv.reshape(*shape, n), G.reshape(*shape, n)
 
@@ -320,14 +315,14 @@ class SerialChain:
         """G (..., n) in N m: the torque that holds the arm (minus Drake's gravity forces)."""
         shape, rows = self._rows(q)
         G = np.empty_like(rows[0])
-        self._run(gravity_torque_rows, gravity_torque_batch, *rows, G)
+        self._run(gravity_torque_rows, *rows, G)
         return G.reshape(*shape, self.num_joints)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, vdot: ArrayLike) -> Array:
         """M vdot + C v + G (..., n) in N m, rotor inertia included."""
         shape, rows = self._rows(q, v, vdot)
         tau = np.empty_like(rows[0])
-        self._run(inverse_dynamics_rows, inverse_dynamics_batch, *rows, tau)
+        self._run(inverse_dynamics_rows, *rows, tau)
         return tau.reshape(*shape, self.num_joints)
 
     def regressor(self, q: ArrayLike, v: ArrayLike, vdot: ArrayLike) -> Array:
@@ -338,7 +333,7 @@ class SerialChain:
         shape, rows = self._rows(q, v, vdot)
         n = self.num_joints
         Y = np.empty((len(rows[0]), n, 10 * n))
-        self._run(regressor_rows, regressor_batch, *rows, Y)
+        self._run(regressor_rows, *rows, Y)
         return Y.reshape(*shape, n, 10 * n)
 
     def terms(self, q: ArrayLike, v: ArrayLike) -> RigidBodyTerms:
@@ -373,13 +368,14 @@ class SerialChain:
                 )
         return shape[:-1], [np.ascontiguousarray(array).reshape(-1, n) for array in arrays]
 
-    def _run(
-        self, rows: Callable[..., None], batch: Callable[..., None], q: Array, *arrays: Array
-    ) -> None:
-        if len(q) < PARALLEL_FROM:
-            rows(self.table, q, *arrays, self._scratch)
-        else:
-            batch(self.table, q, *arrays)
+    def _run(self, kernel: Callable[..., None], *arrays: Array) -> None:
+        """Calls a kernel of `chain_batches` for all rows."""
+        shape = self.num_joints, SCRATCH_COLUMNS
+
+        def run(rows: slice) -> None:
+            kernel(self.table, *(array[rows] for array in arrays), np.empty(shape))
+
+        in_row_blocks(run, len(arrays[0]), _BLOCK)
 
 
 def kernels_are_compiled(*kernels: Any) -> bool:
@@ -388,7 +384,7 @@ def kernels_are_compiled(*kernels: Any) -> bool:
     False announces a wait of some seconds at the first call. Without arguments, this module's
     `all_terms` and `momentum_terms` over many samples.
     """
-    return all(is_compiled(kernel) for kernel in kernels or (all_terms, momentum_terms_batch))
+    return all(is_compiled(kernel) for kernel in kernels or (all_terms, momentum_terms_rows))
 
 
 def _moved_parameters(m: float, com: Array, inertia: Array, X: RigidTransform) -> Array:

@@ -55,6 +55,7 @@ class FoxgloveView:
         self._scene = ArmScene(robot)
         self._links = _links(self._scene.shapes)
         self._joint_names = robot.joint_names
+        foxglove.set_log_level("CRITICAL")  # what a client does is not the user's fault
         self._listener = _Listener()
         context = self._channel_context = foxglove.Context()
         options: Any = {"host": HOST, "context": context, "capabilities": []}
