@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
@@ -26,10 +25,10 @@ from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_an
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.small_matrices import orthogonalise_rows
 from wrenchsight.models.rigid_body.structural_rank import parallel_columns, structural_rank
+from wrenchsight.models.row_blocks import in_row_blocks
 
 # Starting threads costs more than a path's postures.
-_PARALLEL_FROM = 128
-_BLOCK = 64  # postures a thread takes at a time
+_BLOCK = 128  # postures that are worth a thread: a millisecond
 _UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
 
 
@@ -78,9 +77,12 @@ class ConditionNumber:
         """The measure (...) and its gradient (..., n) at q (..., n)."""
         rows = _rows(self._chain, q)
         values, gradients = np.empty(len(rows)), np.empty(rows.shape)
-        few = len(rows) < _PARALLEL_FROM
-        run = _condition_number_rows if few else _condition_number_batch
-        run(self._chain.table, rows, values, gradients)
+        table = self._chain.table
+
+        def run(part: slice) -> None:
+            _condition_number_rows(table, rows[part], values[part], gradients[part])
+
+        in_row_blocks(run, len(rows), _BLOCK)
         shape = np.shape(q)
         return values.reshape(shape[:-1]), gradients.reshape(shape)
 
@@ -147,18 +149,14 @@ class ForceSd:
         """The measure (...), N, and its gradient (..., n) at q (..., n)."""
         rows = _rows(self._chain, q)
         values, gradients = np.empty(len(rows)), np.empty(rows.shape)
-        run = _force_sd_rows if len(rows) < _PARALLEL_FROM else _force_sd_batch
-        run(
-            self._chain.table,
-            self._reconstruction.table,
-            self._reconstruction.torque_covariance,
-            self._precision,
-            self._inverse,
-            self._reconstruction.scratch(),
-            rows,
-            values,
-            gradients,
-        )
+        own = self._reconstruction
+        known = self._chain.table, own.table, own.torque_covariance, self._precision, self._inverse
+
+        def run(part: slice) -> None:
+            work = own.scratch()
+            _force_sd_rows(*known, work, rows[part], values[part], gradients[part])
+
+        in_row_blocks(run, len(rows), _BLOCK)
         shape = np.shape(q)
         return values.reshape(shape[:-1]), gradients.reshape(shape)
 
@@ -265,7 +263,7 @@ def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient:
     return value
 
 
-@kernel
+@kernel(nogil=True)
 def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Array) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
@@ -274,13 +272,6 @@ def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Arr
     for k in range(q.shape[0]):
         pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
         values[k] = _condition_number_gradient(J, B, Q, G, gradients[k])
-
-
-@kernel(parallel=True)
-def _condition_number_batch(table: Array, q: Array, values: Array, gradients: Array) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        _condition_number_rows(table, q[rows], values[rows], gradients[rows])
 
 
 @kernel
@@ -365,7 +356,7 @@ def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array
     return trace
 
 
-@kernel
+@kernel(nogil=True)
 def _force_sd_rows(
     table: Array,
     settings: Array,
@@ -394,30 +385,3 @@ def _force_sd_rows(
         values[k] = min(value, _UNREADABLE)
         for j in range(n):
             gradients[k, j] = gradients[k, j] / (2.0 * value) if value < _UNREADABLE else 0.0
-
-
-@kernel(parallel=True)
-def _force_sd_batch(
-    table: Array,
-    settings: Array,
-    covariance_tau: Array,
-    precision: Array,
-    inverse: bool,
-    scratch_like: Array,
-    q: Array,
-    values: Array,
-    gradients: Array,
-) -> None:
-    for b in prange((q.shape[0] + _BLOCK - 1) // _BLOCK):
-        rows = slice(b * _BLOCK, (b + 1) * _BLOCK)
-        _force_sd_rows(
-            table,
-            settings,
-            covariance_tau,
-            precision,
-            inverse,
-            scratch_like,
-            q[rows],
-            values[rows],
-            gradients[rows],
-        )

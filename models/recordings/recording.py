@@ -70,12 +70,10 @@ class Recording:
 
     def __getitem__(self, part: slice | Flags) -> "Recording":
         """The samples of a slice, or those (T,) that are chosen."""
-        signals = {name: getattr(self, name) for name in _SIGNALS}
-        return replace(
-            self,
-            extra={name: signal[part] for name, signal in self.extra.items()},
-            **{name: None if own is None else own[part] for name, own in signals.items()},
-        )
+        signals: dict[str, Any] = {name: getattr(self, name) for name in _SIGNALS}
+        signals = {name: None if own is None else own[part] for name, own in signals.items()}
+        extra = {name: signal[part] for name, signal in self.extra.items()}
+        return replace(self, extra=extra, **signals)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Every signal as named columns (T,), the way logs are written.
@@ -107,15 +105,11 @@ def concatenated(chunks: Sequence[Recording]) -> Recording:
     first = chunks[0]
     if len(chunks) == 1:
         return first
-    signals = {name: [getattr(c, name) for c in chunks] for name in _SIGNALS}
-    return replace(
-        first,
-        extra={name: np.concatenate([c.extra[name] for c in chunks]) for name in first.extra},
-        **{
-            name: None if any(part is None for part in parts) else np.concatenate(parts)
-            for name, parts in signals.items()
-        },
-    )
+    signals: dict[str, Any] = {name: [getattr(c, name) for c in chunks] for name in _SIGNALS}
+    for name, parts in signals.items():
+        signals[name] = None if any(part is None for part in parts) else np.concatenate(parts)
+    extra = {name: np.concatenate([c.extra[name] for c in chunks]) for name in first.extra}
+    return replace(first, extra=extra, **signals)
 
 
 def place_of(recording: Recording, sample: int) -> str:

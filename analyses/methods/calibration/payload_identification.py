@@ -36,6 +36,7 @@ from wrenchsight.models.calibration.load_parameters import (
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.coupling import refuse_coupling
@@ -251,15 +252,12 @@ def payload_log(
         robot = Robot.load(settings.robot)
         model = IdentifiedModel.load(Path(settings.model), robot)
         form, signs = settings.log_format, settings.accept_signs
-        loaded, bare = (
-            logs_of(
-                *(texts, "payload", "LOG"),
-                lambda path, check=check: read_recording(
-                    path, form, robot, check, signs, joint_signals=True
-                ),
-            )
-            for texts, check in ((settings.logs, settings.check), (settings.empty, True))
-        )
+
+        def read(path: Path, check: bool = True) -> Recording:
+            return read_recording(path, form, robot, check, signs, joint_signals=True)
+
+        loaded = logs_of(settings.logs, "payload", "LOG", lambda path: read(path, settings.check))
+        bare = logs_of(settings.empty, "payload", "LOG", read)
         result = identify_payload(loaded, robot, model, settings.payload, bare or None, progress)
         result.write(folder, settings)
     notices = [line for log, _ in loaded for line in log.notices]
