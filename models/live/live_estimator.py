@@ -348,8 +348,10 @@ class LiveEstimator:
     def _read(self, point: GridSample, sample: Sample, stale: bool) -> Reading:
         n = self._n
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        batch, found = self._reader.run(q[None], v[None], current[None])
         impossible = 0 if point.x[-1] == 0.0 else BEYOND
+        if impossible and not self._is_external:
+            current = np.full(n, np.inf)
+        batch, found = self._reader.run(q[None], v[None], current[None])
         contradicted = self.contradicted and not self._is_external
         usable = not (point.dropout or stale or contradicted or self._zeroing)
         fault = int(batch.fault[0]) | impossible

@@ -22,6 +22,9 @@ law takes as a sample that never came. Checked are, joint by joint,
                   not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
 
+A current of inf marks a sample that an earlier check has found impossible, before the samples were
+put on a grid.
+
 "before" is the last sample that was taken. After RESTART_TIME nothing is compared with it any
 more, so that a position that jumped for good is then accepted.
 
@@ -262,7 +265,7 @@ def _wrong_current(
     i: float,
 ) -> int:
     """What is wrong with the current of one joint."""
-    if not np.isfinite(i):
+    if np.isnan(i):
         return 0
     if abs(i) > table[_CURRENT, j]:
         return BEYOND

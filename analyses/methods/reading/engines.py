@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from wrenchsight.analyses.methods.reading.drifted_band import with_band_of
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.known_contact import Read, read_contact, read_later
-from wrenchsight.analyses.methods.reading.uniform_log import measured
+from wrenchsight.analyses.methods.reading.uniform_log import marked_current, measured
 from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
@@ -45,9 +45,10 @@ def estimates(
                 for own in models
             )
         for chunk in chunks:
-            batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+            signals = chunk.q, chunk.v, marked_current(chunk)
+            batch, found = engine.run(*signals)
             for other in others:
-                batch = with_band_of(batch, other.run(chunk.q, chunk.v, chunk.current)[0])
+                batch = with_band_of(batch, other.run(*signals)[0])
             yield Read(chunk, batch, found, batch.tau_ext)
 
     if settings.contact.axis:
@@ -57,7 +58,7 @@ def estimates(
     smoother, *wider = (WrenchSmoother(WrenchEstimator(robot, own, config)) for own in models)
 
     def take(part: Read) -> EstimateBatch:
-        q, v, current = part.chunk.q, part.chunk.v, part.chunk.current
+        q, v, current = part.chunk.q, part.chunk.v, marked_current(part.chunk)
         ready = smoother.take(q, v, current)
         for own in wider:
             ready = with_band_of(ready, own.take(q, v, current))

@@ -65,6 +65,14 @@ def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
     return np.asarray(batch.fault | np.where(found == 0.0, 0, BEYOND))
 
 
+def marked_current(chunk: Recording) -> Array:
+    """(N, n) A, inf in samples that were found impossible before the log was resampled."""
+    found = chunk.extra.get(FAULT)
+    if found is None:
+        return chunk.current
+    return np.asarray(np.where(found[:, None] == 0.0, chunk.current, np.inf))
+
+
 def measured(chunk: Recording, batch: EstimateBatch) -> Flags:
     return np.asarray(~chunk.dropout & (fault_of(chunk, batch) == 0))
 

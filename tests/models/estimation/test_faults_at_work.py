@@ -10,6 +10,9 @@ from sample_models import torque_error
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.samples import Sample
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.signal_doubt import PROBATION
 from wrenchsight.models.robot.robot import Robot
@@ -105,18 +108,37 @@ def test_a_push_is_no_fault(
     assert batch.valid[held].mean() > 0.95 * free.valid[held].mean() > 0.85
 
 
+def exchanged_then_pushed(estimator: WrenchEstimator, log: Log) -> Log:
+    """Joints 1 and 4 are exchanged for a second; a second later something pushes."""
+    tau = np.einsum("kaj,a->kj", estimator.chain.jacobian(log[0]), [0, 0, 0, 0, 40.0, 40.0])
+    q, v, current = (x.copy() for x in log)
+    current[BEGIN + 1000 :] -= estimator.robot.motor_current(tau)[BEGIN + 1000 :]
+    for x in (q, v, current):
+        x[BEGIN : BEGIN + 500, [0, 3]] = x[BEGIN : BEGIN + 500][:, [3, 0]]
+    assert (N - BEGIN - 1000) * T < PROBATION
+    return q, v, current
+
+
+FREE = slice(BEGIN + 750, BEGIN + 1000)  # the check has begun anew, the observer has settled
+PUSHED = slice(BEGIN + 1050, N)
+
+
 def test_after_exchanged_joints_a_force_waits_until_readings_were_free(
     estimator: WrenchEstimator, log: Log
 ) -> None:
-    signals = tuple(x.copy() for x in log)
-    for x in signals:
-        x[BEGIN : BEGIN + 500, [0, 3]] = x[BEGIN : BEGIN + 500][:, [3, 0]]
-    batch = estimator.run(estimator.initial_state(), *signals)
-    settled = slice(BEGIN + 500 + 250, N)  # restart of the check, and 3 / K_0 of the observer
-    assert batch.valid[settled].mean() > 0.9
-    tau = np.einsum("kaj,a->kj", estimator.chain.jacobian(log[0]), [0, 0, 0, 0, 40.0, 40.0])
-    pushed = log[2] - estimator.robot.motor_current(tau)
-    assert (N - BEGIN - 1000) * T < PROBATION
-    signals[2][BEGIN + 1000 :] = pushed[BEGIN + 1000 :]
-    batch = estimator.run(estimator.initial_state(), *signals)
-    assert not batch.valid[BEGIN + 1050 :].any()
+    batch = estimator.run(estimator.initial_state(), *exchanged_then_pushed(estimator, log))
+    assert batch.valid[FREE].mean() > 0.9
+    assert not batch.valid[PUSHED].any()
+
+
+def test_and_so_it_does_live(estimator: WrenchEstimator, log: Log) -> None:
+    """There samples are checked before they are put on a grid."""
+    config = LiveConfig(replace(estimator.config, position_resolution=[0.0] * 6))
+    live = LiveEstimator(estimator.robot, estimator.model, config)
+    rows = zip(T * np.arange(N), *exchanged_then_pushed(estimator, log), strict=True)
+    taken = [live.take(Sample(t, t, q, v, current)) for t, q, v, current in rows]
+    readings = [own for out in taken for own in out if isinstance(own, Reading)]
+    t = np.array([own.t for own in readings]) / T
+    valid = np.array([own.valid for own in readings], bool)
+    assert valid[(FREE.start < t) & (t < FREE.stop)].mean() > 0.9
+    assert not valid[t > PUSHED.start].any()
