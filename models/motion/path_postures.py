@@ -91,7 +91,8 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
     An angle that no whole turn brings within them stays outside.
     """
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
-    middle = 0.5 * (lower + upper)
+    with np.errstate(invalid="ignore"):  # inf - inf
+        middle = 0.5 * (lower + upper)
     middle = np.where(np.isfinite(middle), middle, 0.0)
     turns = whole_turns(q - middle)
     return np.asarray(q - np.where(prismatic, 0.0, 2.0 * math.pi * turns))

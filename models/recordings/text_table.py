@@ -239,7 +239,8 @@ class TextTable:
             return pa.table({name: np.empty(0) for name in used})
         return pa_csv.read_csv(
             pa.BufferReader(block),
-            read_options=pa_csv.ReadOptions(column_names=names),
+            # One thread: a block of this size is parsed no sooner by several.
+            read_options=pa_csv.ReadOptions(column_names=names, use_threads=False),
             parse_options=pa_csv.ParseOptions(delimiter=self.separator),
             convert_options=pa_csv.ConvertOptions(
                 column_types={name: pa.float64() for name in used},

@@ -1,3 +1,4 @@
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -51,6 +52,30 @@ def test_other_arms_are_solved_numerically(
     followed = follow_path(robot, R_WE, p_WE, q_path[0])
     assert_reaches(robot, followed, R_WE, p_WE)
     assert np.max(np.abs(np.diff(followed, axis=0))) < 0.1  # it stays on its branch
+
+
+def test_joints_without_limits_turn_on_beyond_half_a_turn(sts: Robot) -> None:
+    endless = copy.copy(sts)
+    limits = {"position_lower": np.full(6, -np.inf), "position_upper": np.full(6, np.inf)}
+    endless.__dict__.update(limits)
+    q_path = ARTICLE_POSTURE + np.linspace(2.5, 4.0, 16)[:, np.newaxis] * np.eye(6)[0]
+    R_WE, p_WE = sts.chain.pose(q_path)
+    np.testing.assert_allclose(follow_path(endless, R_WE, p_WE, q_path[0]), q_path, atol=1e-7)
+
+
+def test_a_search_that_fails_from_the_seed_goes_on_from_others(
+    serial_robot: Callable[..., Robot],
+) -> None:
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+    robot = serial_robot([("revolute", axis, "0 0.05 .2") for axis in axes])
+    seeds = np.random.default_rng(2).uniform(-3.0, 3.0, (40, 7))
+    R_WE, p_WE = robot.chain.pose(np.full(7, 0.3))
+    many = np.tile(R_WE, (40, 1, 1)), np.tile(p_WE, (40, 1))
+    found = all_branches(robot, *many, seeds=seeds[:, np.newaxis])
+    lost = np.flatnonzero(np.isnan(found[:, 0, 0]))
+    assert 0 < len(lost) < 40
+    for seed in seeds[lost[:3]]:
+        assert_reaches(robot, follow_path(robot, R_WE, p_WE, seed), R_WE, p_WE)
 
 
 def test_follow_path_keeps_to_the_branch_of_its_seed(sts: Robot) -> None:

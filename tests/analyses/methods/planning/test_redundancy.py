@@ -11,16 +11,19 @@ import pytest
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.planning.free_redundancy import Surroundings
 from wrenchsight.analyses.methods.planning.redundancy import find_redundancy
 from wrenchsight.analyses.methods.planning.redundancy_task import (
     RedundancyClearance,
     RedundancyTask,
 )
-from wrenchsight.diagrams.distances.clearance import workpiece_clearance
+from wrenchsight.diagrams.distances.clearance import Clearance, workpiece_clearance
 from wrenchsight.diagrams.scenario import BladeConfig
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import load_configuration, save_configuration
 from wrenchsight.models.files.task_files import task_file
+from wrenchsight.models.motion.posture_measures import ConditionNumber
+from wrenchsight.models.motion.redundancy import RedundancyProblem
 from wrenchsight.models.motion.surface_path import SurfacePath
 from wrenchsight.models.motion.workpieces import BladeSection
 from wrenchsight.models.robot.robot import Robot
@@ -181,3 +184,17 @@ def test_a_way_through_the_workpiece_is_refused(tmp_path: Path) -> None:
     assert "workpiece overlap by" in result.stderr
     assert "move the workpiece" in result.stderr
     assert not (tmp_path / "out" / "trajectory.csv").exists()
+
+
+def test_the_tool_comes_and_goes_along_the_normal_as_far_as_asked(sts: Robot) -> None:
+    path = SurfacePath.on_surface(BladeSection(), (0.75, 0.15), (0.75, 0.85), 3)
+    q = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0]) + 0.1 * np.arange(3)[:, np.newaxis]
+    measure = ConditionNumber(sts.chain)
+    limits = sts.position_lower, sts.position_upper
+    problem = RedundancyProblem(sts, path, np.array([0, 0, 1.0]), measure, *limits, np.ones(6))
+    ways = Surroundings(sts, Clearance(sts), 0.03).with_ends(problem, q)
+    np.testing.assert_array_equal(ways[4:-4], q)
+    p = sts.chain.pose(ways)[1]
+    off = 0.03 * np.array([1.0, 0.75, 0.5, 0.25])[:, np.newaxis]
+    np.testing.assert_allclose(p[:4] - p[4], off * path.n_W[0], atol=1e-8)
+    np.testing.assert_allclose(p[-4:] - p[-5], off[::-1] * path.n_W[-1], atol=1e-8)
