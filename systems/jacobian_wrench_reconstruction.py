@@ -25,6 +25,7 @@ from wrenchsight.models.estimation.wrench_reading import (
     read_sample,
 )
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
+from wrenchsight.models.observers.sample_check import BEYOND
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.last_tick import LastTick
 
@@ -58,7 +59,7 @@ class JacobianWrenchReconstruction(LeafSystem):
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
-                 fault              (1,) not 0 where the sample is one that cannot be; optional
+                 fault              (1,) what is wrong with the sample; optional
                  observed           (42,) wrench and covariance, of an observer that reads them
                                     itself; to be left unconnected otherwise
                  torque_error       (ERROR_ROWS n,) of TorqueErrorSystem; left unconnected the error
@@ -189,7 +190,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         counts = not self._tau_ext_valid.HasValue(context) or (
             self._tau_ext_valid.Eval(context)[0] == 1.0
         )
-        lost = self._fault.HasValue(context) and self._fault.Eval(context)[0] != 0.0
+        lost = self._fault.HasValue(context) and int(self._fault.Eval(context)[0]) & BEYOND != 0
         state, reading = self._wrench_reading.initial_state(), np.empty(READING)
         if self._last is not None:
             state[:] = context.get_discrete_state(0).value()

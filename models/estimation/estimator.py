@@ -70,7 +70,7 @@ from wrenchsight.models.observers.observer import (
     V,
 )
 from wrenchsight.models.observers.observer_kinds import AnyObserverConfig, make_observer
-from wrenchsight.models.observers.sample_check import Codes, SampleCheck
+from wrenchsight.models.observers.sample_check import BEYOND, Codes, SampleCheck
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
@@ -461,7 +461,14 @@ class WrenchEstimator:
                 sd[rows] = part[:, row]
             now = TorqueError(*(x[rows] for x in error))
             F[rows], covariance[rows], condition[rows], valid[rows] = self.reading.run(
-                *(parts.reading, now, J[rows], tau_ext[rows], counts[rows], fault[rows] != 0),
+                *(
+                    parts.reading,
+                    now,
+                    J[rows],
+                    tau_ext[rows],
+                    counts[rows],
+                    fault[rows] & BEYOND != 0,
+                ),
                 *(own, conditions),
             )
         return EstimateBatch(

@@ -50,7 +50,12 @@ from wrenchsight.models.observers.observer import (
     Q,
     V,
 )
-from wrenchsight.models.observers.sample_check import check_current, check_motion, take_sample
+from wrenchsight.models.observers.sample_check import (
+    BEYOND,
+    check_current,
+    check_motion,
+    take_sample,
+)
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
 from wrenchsight.models.views import view_2d
@@ -310,7 +315,7 @@ def tick_output(
         (p.read_load[0], p.lag[0], p.explained[0], p.doubt[0], p.wrench),
         *(tick.reading_state, tick.error, J, tick.tau_ext),
         counts,
-        tick.flags[FAULT] != 0.0,
+        int(tick.flags[FAULT]) & BEYOND != 0,
         *(observed, tick.reading, work.reading),
     )
 

@@ -27,7 +27,7 @@ from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.stream_order import StreamOrder
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, SampleCheck
+from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, LESS, SampleCheck
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.resampling import (
     UNIFORM_TOLERANCE,
@@ -338,9 +338,10 @@ class LiveEstimator:
             period = 0.0 if self._last_t is None else sample.t - self._last_t
             rows = x[:-1].reshape(3, 1, self._n)
             period = max(period, _LEAST_PERIOD)
-            checked, _ = self._check.run(self._check_state, rows[0], rows[1], rows[2], period)
+            checked, codes = self._check.run(self._check_state, rows[0], rows[1], rows[2], period)
             lost = bool((np.isnan(checked) & ~np.isnan(rows)).any())
-            x[:-1], x[-1] = checked.ravel(), float(lost)
+            x[:-1] = checked.ravel()
+            x[-1] = float(lost) * (1.0 if codes[0] & BEYOND else LESS)
             dropout = dropout or lost
         self._last_t = sample.t
         return GridSample(sample.t, x, dropout)
@@ -349,7 +350,7 @@ class LiveEstimator:
         n = self._n
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
         impossible = 0 if point.x[-1] == 0.0 else BEYOND
-        if impossible and not self._is_external:
+        if point.x[-1] > LESS and not self._is_external:
             current = np.full(n, np.inf)
         batch, found = self._reader.run(q[None], v[None], current[None])
         contradicted = self.contradicted and not self._is_external

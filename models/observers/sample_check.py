@@ -17,7 +17,8 @@ law takes as a sample that never came. Checked are, joint by joint,
                   is forgotten within DRIFT_TIME ln DRIFT_KEPT
     disorder      the sum of (|r| - |v| - SMOOTH DISAGREEMENT) dt likewise: positions that run to
                   and fro further than their velocity goes, as of samples in a wrong order, or read
-                  at other times than they are taken for
+                  at other times than they are taken for. Of a joint that moves, |v| above SMOOTH
+                  DISAGREEMENT: at rest it is the encoder's noise
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
                   not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
@@ -64,6 +65,7 @@ RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
 
 # What is wrong with a sample; the sum of what applies.
 BEYOND, DISAGREES, FROZEN = 1, 2, 4
+LESS = 0.25  # stands for the others beside a 1 for BEYOND, where the samples are interpolated later
 
 _LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
 _ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
@@ -303,8 +305,11 @@ def _drift(
 ) -> tuple[float, float]:
     """Drift and disorder of one joint with a sample, rad (m)."""
     fade = np.exp(-age / DRIFT_TIME)
-    goes = abs(v) + SMOOTH * table[_SHARE, j] + table[_ENCODER, j] / age
-    disorder = fade * state[_DISORDER, j] + (abs(r) - goes) * age
+    slow = SMOOTH * table[_SHARE, j]
+    goes = abs(v) + slow + table[_ENCODER, j] / age
+    disorder = fade * state[_DISORDER, j]
+    if abs(v) > slow:
+        disorder += (abs(r) - goes) * age
     return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 

@@ -17,9 +17,9 @@ Suspicion is counted in seconds, up to MOST. From TOLD on a reading is not valid
 |z|^2 < FREE n, which is what nothing at all reads. Suspicion falls as fast as it rose while z lies
 on none of these lines, which is a contact, and by FORGOTTEN of the time while readings are free.
 
-Where samples could not be for LOST_TIME, the arm is not believed as soon as they can be again: two
-joints exchanged, or an encoder that slipped, leave possible numbers behind. Until there have been
-PROBATION seconds of free readings no other is valid.
+Where samples were beyond what joints can do for LOST_TIME, the arm is not believed as soon as they
+are possible again: two joints exchanged, or an encoder that slipped, leave possible numbers behind.
+Until there have been PROBATION seconds of free readings no other is valid.
 
 Not told is what leaves another trace: a fault while something pushes, one below LOADED, a wrong
 position without a jump. The numbers were settled on motions of a simulated and of the real UR10e,
@@ -97,7 +97,7 @@ def is_believed(
         tau_ext, sd: (n,) N m.
         tau_J: (n,) N m, of the sample before.
         counts: whether tau_ext is of this sample.
-        lost: whether the sample is one that cannot be.
+        lost: whether the sample is beyond what the joints can do.
     """
     if table[_LOADED] == np.inf:
         return True

@@ -12,7 +12,6 @@ sent.
 
 import struct
 import time
-from typing import Any
 
 import numpy as np
 from drake import lcmt_force_torque, lcmt_iiwa_status, lcmt_panda_status
@@ -66,7 +65,7 @@ class LcmSource:
         self._seen = self._closed = False
         self._damaged = 0
         self._channel = channel
-        self._subscription: Any = lcm.Subscribe(channel, self._take)
+        self._subscribed = False  # only when it is first read: what waited till then would be old
 
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "LcmSource":
@@ -79,13 +78,16 @@ class LcmSource:
         """As the protocol."""
         if self._closed:
             return []
+        if not self._subscribed:
+            self._subscribed = True
+            self._lcm.Subscribe(self._channel, self._take)
         self._lcm.HandleSubscriptions(max(0, round(1e3 * timeout)))
         items, self._items = self._items[:MOST_ITEMS], self._items[MOST_ITEMS:]
         return items
 
     def close(self) -> None:
         """As the protocol."""
-        self._closed, self._subscription = True, None
+        self._closed = True
 
     def _take(self, data: bytes) -> None:
         now = time.monotonic()

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.observers.sample_check import BEYOND, SampleCheck
+from wrenchsight.models.observers.sample_check import BEYOND, LESS, SampleCheck
 from wrenchsight.models.recordings.recording import Recording, place_of
 from wrenchsight.models.robot.robot import Robot
 
@@ -50,14 +50,14 @@ class SampleScreen:
             period = np.diff(chunk.t, prepend=before)
             self._last = float(chunk.t[-1])
             # Time that stands still or runs backwards is refused later, with its line.
-            (q, v, current), _ = self._check.run(
+            (q, v, current), codes = self._check.run(
                 self._state, chunk.q, chunk.v, chunk.current, np.maximum(period, 1e-9)
             )
             wrong = _lost(chunk.q, q) | _lost(chunk.v, v) | _lost(chunk.current, current)
             if wrong.any() and not self._count:
                 self._first = place_of(chunk, int(np.argmax(wrong)))
             self._count += int(wrong.sum())
-            fault = np.where(wrong, float(BEYOND), 0.0)
+            fault = np.where(wrong, np.where(codes & BEYOND, 1.0, LESS), 0.0)
             yield replace(
                 chunk,
                 q=q,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wrenchsight.analyses.methods.reading.sample_screen import FAULT, SampleScreen
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
-from wrenchsight.models.observers.sample_check import BEYOND
+from wrenchsight.models.observers.sample_check import BEYOND, LESS
 from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
@@ -66,11 +66,11 @@ def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
 
 
 def marked_current(chunk: Recording) -> Array:
-    """(N, n) A, inf in samples that were found impossible before the log was resampled."""
+    """(N, n) A, inf in samples that were found BEYOND before the log was resampled."""
     found = chunk.extra.get(FAULT)
     if found is None:
         return chunk.current
-    return np.asarray(np.where(found[:, None] == 0.0, chunk.current, np.inf))
+    return np.asarray(np.where(found[:, None] > LESS, np.inf, chunk.current))
 
 
 def measured(chunk: Recording, batch: EstimateBatch) -> Flags:

@@ -33,6 +33,7 @@ def panda(utime, rng, mode=2):
 def test_an_iiwa_is_read_message_by_message():
     lcm, rng = DrakeLcm("memq://"), np.random.default_rng(1)
     source = LcmSource(lcm, "IIWA_STATUS", "iiwa")
+    assert source.read(0.0) == []
     sent = [iiwa(5_000_000 + 5000 * k, rng) for k in range(5)]
     for message in sent:
         lcm.Publish("IIWA_STATUS", message.encode())
@@ -53,6 +54,7 @@ def test_an_iiwa_is_read_message_by_message():
 def test_a_panda_says_whether_it_runs(mode, running):
     lcm = DrakeLcm("memq://")
     source = LcmSource(lcm, "PANDA_STATUS", "panda")
+    assert source.read(0.0) == []
     message = panda(7, np.random.default_rng(2), mode)
     lcm.Publish("PANDA_STATUS", message.encode())
     _, sample = source.read(0.0)
@@ -65,6 +67,7 @@ def test_a_panda_says_whether_it_runs(mode, running):
 def test_external_torque_is_that_on_the_arm(kind, make, sign):
     lcm = DrakeLcm("memq://")
     source = LcmSource(lcm, "S", kind, external=True)
+    assert source.read(0.0) == []
     message = make(7, np.random.default_rng(2))
     lcm.Publish("S", message.encode())
     _, sample = source.read(0.0)
@@ -75,6 +78,7 @@ def test_external_torque_is_that_on_the_arm(kind, make, sign):
 def test_what_is_no_status_is_left_out():
     lcm, rng = DrakeLcm("memq://"), np.random.default_rng(3)
     source = LcmSource(lcm, "S", "iiwa")
+    assert source.read(0.0) == []
     good = iiwa(1, rng).encode()
     huge = good[:16] + b"\x7f\xff\xff\xff" + good[20:]
     for data in (b"", b"x" * 40, good[:50], huge, panda(1, rng).encode(), good):
