@@ -10,8 +10,8 @@ rotation of the tool as a unit quaternion Q; its angle-axis form is the article'
                 n . z_E = 0 where the path lies in a surface,  z_E in a cone and clearance where
                 they are asked for
 
-All gradients are closed forms, computed for all points at once and handed to the solver as
-AutoDiffXd with their sparsity.
+All gradients are closed forms, computed by one kernel call for all points and handed to the solver
+as AutoDiffXd with their sparsity.
 """
 
 import math
@@ -22,10 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
-from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
 from wrenchsight.models.motion.posture_measures import PathMeasure
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.rotations import quaternion_of
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 SOLVERS = ("snopt", "ipopt")
@@ -241,32 +243,12 @@ class PlacementProgram:
         return Placement(q.copy(), n_W / np.linalg.norm(n_W), p_WM.copy(), Q / np.linalg.norm(Q))
 
     def pose_errors(self, x: Array) -> tuple[Array, Array]:
-        """The pose constraints (6 (k + 1),), m and rad, and their gradient (6 (k + 1), len(x)).
-
-        Six a point: 2 Im(conj(Q) Q_WE(q_i)), then p_WE(q_i) - p_i.
-        """
+        """The pose constraints (6 (k + 1),), m and rad, and their gradient (6 (k + 1), len(x))."""
+        errors = np.empty(6 * (self.num_segments + 1))
+        gradient = np.zeros((len(errors), len(x)))
         q, n_W, p_WM, Q = self._split(np.asarray(x, dtype=np.float64))
-        count, n = q.shape
-        R_WE, p_WE = self.chain.pose(q)
-        J = self.chain.jacobian(q)
-        E = Rotation.from_matrix(R_WE).as_quat(scalar_first=True)
-        # Of the two quaternions of one rotation the nearer, so that the error is smooth.
-        E[E @ Q < 0.0] *= -1.0
-        w, v, spin = E[:, :1, np.newaxis], E[:, 1:, np.newaxis], J[:, :3]
-        # dE = (0, spin) E / 2
-        by_real = -np.sum(v * spin, axis=1, keepdims=True)
-        E_by_q = 0.5 * np.concatenate([by_real, w * spin + np.cross(spin, v, axis=1)], axis=1)
-        along = (np.linspace(0.0, 1.0, count) - 0.5)[:, np.newaxis] * self.path_length
-        turns, offsets = 2.0 * E @ _difference(Q).T, p_WE - p_WM - along * n_W
-        by_q = np.concatenate([2.0 * _difference(Q) @ E_by_q, J[:, 3:]], axis=1)
-        gradient = np.zeros((count, 6, len(x)))
-        for i in range(count):
-            gradient[i, :, i * n : (i + 1) * n] = by_q[i]
-        shared = gradient[:, :, count * n :]
-        shared[:, :3, 6:] = -2.0 * np.moveaxis(_difference(E.T), 2, 0)
-        shared[:, 3:, :3] = -along[:, np.newaxis] * np.eye(3)
-        shared[:, 3:, 3:6] = -np.eye(3)
-        return np.hstack([turns, offsets]).ravel(), gradient.reshape(-1, len(x))
+        _pose_constraints(self.chain.table, q, n_W, p_WM, Q, self.path_length, errors, gradient)
+        return errors, gradient
 
     def violation(self, placement: Placement) -> float:
         """The largest violation of a constraint, rad and m; the clearance's among them."""
@@ -423,18 +405,22 @@ class PlacementProgram:
 
 def rotation_of(quaternion: Array) -> Array:
     """(3, 3) rotation matrix of a quaternion (w, x, y, z), made unit first."""
-    return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def quaternion_from(R: Array) -> Array:
     """Unit quaternion (w, x, y, z) of a rotation matrix, w >= 0."""
-    return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True))
-
-
-def _difference(Q: Array) -> Array:
-    """(3, 4, ...) matrix of Q (4, ...): its product with E is Im(conj(Q) E), -Im(conj(E) Q)."""
-    w, x, y, z = Q
-    return np.array([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])
+    quaternion = np.empty(4)
+    quaternion_of(np.ascontiguousarray(R, dtype=np.float64), quaternion)
+    quaternion /= np.linalg.norm(quaternion)
+    return -quaternion if quaternion[0] < 0.0 else quaternion
 
 
 def _z_axis(Q: Array) -> tuple[Array, Array]:
@@ -455,3 +441,59 @@ def _with_gradient(x: NDArray[Any], values: Array, gradient: Array) -> Any:
     if seed.shape[0] != seed.shape[1] or not np.array_equal(seed, np.eye(len(seed))):
         gradient = gradient @ seed
     return InitializeAutoDiff(values[:, np.newaxis], gradient)[:, 0]
+
+
+@kernel
+def _pose_constraints(
+    table: Array,
+    q: Array,
+    n_W: Array,
+    p_WM: Array,
+    Q: Array,
+    path_length: float,
+    errors: Array,
+    gradient: Array,
+) -> None:
+    """Rows 6 i to 6 i + 2: 2 Im(conj(Q) Q_WE(q_i)); 6 i + 3 to 6 i + 5: p_WE(q_i) - p_i."""
+    count, n = q.shape
+    k = count - 1
+    shared = count * n
+    R, p, J = np.empty((3, 3)), np.empty(3), np.empty((6, n))
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    E = np.empty(4)
+    w, x, y, z = Q[0], Q[1], Q[2], Q[3]
+    for i in range(count):
+        pose_and_jacobian(table, q[i], R, p, J, scratch)
+        quaternion_of(R, E)
+        # Of the two quaternions of one rotation the nearer, so that the error is smooth.
+        if E[0] * w + E[1] * x + E[2] * y + E[3] * z < 0.0:
+            for c in range(4):
+                E[c] = -E[c]
+        a, b, c, d = E[0], E[1], E[2], E[3]
+        row = 6 * i
+        errors[row] = 2.0 * (w * b - x * a - y * d + z * c)
+        errors[row + 1] = 2.0 * (w * c + x * d - y * a - z * b)
+        errors[row + 2] = 2.0 * (w * d - x * c + y * b - z * a)
+        by_Q = gradient[row : row + 3, shared + 6 : shared + 10]
+        by_Q[0, 0], by_Q[0, 1], by_Q[0, 2], by_Q[0, 3] = 2.0 * b, -2.0 * a, -2.0 * d, 2.0 * c
+        by_Q[1, 0], by_Q[1, 1], by_Q[1, 2], by_Q[1, 3] = 2.0 * c, 2.0 * d, -2.0 * a, -2.0 * b
+        by_Q[2, 0], by_Q[2, 1], by_Q[2, 2], by_Q[2, 3] = 2.0 * d, -2.0 * c, 2.0 * b, -2.0 * a
+        along = (i / k - 0.5) * path_length
+        for r in range(3):
+            errors[row + 3 + r] = p[r] - p_WM[r] - along * n_W[r]
+            gradient[row + 3 + r, shared + r] = -along
+            gradient[row + 3 + r, shared + 3 + r] = -1.0
+        for j in range(n):
+            # dE = (0, w_j) E / 2
+            wx, wy, wz = J[0, j], J[1, j], J[2, j]
+            da = -0.5 * (wx * b + wy * c + wz * d)
+            db = 0.5 * (wx * a + wy * d - wz * c)
+            dc = 0.5 * (wy * a + wz * b - wx * d)
+            dd = 0.5 * (wz * a + wx * c - wy * b)
+            column = i * n + j
+            gradient[row, column] = 2.0 * (w * db - x * da - y * dd + z * dc)
+            gradient[row + 1, column] = 2.0 * (w * dc + x * dd - y * da - z * db)
+            gradient[row + 2, column] = 2.0 * (w * dd - x * dc + y * db - z * da)
+            gradient[row + 3, column] = J[3, j]
+            gradient[row + 4, column] = J[4, j]
+            gradient[row + 5, column] = J[5, j]
