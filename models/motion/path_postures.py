@@ -118,7 +118,7 @@ def correct_paths(
     flat = q.reshape(-1, q.shape[2])
     reached = _reach_all(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, damped=False)
     q[:] = flat.reshape(q.shape)
-    return reached.reshape(q.shape[:2]).all(axis=1)
+    return np.asarray(reached.reshape(q.shape[:2]).all(axis=1))
 
 
 def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
