@@ -312,7 +312,7 @@ class WrenchEstimator:
             poles=error.poles,
             **dict(
                 zip(
-                    ("read_load", "lag", "explained", "doubt", "wrench"),
+                    ("read_load", "lag", "explained", "faults", "wrench"),
                     reading.tables,
                     strict=True,
                 )

@@ -42,7 +42,7 @@ class Parameters(NamedTuple):
         friction: table of the friction law's velocity_law.
         slip: FrictionLaw.slip_table.
         error, poles: of TorqueErrorStage; poles in one row.
-        read_load, lag, explained, doubt, wrench: WrenchReading.tables; all but the last in one row.
+        read_load, lag, explained, faults, wrench: WrenchReading.tables; in one row, but the last.
         check: SampleCheck.table; without rows samples are not checked.
         period: (1, 1) s between samples.
     """
@@ -56,7 +56,7 @@ class Parameters(NamedTuple):
     read_load: Array
     lag: Array
     explained: Array
-    doubt: Array
+    faults: Array
     wrench: Array
     check: Array
     period: Array

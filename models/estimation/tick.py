@@ -312,7 +312,7 @@ def tick_output(
     tick.flags[COUNTS] = 1.0 if counts else 0.0
     tick.reading_state[:] = s.reading
     read_wrench(
-        (p.read_load[0], p.lag[0], p.explained[0], p.doubt[0], p.wrench),
+        (p.read_load[0], p.lag[0], p.explained[0], p.faults[0], p.wrench),
         *(tick.reading_state, tick.error, J, tick.tau_ext),
         counts,
         int(tick.flags[FAULT]) & BEYOND != 0,

@@ -36,14 +36,14 @@ from wrenchsight.models.observers.explained_torque import (
     is_explained,
     unexplained,
 )
-from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
-from wrenchsight.models.observers.signal_doubt import (
-    DOUBT_NUMBERS,
-    DOUBT_ROWS,
-    doubt_table,
-    initial_doubt,
+from wrenchsight.models.observers.fault_signature import (
+    FAULT_NUMBERS,
+    FAULT_ROWS,
+    fault_table,
+    initial_fault_state,
     is_believed,
 )
+from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
 from wrenchsight.models.views import view_2d
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
@@ -52,8 +52,8 @@ OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
 READING_WORK_ROWS = WORK_ROWS + 2  # rows of max(n, 6) in which a sample is read
 _SD, _LATENESS = WORK_ROWS, WORK_ROWS + 1
 
-_DOUBT, _SIGNALS = 6, 7  # of the state: a slow wrench, s of doubt, then that of `signal_doubt`
-READING_NUMBERS, READING_ROWS = _SIGNALS + DOUBT_NUMBERS, DOUBT_ROWS
+_DOUBT, _SIGNALS = 6, 7  # of the state: a slow wrench, s of doubt, then that of `fault_signature`
+READING_NUMBERS, READING_ROWS = _SIGNALS + FAULT_NUMBERS, FAULT_ROWS
 # of the state: so many numbers, then so many rows of n
 
 
@@ -96,12 +96,12 @@ class WrenchReading:
         self.explained = explained_table(error.correlation, *live, error.scale, time_step, beyond)
         self.read_load = np.array([error.read_load])
         lines = np.eye(n) if torques is None else torques
-        self.doubt = doubt_table(lines, rates, time_step, learnt)
+        self.faults = fault_table(lines, rates, time_step, learnt)
 
     @property
     def tables(self) -> tuple[Array, Array, Array, Array, Array]:
         """The constants of `read_wrench`."""
-        return self.read_load, self.lag, self.explained, self.doubt, self.reconstruction.table
+        return self.read_load, self.lag, self.explained, self.faults, self.reconstruction.table
 
     @classmethod
     def constant(
@@ -139,7 +139,7 @@ class WrenchReading:
 
     def initial_state(self) -> Array:
         """Returns the state before the first sample."""
-        return np.concatenate([np.full(_SIGNALS, np.nan), initial_doubt(self.num_joints)])
+        return np.concatenate([np.full(_SIGNALS, np.nan), initial_fault_state(self.num_joints)])
 
     def run(
         self,
@@ -177,7 +177,7 @@ class WrenchReading:
         if observed.shape[1] > 0:
             wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
         _judge_log(
-            *((self.lag, self.explained, self.doubt), state, error.J_seen, tau_ext, sd),
+            *((self.lag, self.explained, self.faults), state, error.J_seen, tau_ext, sd),
             *(error.rows, np.asarray(counts, bool), np.asarray(lost, bool)),
             *(wrench, covariance, quality),
         )
@@ -202,7 +202,7 @@ def judge_reading(
     """Single-sample kernel: adds lag and scale to a reading, and settles whether it is valid.
 
     Args:
-        tables: lag, explained and doubt of WrenchReading.
+        tables: lag, explained and faults of WrenchReading.
         state: of `initial_state`, changed.
         seen: (6, n) J as tau_ext saw it.
         tau_ext, sd: (n,) N m.
@@ -214,10 +214,10 @@ def judge_reading(
         quality: (2,) condition number and valid, the latter changed.
         lateness: (6,), overwritten.
     """
-    lag, explained, doubt = tables
+    lag, explained, faults = tables
     D = unexplained(explained, seen, tau_ext, sd)
     at_E, state[_DOUBT] = is_explained(explained, state[_DOUBT], D)
-    sound = is_believed(doubt, state[_SIGNALS:], tau_ext, sd, tau_J, counts, lost)
+    sound = is_believed(faults, state[_SIGNALS:], tau_ext, sd, tau_J, counts, lost)
     valid = counts and quality[1] == 1.0 and at_E and sound
     quality[1] = 1.0 if valid else 0.0
     lag_tick(lag, state[:6], wrench, covariance, lateness)
@@ -251,7 +251,7 @@ def read_wrench(
         reading: (READING,), written.
         work: (READING_WORK_ROWS, max(n, 6)), overwritten.
     """
-    read_load, lag, explained, doubt, wrench = tables
+    read_load, lag, explained, faults, wrench = tables
     n = J.shape[1]
     sd, covariance, quality = work[_SD, :n], view_2d(reading, 6, 6, 6), reading[42:READING]
     for j in range(n):
@@ -265,7 +265,7 @@ def read_wrench(
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
     judge_reading(
-        *((lag, explained, doubt), state, error.J_seen, tau_ext, sd, error.rows[TAU_J_ROW]),
+        *((lag, explained, faults), state, error.J_seen, tau_ext, sd, error.rows[TAU_J_ROW]),
         *(counts, lost, reading[:6], covariance, quality, work[_LATENESS]),
     )
 

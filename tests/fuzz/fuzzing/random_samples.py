@@ -5,7 +5,7 @@ wrench, with and without a model of the torque's error. What leaves must be fini
 impossible sample must not be valid. Every second block has impossible samples alone: the settling
 time of the observer (3 / K_0) after the last of them is told, all must be within the stated band of
 what is read without them, and two such times later valid as if nothing had been: after so many
-impossible samples only a reading without force is believed (`models.observers.signal_doubt`).
+impossible samples only a reading without force is believed (`models.observers.fault_signature`).
 """
 
 import argparse

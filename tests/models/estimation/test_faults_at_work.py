@@ -13,8 +13,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import Sample
+from wrenchsight.models.observers.fault_signature import PROBATION
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.observers.signal_doubt import PROBATION
 from wrenchsight.models.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -47,11 +47,11 @@ _LARGEST = 1e50  # N m; beyond, nothing is known
 _PERIOD, _LOADED, _KEEP, _KEEP_LATE, _NUMBERS = range(5)
 # Of the state: these numbers, then tau_J as the observer saw it, and need through one pole and two,
 # (n,) each.
-_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, DOUBT_NUMBERS = range(9)
-DOUBT_ROWS = 3
+_SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, FAULT_NUMBERS = range(9)
+FAULT_ROWS = 3
 
 
-def doubt_table(
+def fault_table(
     torques: ArrayLike, K_0: ArrayLike | None, time_step: float, asked: bool = True
 ) -> Array:
     """Returns the constants that the kernel reads.
@@ -72,10 +72,10 @@ def doubt_table(
     return np.concatenate([numbers, np.broadcast_to(poles, n), *torques, *pairs])
 
 
-def initial_doubt(num_joints: int) -> Array:
+def initial_fault_state(num_joints: int) -> Array:
     """Returns the state before the first sample: nothing is suspected, no torque known."""
-    state = np.zeros(DOUBT_NUMBERS + DOUBT_ROWS * num_joints)
-    state[DOUBT_NUMBERS:] = np.nan
+    state = np.zeros(FAULT_NUMBERS + FAULT_ROWS * num_joints)
+    state[FAULT_NUMBERS:] = np.nan
     return state
 
 
@@ -92,8 +92,8 @@ def is_believed(
     """Whether a reading may be valid; takes it into `state`.
 
     Args:
-        table: of `doubt_table`.
-        state: of `initial_doubt`, changed.
+        table: of `fault_table`.
+        state: of `initial_fault_state`, changed.
         tau_ext, sd: (n,) N m.
         tau_J: (n,) N m, of the sample before.
         counts: whether tau_ext is of this sample.
@@ -151,7 +151,7 @@ def _lateness(table: Array, state: Array, tau_ext: Array, sd: Array, tau_J: Arra
         return 0.0
     zz, za, zb, aa, ab, bb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
-        seen = DOUBT_NUMBERS + j
+        seen = FAULT_NUMBERS + j
         first, second = seen + n, seen + 2 * n
         if not np.isfinite(state[seen]):
             state[seen] = tau_J[j]
