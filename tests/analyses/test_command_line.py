@@ -66,9 +66,7 @@ def experiments(tmp_path, monkeypatch):
     # Else each experiment's process would first import the test runner: its main module.
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
     monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
-    bundled = [entry.module for entry in REGISTRY.entries().values()]
-    for name in list(REGISTRY.entries()):
-        REGISTRY.unregister(name)
+    monkeypatch.setattr(REGISTRY, "_packages", ())
 
     def add(name, body="pass", needs=()):
         text = _EXPERIMENT.format(name=name, body=body, needs=needs)
@@ -79,8 +77,6 @@ def experiments(tmp_path, monkeypatch):
     yield add
     for name in list(REGISTRY.entries()):
         REGISTRY.unregister(name)
-    for module in bundled:
-        REGISTRY.register(module)
 
 
 # ---- help ----

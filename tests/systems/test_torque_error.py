@@ -11,6 +11,7 @@ from sample_models import knowing_model
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.identification.torque_error_model import TORQUE_ERROR_ROWS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.systems.torque_error import TorqueErrorSystem
 
@@ -41,7 +42,7 @@ def test_ports(sts, model):
     system = TorqueErrorSystem(estimator.error, T)
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
     assert names == ["q", "v", "terms", "tau_J", "tau_f", "pole", "law"]
-    assert system.GetOutputPort("torque_error").size() == 16 * N
+    assert system.GetOutputPort("torque_error").size() == (3 + 6 + TORQUE_ERROR_ROWS) * N
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()
         assert not system.HasDirectFeedthrough(int(port), 0)
