@@ -5,6 +5,7 @@ other with it, nothing that it leaves in memory can change the next one's figure
 algebra runs in one thread whatever `jobs` is, so that the same seed gives the same bytes.
 """
 
+import errno
 import json
 import multiprocessing
 import os
@@ -45,6 +46,7 @@ from wrenchsight.models.robot.truth_config import TRUTHS
 
 COMMAND: Final = "study"
 _TIMINGS: Final = "timings.json"
+_NO_STORAGE: Final = "no storage"  # a process ended for lack of it
 ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of every process that measures: 1, or the last bits hang on the machine's cores."""
 
@@ -200,6 +202,9 @@ class _Run:
         if kind == "progress":
             return Progress(outcome.name, "running", *content)
         reason, outcome.processor_seconds = content
+        if kind == _NO_STORAGE:
+            remedy = "free some space and run again: what is finished is kept"
+            raise InputError(self._folder.path, "", f"{reason}, while {outcome.name} ran", remedy)
         return self._finish(kind, reason)
 
     def _finish(self, state: State, reason: str) -> Progress:
@@ -269,7 +274,7 @@ def _work(
 
     begin_worker(parent, log)
     faulthandler.enable()
-    state: State = "failed"
+    state = "failed"
     try:
         state, reason = run(connection)
     except BaseException as error:  # whatever it is, the parent is to know
@@ -277,12 +282,23 @@ def _work(
         reason = lines[0] if lines else ""
         if not isinstance(error, InputError):
             reason = f"{type(error).__name__}: {reason}".rstrip(": ")
+        if lack := _lack_of_storage(error):
+            state, reason = _NO_STORAGE, lack
         with suppress(OSError):
             traceback.print_exc()
     with suppress(OSError):
         sys.stderr.flush()
     usage = resource.getrusage(resource.RUSAGE_SELF)
     connection.send((state, reason, usage.ru_utime + usage.ru_stime))
+
+
+def _lack_of_storage(error: BaseException | None) -> str:
+    """What the system says where an error, or what it came from, is a disk that is full."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
+            return os.strerror(error.errno)
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 def _run_experiment(
