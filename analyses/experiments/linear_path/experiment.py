@@ -201,7 +201,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
             "optimised.mean_jcn_along_path",
             "",
             10.8713,
-            "like with like",
+            "both are means along the path",
         ),
         ComparisonRow(
             "Largest JCN, optimised",
