@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, logsumexp
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.wrench import PRIOR_LEVER
 
 RADII = (0.06, 0.1)  # m
@@ -140,16 +140,21 @@ def place_evidence(
 
 
 def link_ends(J: Array) -> Array:
-    """(n, 3) m from E in axes of W: the far end of link 1 to n; J (6, n)."""
+    """(n, 3) m from E in axes of W: the far end of link 1 to n; J (6, n).
+
+    Where a prismatic joint lies J does not tell: its link ends where the one before does, or on the
+    next axis.
+    """
     axis, foot = J[:3].T, np.cross(J[:3].T, J[3:].T)
+    slides = _slides(J)
     ends: list[Array] = []
     for k in range(J.shape[1] - 1):
         a, b, p, r = axis[k], axis[k + 1], foot[k], foot[k + 1]
         cosine = float(a @ b)
         sine2 = 1.0 - cosine * cosine
-        if sine2 < _PARALLEL:
-            before = ends[-1] if ends else p
-            ends.append(r + b * float(b @ (before - r)))
+        if slides[k] or slides[k + 1] or sine2 < _PARALLEL:
+            before = ends[-1] if ends else r if slides[k] else p
+            ends.append(before if slides[k + 1] else r + b * float(b @ (before - r)))
             continue
         apart = p - r
         s = (cosine * float(b @ apart) - float(a @ apart)) / sine2
@@ -159,9 +164,14 @@ def link_ends(J: Array) -> Array:
     return np.array(ends)
 
 
+def _slides(J: Array) -> Flags:
+    """(n,) which joints are prismatic, of J (6, n)."""
+    return np.asarray(np.linalg.norm(J[:3], axis=0) < 0.5)
+
+
 def _surfaces(J: Array) -> list[tuple[Array, Array, float]]:
     """Per link its points (m, 3), m from E, their outward normals, in axes of W, and its length."""
-    ends, axis = link_ends(J), J[:3].T
+    ends, axis = link_ends(J), np.where(_slides(J), J[3:], J[:3]).T
     n = len(ends)
     turn = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     result = []

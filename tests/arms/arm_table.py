@@ -152,7 +152,7 @@ def run_arm(arm: Arm, folder: Path, excitation: ExcitationConfig = EXCITATION) -
         row["doubts"] = list(read.warnings)
         row["stage"] = "through"
     except InputError as error:
-        row["refused"] = re.sub(r"\S*/([^/\s:]+)", r"\1", str(error))
+        row["refused"] = re.sub(r"(?<!\S)/\S*/([^/\s:]+)", r"\1", str(error))
     except Exception as error:
         row["refused"] = f"{type(error).__name__}: {error}"
         row["defect"] = True

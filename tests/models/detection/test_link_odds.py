@@ -69,6 +69,21 @@ def test_the_pressed_link_is_named(J: np.ndarray, link: int) -> None:
     assert odds.on_link == (link < 7)
 
 
+@pytest.mark.parametrize("place", [0, 3, 7])
+def test_a_prismatic_joint_leaves_the_others_their_links(J: np.ndarray, place: int) -> None:
+    wider = np.insert(J, place, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], axis=1)
+    others = np.delete(np.arange(8), place)
+    if place in (0, 7):  # elsewhere a link's end may be another: where the slide lies is not known
+        np.testing.assert_allclose(link_ends(wider)[others][:6], link_ends(J)[:6], atol=1e-12)
+    assert np.isfinite(link_ends(wider)).all()
+    assert not odds_of(wider, wider[3:].T @ np.array([3.0, -8.0, -12.0])).on_link
+    elbow = int(others[3])  # 0-based
+    end = link_ends(wider)[elbow]
+    odds = odds_of(wider, pushed(wider, elbow + 1, end, np.array([14.0, 3.0, -4.0])))
+    assert odds.on_link
+    assert elbow + 1 in odds.named()
+
+
 def test_a_force_at_e_is_at_e(J: np.ndarray) -> None:
     odds = odds_of(J, J[3:].T @ np.array([3.0, -8.0, -12.0]))
     assert not odds.on_link
