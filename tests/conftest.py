@@ -101,6 +101,22 @@ def data_holding() -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
+def some_data(
+    data_holding: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Path]:
+    """Makes a folder of links to the recordings that are named, and to no others."""
+
+    def link(*names: str) -> Path:
+        root, own = data_holding(*names), tmp_path_factory.mktemp("data")
+        for name in names:
+            (own / name).parent.mkdir(exist_ok=True)
+            (own / name).symlink_to(root / name)
+        return own
+
+    return link
+
+
+@pytest.fixture(scope="session")
 def data(data_holding: Callable[..., Path]) -> Callable[[str], Path]:
     """Finds a recording: `data("ur10e/a.csv")`; the test is skipped where it is not there."""
     return lambda name: data_holding(name) / name

@@ -20,6 +20,7 @@ from typing import Any
 
 from wrenchsight.analyses.output.outputs import json_text, plain_metrics
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
+from wrenchsight.analyses.study.figure_files import written_figures
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.study import ONE_THREAD
@@ -131,6 +132,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
                     metrics = plain_metrics(result.metrics)
                     if task.out is not None:
                         (out / "metrics.json").write_text(json_text(metrics), encoding="utf-8")
+                        written_figures(result.figures, out)
                     outcome.values[name] = numbers_in(metrics)
                     outcome.described[name] = _description(experiment, result)
             except Exception as error:  # whatever it is, the others are to run

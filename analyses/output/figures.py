@@ -4,6 +4,7 @@ A colour means the same thing in every figure (`COLOUR`); what is not one of the
 the joints of an arm or several methods side by side, takes its colours from `SERIES` in order.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -144,6 +145,37 @@ def legend_below(figure: "Figure", panel: Any, ncols: int | None = None, **style
     handles, labels = panel.get_legend_handles_labels()
     ncols = len(labels) if ncols is None else ncols
     figure.legend(handles, labels, loc="outside lower center", ncols=ncols, **style)
+
+
+def legend_on_top(figure: "Figure", *panels: Any, ncols: int | None = None) -> None:
+    """One legend above all panels, with the entries of these; in one row unless `ncols` says."""
+    entries = [panel.get_legend_handles_labels() for panel in panels]
+    handles, labels = ([one for entry in entries for one in entry[k]] for k in range(2))
+    figure.legend(handles, labels, loc="outside upper center", ncols=ncols or len(labels))
+
+
+def draw_bars(
+    panel: Any, series: Mapping[str, Any], names: Sequence[Any], width: float = 0.8
+) -> None:
+    """Bars side by side, a group for each of `names`.
+
+    Args:
+        panel: to draw in.
+        series: heights (N,) of one colour's bars, by label.
+        names: of the N groups.
+        width: of a group.
+    """
+    places, each = np.arange(len(names)), width / len(series)
+    for k, (label, values) in enumerate(series.items()):
+        at = places + each * (k - 0.5 * (len(series) - 1))
+        panel.bar(at, values, each, color=SERIES[k % len(SERIES)], label=label)
+    panel.set_xticks(places, names)
+
+
+def fill_band(panel: Any, t: Any, x: Any, half_width: Any, label: str = "95 % band") -> None:
+    """The band of an estimate x (N,), `half_width` (N,) to either side."""
+    style = {"color": COLOUR["estimate"], "alpha": BAND_ALPHA, "lw": 0}
+    panel.fill_between(t, x - half_width, x + half_width, label=label, **style)
 
 
 def save_figure(figure: "Figure", path: Path) -> Path:

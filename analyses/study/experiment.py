@@ -1,12 +1,18 @@
 """What a study's experiment is: a named function from a context to a result."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from wrenchsight.models.robot.robot import Robot
+
+Drawing: TypeAlias = "tuple[str, Figure, str]"
+"""Name, figure and caption, not written yet."""
+_UNITS: Final = {"n": "N", "nm": "N m", "pct": "%", "kg": "kg", "s": "s", "deg": "°"}
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,10 @@ class ExperimentContext:
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
     fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
+
+    def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:
+        """Progress of a piece of the work, which goes from `start` to `end` of the whole."""
+        return lambda share, what: self.progress(start + (end - start) * share, prefix + what)
 
     def robot(self, name: str) -> "Robot":
         """A bundled robot with the simulated truth that it has in this run.
@@ -56,12 +66,22 @@ class ComparisonRow:
 
     label: str
     key: str
-    unit: str
-    article: float | list[float] | None  # None where the article has no such figure
+    article: float | Sequence[float] | None = None  # None where the article has no such figure
     remark: str = ""  # why they differ, where they do
     source: str = "article"  # who stated the figure: the article, or another tool's measurement
     ours: str = ""  # key of what our method has in the place of this figure of the article's
     more_is_better: bool = False  # else the less, as of an error
+    unit: str = "?"  # by default as the key ends: N of `optimised.rmse_n`
+
+    def __post_init__(self) -> None:
+        if self.unit == "?":
+            object.__setattr__(self, "unit", _unit_of(self.key))
+
+
+def _unit_of(key: str) -> str:
+    """The unit that the last part of a key to have one ends with; empty where none has."""
+    endings = (part.rpartition("_")[2] for part in reversed(key.split(".")))
+    return next((_UNITS[ending] for ending in endings if ending in _UNITS), "")
 
 
 @dataclass
@@ -69,10 +89,11 @@ class ExperimentResult:
     """What an experiment measured and drew; study writes it out."""
 
     metrics: dict[str, Any]  # nested; units in the key names; lists per joint
-    figures: list[FigureFile] = field(default_factory=list)
-    recordings: list[FigureFile] = field(default_factory=list)  # Meshcat *.html
-    comparison: list[ComparisonRow] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  # sentences for the report
+    figures: Iterable["Drawing | FigureFile"] = ()
+    recordings: Sequence[FigureFile] = ()  # Meshcat *.html
+    comparison: Sequence[ComparisonRow] = ()
+    # sentences for the report, see `wrenchsight.analyses.study.wording`
+    notes: Sequence[str] = ()
     configuration: dict[str, Any] = field(
         default_factory=dict
     )  # all that is needed to run it again

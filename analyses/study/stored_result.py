@@ -4,13 +4,20 @@ result.json holds what the report shows, and the fingerprint of what the result 
 """
 
 import json
+import sys
+from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 from wrenchsight.analyses.output.outputs import OutputFolder, plain, plain_metrics
 from wrenchsight.analyses.output.result_folder import ResultFolder
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentResult
+from wrenchsight.analyses.study.figure_files import written_figures
 from wrenchsight.analyses.study.outcome import look_up
+from wrenchsight.analyses.study.wording import filled
 
 
 def write_result(
@@ -35,8 +42,8 @@ def write_result(
             "section": experiment.section,
             **settings,
             "fingerprint": fingerprint,
-            "notes": result.notes,
-            "figures": result.figures,
+            "notes": filled(result.notes, metrics),
+            "figures": written_figures(result.figures, path),
             "pages": result.recordings,
             "comparison": result.comparison,
         }
@@ -53,8 +60,23 @@ def write_result(
         "experiment": experiment.name,
         **settings,
         "configuration": result.configuration,
+        "constants": _constants(sys.modules[experiment.run.__module__]),
     }
     folder.write_settings("config.yaml", configuration)
+
+
+def _constants(module: ModuleType) -> dict[str, Any]:
+    """The numbers and texts, alone or in containers, that a module has in capitals, by name."""
+    own = {name: value for name, value in vars(module).items() if name.isupper() and name[0] != "_"}
+    return {name: value for name, value in own.items() if name != "NOTES" and _is_plain(value)}
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        value = [*value, *value.values()]
+    if isinstance(value, list | tuple):
+        return all(map(_is_plain, value))
+    return isinstance(value, int | float | str | np.ndarray)
 
 
 def read_result(folder: ResultFolder, name: str) -> tuple[dict[str, Any], dict[str, Any]] | None:

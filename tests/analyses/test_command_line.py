@@ -33,7 +33,7 @@ def run(context):
     {body}
     return ExperimentResult(
         metrics={{"error_n": 24.7}},
-        comparison=[ComparisonRow("Largest error in `Y` [bold]", "error_n", "N", 24.86)],
+        comparison=[ComparisonRow("Largest error in `Y` [bold]", "error_n", 24.86)],
     )
 
 EXPERIMENT = Experiment("{name}", "Title", "4.3", run, needs={needs})

@@ -26,22 +26,19 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     TIME_STEP,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
     FOLDER,
     LOADED,
     VALIDATED,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -67,10 +64,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot = Robot.load("ur10e")
     models: dict[str, IdentifiedModel] = {}
     for k, (key, law) in enumerate(LAWS.items()):
-
-        def report(share: float, what: str, k: int = k, key: str = key) -> None:
-            context.progress(0.8 * (k + share) / len(LAWS), f"{key}: {what}")
-
+        report = context.part(0.8 * k / len(LAWS), 0.8 * (k + 1) / len(LAWS), f"{key}: ")
         config = IdentificationConfig(friction=law, cross_validate=False)
         models[key] = identify_ur10e(context.data, robot, config, report).model
     first = next(iter(models.values()))
@@ -98,31 +92,21 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=[
-            saved_figure(
-                _share_figure(metrics),
-                context.out,
+            (
                 "errors",
+                _share_figure(metrics),
                 "Error of the force at the load and of the joint torques, as read and less what "
                 "the pass without load has taught.",
             ),
-            saved_figure(
-                _torque_figure(passes),
-                context.out,
+            (
                 "joint2",
+                _torque_figure(passes),
                 "Joint 2: what the observer reads beside the load's torque, and what it read at "
                 "the same place of the pass without load.",
             ),
         ],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "fitted": list(FITTED),
-            "empty": VALIDATED["14harm50sec"],
-            "loaded": LOADED,
-            "laws": list(LAWS.values()),
-            "payload_kg": MASS,
-            "learning_time_s": LEARNING_TIME,
-        },
+        notes=NOTES,
     )
 
 
@@ -164,57 +148,35 @@ def _metrics(own: LoadedPass) -> dict[str, Any]:
 
 def _share_figure(metrics: dict[str, Any]) -> "Figure":
     figure, axes = new_figure(2, 1, height=5.6)
-    for panel, (part, label, names) in zip(
-        list[Any](axes[:, 0]),
-        (
-            ("rmse_f_n", "RMSE of the force [N]", [f"f{axis}" for axis in AXES]),
-            ("torque_rmse_nm", "RMSE of tau_ext [N m]", [f"joint {j + 1}" for j in range(6)]),
-        ),
-        strict=True,
-    ):
-        places = np.arange(len(names))
-        width = 0.8 / (2 * len(LAWS))
-        for k, key in enumerate(LAWS):
-            for i, state in enumerate(("plain", "taught")):
-                at = places + (2 * k + i - len(LAWS) + 0.5) * width
-                panel.bar(
-                    at,
-                    metrics[key][state][part],
-                    0.95 * width,
-                    color=SERIES[k],
-                    alpha=0.45 if i == 0 else 1.0,
-                    label=f"{LAWS[key]}{', taught' if i else ''}",
-                )
-        panel.set_xticks(places, names)
+    quantities = (
+        ("rmse_f_n", "RMSE of the force [N]", [f"f{axis}" for axis in AXES]),
+        ("torque_rmse_nm", "RMSE of tau_ext [N m]", [f"joint {j + 1}" for j in range(6)]),
+    )
+    for panel, (part, label, names) in zip(axes[:, 0], quantities, strict=True):
+        series = {
+            f"{law}{words}": metrics[key][state][part]
+            for key, law in LAWS.items()
+            for state, words in (("plain", ""), ("taught", ", taught"))
+        }
+        draw_bars(panel, series, names)
         panel.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    legend_on_top(figure, axes[0, 0], ncols=3)
     return figure
 
 
 def _torque_figure(passes: dict[str, LoadedPass]) -> "Figure":
     figure, axes = new_figure(len(LAWS), 1, height=2.2 * len(LAWS) + 0.4, share_x=True)
-    for panel, (key, law) in zip(list[Any](axes[:, 0]), LAWS.items(), strict=True):
+    for panel, (key, law) in zip(axes[:, 0], LAWS.items(), strict=True):
         entry = passes[key]
-        panel.plot(
-            entry.t,
-            entry.plain.torque_error[:, 1],
-            color=COLOUR["before"],
-            lw=1.0,
-            label="with the load",
-        )
-        panel.plot(
-            entry.t,
-            entry.first_pass[:, 1],
-            color=COLOUR["estimate"],
-            lw=1.0,
-            label="without the load",
-        )
+        for error, colour, label in (
+            (entry.plain.torque_error, COLOUR["before"], "with the load"),
+            (entry.first_pass, COLOUR["estimate"], "without the load"),
+        ):
+            panel.plot(entry.t, error[:, 1], color=colour, lw=1.0, label=label)
         panel.set_ylabel("tau_ext error [N m]")
         panel.set_title(f"{law}: {100 * entry.repeated_share[1]:.0f} % of it did repeat")
     axes[-1, 0].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    legend_on_top(figure, axes[0, 0])
     return figure
 
 
@@ -227,7 +189,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             f"Force at the load, {LAWS[law]}, {state}: RMSE X Y Z",
             f"{law}.{state}.rmse_f_n",
-            "N",
             [float(value) for value in values],
             "",
             _PLAIN_TOOLS,
@@ -239,7 +200,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             f"Share of the torque error that did repeat, {LAWS[law]}, joints 1 to 6",
             f"{law}.repeated_share",
-            "",
             None,
             "of its mean square",
         )

@@ -21,7 +21,7 @@ degrees at 80 Hz and 1 ms.)
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,16 +32,13 @@ from scipy.optimize import minimize_scalar
 
 from wrenchsight.analyses.methods.advance import advance
 from wrenchsight.analyses.output.axes import legend_above, log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.held_arm import HeldArm, make_held_arm
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import (
@@ -55,6 +52,9 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ComplexArray = NDArray[np.complex128]
 Progress = Callable[[float, str], None]
@@ -386,22 +386,26 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics = _metrics(responses, readings)
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(context, responses, t, true, readings),
+        figures=[
+            (
+                "bode",
+                _bode_figure(responses),
+                "Amplitude and phase of the estimated over the true external torque (Fig. 22); "
+                "below, the errors against eq. 30.",
+            ),
+            (
+                "signals",
+                _signals_figure(t, true, readings),
+                "A step, a ramp and a sine read with several gains under the current's noise "
+                "(Fig. 23).",
+            ),
+        ],
         comparison=_comparison(metrics),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
             "robot": robot.name,
-            "seed": context.seed,
-            "gains": list(GAINS),
-            "time_step": TIME_STEP,
             "lowest_frequency": lowest,
-            "tone_force": TONE_FORCE,
-            "tone_moment": TONE_MOMENT,
             "signal_duration": duration,
-            "step_force": STEP_FORCE,
-            "ramp_slope": RAMP_SLOPE,
-            "sine_force": SINE_FORCE,
-            "sine_frequency": SINE_FREQUENCY,
         },
     )
 
@@ -461,25 +465,18 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         formula = complex(first_order(K_0, frequency))
         phase = float(np.angle(formula, deg=True))
         rows += [
-            ComparisonRow(f"Amplitude {where}", f"{near}.amplitude", "", abs(formula), "eq. 30"),
-            ComparisonRow(f"Phase {where}", f"{near}.phase_deg", "°", phase, "eq. 30"),
+            ComparisonRow(f"Amplitude {where}", f"{near}.amplitude", abs(formula), "eq. 30"),
+            ComparisonRow(f"Phase {where}", f"{near}.phase_deg", phase, "eq. 30"),
         ]
     return [
         *rows,
-        ComparisonRow(
-            "Largest amplitude error against eq. 30", "max_amplitude_error_pct", "%", None
-        ),
-        ComparisonRow("Largest phase error against eq. 30", "max_phase_error_deg", "°", None),
+        ComparisonRow("Largest amplitude error against eq. 30", "max_amplitude_error_pct"),
+        ComparisonRow("Largest phase error against eq. 30", "max_phase_error_deg"),
     ]
 
 
-def _figures(
-    context: ExperimentContext,
-    responses: Sequence[GainResponse],
-    t: Array,
-    true: Array,
-    readings: Sequence[SignalReading],
-) -> list[FigureFile]:
+def _bode_figure(responses: Sequence[GainResponse]) -> "Figure":
+    """Amplitude and phase of each gain, and their errors against eq. 30 (the article's Fig. 22)."""
     figure, axes = new_figure(3, 1, height=7.8, share_x=True)
     amplitude, phase, error = axes[:, 0]
     for response, colour in zip(responses, SERIES, strict=False):
@@ -507,14 +504,12 @@ def _figures(
     error.set_ylabel("error, worst joint")
     error.set_xlabel("frequency [Hz]")
     legend_above(error, ncols=2)
-    handles = amplitude.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=len(responses) + 1)
-    what = (
-        "Amplitude and phase of the estimated over the true external torque (Fig. 22); below, "
-        "the errors against eq. 30."
-    )
-    bode = saved_figure(figure, context.out, "bode", what)
+    legend_on_top(figure, amplitude)
+    return figure
 
+
+def _signals_figure(t: Array, true: Array, readings: Sequence[SignalReading]) -> "Figure":
+    """A step, a ramp and a sine as each gain reads them (the article's Fig. 23)."""
     figure, axes = new_figure(3, 1, height=7.8)
     kinds = (("step", 1.1), ("ramp", 1.4), ("sine", 1.6))
     for axis, (kind, end) in enumerate(kinds):
@@ -528,10 +523,8 @@ def _figures(
         ax.set_title(kind)
         ax.set_ylabel(f"force along {'XYZ'[axis]} [N]")
     axes[2, 0].set_xlabel("time [s]")
-    handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=len(readings) + 1)
-    what = "A step, a ramp and a sine read with several gains under the current's noise (Fig. 23)."
-    return [bode, saved_figure(figure, context.out, "signals", what)]
+    legend_on_top(figure, axes[0, 0])
+    return figure
 
 
 NOTES = (

@@ -39,6 +39,7 @@ from wrenchsight.analyses.methods.reading.force_errors import (
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -69,53 +70,40 @@ VARIANTS = (
 
 
 def _comparison() -> list[ComparisonRow]:
-    rows = []
-    before, after = (12.6891, 14.3286, 4.6852), (6.5627, 7.6607, 4.3901)
-    most_before, most_after = (75.2268, 52.4015, 38.7453), (51.0333, 32.3707, 18.6869)
-    fall = (48.28, 46.53, 6.30)
     slow = "Coulomb-viscous friction misses the true arm's Stribeck rise at this speed"
-    for k, axis in enumerate(AXES):
-        name = axis.upper()
-        rows += [
-            ComparisonRow(
-                f"RMSE in {name}, without", f"initial.rmse_{axis}_n", "N", before[k], slow
-            ),
-            ComparisonRow(
-                f"RMSE in {name}, with",
-                f"optimised.rmse_{axis}_n",
-                "N",
-                after[k],
-                ours=f"ours.rmse_{axis}_n",
-            ),
-            ComparisonRow(
-                f"Reduction of the RMSE in {name}", f"reduction_rmse_{axis}_pct", "%", fall[k]
-            ),
-            ComparisonRow(
-                f"Largest error in {name}, without",
-                f"initial.max_error_{axis}_n",
-                "N",
-                most_before[k],
-                slow,
-            ),
-            ComparisonRow(
-                f"Largest error in {name}, with",
-                f"optimised.max_error_{axis}_n",
-                "N",
-                most_after[k],
-                ours=f"ours.max_error_{axis}_n",
-            ),
-        ]
-    for axis in AXES:
-        rows.append(
-            ComparisonRow(
-                f"RMSE in {axis.upper()}, ours against the article's method",
-                f"ours_against_article.reduction_rmse_{axis}_pct",
-                "%",
-                None,
-            )
+    rmse, largest = "RMSE in {}, {}", "Largest error in {}, {}"
+    stated = (  # label, key, X Y Z, remark, key of ours
+        (rmse, "initial.rmse_{}_n", (12.6891, 14.3286, 4.6852), slow, ""),
+        (rmse, "optimised.rmse_{}_n", (6.5627, 7.6607, 4.3901), "", "ours.rmse_{}_n"),
+        ("Reduction of the RMSE in {}", "reduction_rmse_{}_pct", (48.28, 46.53, 6.30), "", ""),
+        (largest, "initial.max_error_{}_n", (75.2268, 52.4015, 38.7453), slow, ""),
+        (
+            largest,
+            "optimised.max_error_{}_n",
+            (51.0333, 32.3707, 18.6869),
+            "",
+            "ours.max_error_{}_n",
+        ),
+    )
+    rows = [
+        ComparisonRow(
+            label.format(axis.upper(), "without" if key.startswith("initial") else "with"),
+            key.format(axis),
+            values[k],
+            remark,
+            ours=ours.format(axis),
         )
-    rows.append(ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band", "", None))
-    return rows
+        for k, axis in enumerate(AXES)
+        for label, key, values, remark, ours in stated
+    ]
+    rows += [
+        ComparisonRow(
+            f"RMSE in {axis.upper()}, ours against the article's method",
+            f"ours_against_article.reduction_rmse_{axis}_pct",
+        )
+        for axis in AXES
+    ]
+    return [*rows, ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band")]
 
 
 def error_figure(readings: dict[str, ForceReading]) -> "Figure":
@@ -199,12 +187,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context,
         runs,
         {**reductions(before, after), **metrics},
-        lambda: _figures(readings),
+        _figures(readings),
         {"scenarios": scenarios, "speed_rad_per_s": speed},
     )
 
 
-def _figures(readings: dict[str, ForceReading]) -> "Iterator[tuple[str, Figure, str]]":
+def _figures(readings: dict[str, ForceReading]) -> Iterator[Drawing]:
     limits = np.array([1.15 * float(np.abs(readings[BEFORE].force[:, k]).max()) for k in range(3)])
     for name, key, colour, title, caption in (
         (

@@ -8,7 +8,7 @@ wrench of the readings. The article compares its initial with its optimised path
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,16 +22,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     found_path,
 )
 from wrenchsight.analyses.output.axes import legend_above, log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.motion.inverse_kinematics import follow_path
@@ -43,6 +40,9 @@ from wrenchsight.models.motion.paths import (
 )
 from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Rotation first; as the article prints it: -3 0 25 N, 0.5 1.5 1 N m. Which of the two bodies it
 # acts on (the article's sign is the opposite of ours) changes no error.
@@ -219,30 +219,33 @@ def run(context: ExperimentContext) -> ExperimentResult:
     }
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(context, result),
+        figures=[
+            (
+                "condition-number",
+                _condition_figure(result),
+                "Condition number of the Jacobian along both paths (Fig. 8).",
+            ),
+            (
+                "wrench",
+                _wrench_figure(result),
+                "The constant wrench as eq. 22 reads it, forward and back; black: the true one "
+                "(Fig. 9).",
+            ),
+            (
+                "error-y",
+                _error_figure(result),
+                "Error of the force in Y before and after the optimisation (Fig. 10).",
+            ),
+        ],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
             "robot": robot.name,
-            "seed": context.seed,
             "num_draws": num_draws,
-            "wrench_force_first": [*WRENCH[3:].tolist(), *WRENCH[:3].tolist()],
-            "error_width": ERROR_WIDTH,
-            "samples_one_way": SAMPLES_ONE_WAY,
-            "initial_path": _path_configuration(INITIAL_PATH),
-            "optimised_path": _path_configuration(OPTIMISED_PATH),
+            "initial_path": INITIAL_PATH,
+            "optimised_path": OPTIMISED_PATH,
         },
     )
-
-
-def _path_configuration(path: StraightPath) -> dict[str, Any]:
-    return {
-        "n_W": path.n_W.tolist(),
-        "p_WM": path.p_WM.tolist(),
-        "R_WE": path.R_WE.tolist(),
-        "path_length": path.path_length,
-        "num_segments": path.num_segments,
-    }
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -251,104 +254,82 @@ def _comparison() -> list[ComparisonRow]:
     elbow = "the article does not name the branch"
     median = "here the median of many draws"
     return [
-        ComparisonRow("largest Y error, initial", "initial.max_error_y_n", "N", 24.86, median),
-        ComparisonRow("largest Y error, optimised", "optimised.max_error_y_n", "N", 7.30, median),
+        ComparisonRow("largest Y error, initial", "initial.max_error_y_n", 24.86, median),
+        ComparisonRow("largest Y error, optimised", "optimised.max_error_y_n", 7.30, median),
         ComparisonRow(
             "largest Y error, optimised, other elbow",
             "optimised.other_elbow.max_error_y_n",
-            "N",
             7.30,
             elbow,
         ),
         ComparisonRow(
-            "reduction of the largest Y error", "reduction_pct.max_error_y", "%", 70.63, median
+            "reduction of the largest Y error", "reduction_pct.max_error_y", 70.63, median
         ),
-        ComparisonRow("largest Y error, path found here", "found.max_error_y_n", "N", None),
-        ComparisonRow("largest JCN, initial", "initial.max_jcn", "", 59.5668),
-        ComparisonRow("largest JCN, optimised", "optimised.max_jcn", "", 17.5814, rounding),
-        ComparisonRow("mean JCN, initial", "initial.mean_jcn_over_time", "", 20.2378, over_time),
-        ComparisonRow("mean JCN, optimised", "optimised.mean_jcn_along_path", "", 10.8713, along),
-        ComparisonRow("mean JCN over 21 points, initial", "initial.mean_jcn", "", None),
-        ComparisonRow("mean JCN over 21 points, optimised", "optimised.mean_jcn", "", None),
+        ComparisonRow("largest Y error, path found here", "found.max_error_y_n"),
+        ComparisonRow("largest JCN, initial", "initial.max_jcn", 59.5668),
+        ComparisonRow("largest JCN, optimised", "optimised.max_jcn", 17.5814, rounding),
+        ComparisonRow("mean JCN, initial", "initial.mean_jcn_over_time", 20.2378, over_time),
+        ComparisonRow("mean JCN, optimised", "optimised.mean_jcn_along_path", 10.8713, along),
+        ComparisonRow("mean JCN over 21 points, initial", "initial.mean_jcn"),
+        ComparisonRow("mean JCN over 21 points, optimised", "optimised.mean_jcn"),
         ComparisonRow(
-            "reduction of the mean JCN", "reduction_pct.mean_jcn", "%", 46.28, "of unlike means"
+            "reduction of the mean JCN", "reduction_pct.mean_jcn", 46.28, "of unlike means"
         ),
     ]
 
 
-def _figures(context: ExperimentContext, result: ConstantWrench) -> list[FigureFile]:
-    cases = (("initial", result.initial, "before"), ("optimised", result.optimised, "after"))
-
-    figure, axes = new_figure(1, 1, height=3.2)
-    ax = axes[0, 0]
-    for label, readings, colour in cases:
-        ax.plot(
-            readings.distance,
-            readings.condition_number,
-            color=COLOUR[colour],  # type: ignore[index]
-            label=f"{label} path (largest {np.max(readings.condition_number):.2f})",
-        )
-    ax.plot(
-        result.other_elbow.distance,
-        result.other_elbow.condition_number,
-        color=COLOUR["after"],
-        linestyle="--",
-        label="optimised path, elbow on the other side "
-        f"(largest {np.max(result.other_elbow.condition_number):.2f})",
-    )
-    ax.plot(
-        result.found.distance,
-        result.found.condition_number,
-        color=SERIES[0],
-        linestyle=":",
-        label=f"path found here (largest {np.max(result.found.condition_number):.2f})",
-    )
+def _condition_figure(result: ConstantWrench) -> "Figure":
+    """The condition number along each path."""
+    figure, ((ax,),) = new_figure(1, 1, height=3.2)
+    for label, readings, colour, style in (
+        ("initial path", result.initial, COLOUR["before"], "-"),
+        ("optimised path", result.optimised, COLOUR["after"], "-"),
+        ("optimised path, elbow on the other side", result.other_elbow, COLOUR["after"], "--"),
+        ("path found here", result.found, SERIES[0], ":"),
+    ):
+        label = f"{label} (largest {np.max(readings.condition_number):.2f})"
+        ax.plot(readings.distance, readings.condition_number, style, color=colour, label=label)
     log_scale(ax, "y")
     ax.set_xlabel("distance along the path [m]")
     ax.set_ylabel("condition number of J")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    what = "Condition number of the Jacobian along both paths (Fig. 8)."
-    files = [saved_figure(figure, context.out, "condition-number", what)]
+    legend_on_top(figure, ax, ncols=2)
+    return figure
 
+
+def _wrench_figure(result: ConstantWrench) -> "Figure":
+    """Force and moment as eq. 22 reads them on the article's two paths."""
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
-    for column, (label, readings, _) in enumerate(cases):
-        for row, (unit, first) in enumerate((("N", 3), ("N m", 0))):
+    for column, label in enumerate(("initial", "optimised")):
+        wrench = getattr(result, label).wrench
+        for row, (name, unit, first) in enumerate((("force", "N", 3), ("moment", "N m", 0))):
             ax = axes[row, column]
-            for axis in range(3):
-                ax.plot(
-                    readings.wrench[:, first + axis],
-                    color=SERIES[axis],
-                    linewidth=0.7,
-                    label=("f" if first else "m") + "xyz"[axis],
-                )
+            for axis, colour in enumerate(SERIES[:3]):
+                own = f"{name[0]}{'xyz'[axis]}"
+                ax.plot(wrench[:, first + axis], color=colour, linewidth=0.7, label=own)
                 ax.axhline(WRENCH[first + axis], color=COLOUR["truth"], linewidth=0.8)
             ax.set_title(f"{label} path")
-            ax.set_ylabel(f"{'force' if first else 'moment'} read [{unit}]")
+            ax.set_ylabel(f"{name} read [{unit}]")
             legend_above(ax, ncols=3)
         axes[1, column].set_xlabel("sample")
-    for row in range(2):
-        low = min(ax.get_ylim()[0] for ax in axes[row])
-        high = max(ax.get_ylim()[1] for ax in axes[row])
-        for ax in axes[row]:
-            ax.set_ylim(low, high)
-    what = "The constant wrench as eq. 22 reads it, forward and back; black: the true one (Fig. 9)."
-    files.append(saved_figure(figure, context.out, "wrench", what))
+    for panels in axes:
+        limits = [ax.get_ylim() for ax in panels]
+        for ax in panels:
+            ax.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+    return figure
 
-    figure, axes = new_figure(1, 1, height=3.2)
-    ax = axes[0, 0]
-    for label, readings, colour in cases:
+
+def _error_figure(result: ConstantWrench) -> "Figure":
+    """The error in Y on the article's two paths."""
+    figure, ((ax,),) = new_figure(1, 1, height=3.2)
+    cases = ((result.initial, "initial", "before"), (result.optimised, "optimised", "after"))
+    for readings, label, colour in cases:
         y = readings.error[:, AXES.index("fy_n")]
-        ax.plot(
-            y,
-            color=COLOUR[colour],  # type: ignore[index]
-            linewidth=0.7,
-            label=f"{label} path (largest {np.max(np.abs(y)):.2f} N)",
-        )
+        label = f"{label} path (largest {np.max(np.abs(y)):.2f} N)"
+        ax.plot(y, color=COLOUR[colour], linewidth=0.7, label=label)  # type: ignore[index]
     ax.set_xlabel("sample")
     ax.set_ylabel("error of the force in Y [N]")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    what = "Error of the force in Y before and after the optimisation (Fig. 10)."
-    return [*files, saved_figure(figure, context.out, "error-y", what)]
+    legend_on_top(figure, ax)
+    return figure
 
 
 NOTES = (

@@ -18,7 +18,7 @@ differs from that of `collision_free` at the same place of the path by far more 
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -42,6 +42,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
     FOLDER,
+    MORE,
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.advance import advance, even_stretches
@@ -54,10 +55,7 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.arrays import Array
@@ -67,7 +65,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
-MORE = "ur10e_more"  # below the data folder
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PUSHES = "ur10e_pushes"
 FREE = {
     "14harm50sec": f"{FOLDER}/ur-20_02_19_14harm50sec.csv",
@@ -116,7 +116,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.data,
         robot,
         IdentificationConfig(friction="presliding"),
-        lambda share, what: context.progress(0.2 * share, what),
+        context.part(0.0, 0.2),
     ).model
     rounds = 1 if context.quick else ROUNDS
     recordings = {
@@ -158,16 +158,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics |= _simulated(context)
     return ExperimentResult(
         metrics=metrics,
-        figures=[_figure(metrics, context.out)],
+        figures=[
+            (
+                "contact-detection",
+                _figure(metrics),
+                "Pushes missed by size; false alarms counted against those stated; what a lower "
+                "level buys for pushes of half a second at E.",
+            )
+        ],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "false_alarms_per_hour": RATE,
-            "K_0_per_s": K_0,
-            "free": FREE | ALONE | OLDER | STILL,
-            "simulated_days": TWIN_DAYS,
-            "collisions_s": COLLISIONS,
-        },
+        notes=NOTES,
     )
 
 
@@ -232,7 +232,7 @@ def _twins(
     hours, alarms, by_log = alarms_of_twins(
         *(moving, robot, model_of_twins(fitted, robot), RATES[1:]),
         *(1 if context.quick else TWIN_DAYS, TIME_STEP, K_0),
-        lambda share, what: context.progress(0.72 + 0.03 * share, what),
+        context.part(0.72, 0.75),
     )
     result: dict[str, Any] = {
         f"at_{rate:g}_per_hour": {**false_alarm_metrics(count, hours), "expected": rate * hours}
@@ -329,7 +329,7 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
     result, logs = identify_simulated_arm(
         robot,
         config=IdentificationConfig(cutoff=7.5, friction="presliding"),
-        progress=lambda share, what: context.progress(0.75 + 0.1 * share, what),
+        progress=context.part(0.75, 0.85),
     )
     model = result.model
     free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP, K_0)
@@ -391,21 +391,19 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
 def _comparison() -> list[ComparisonRow]:
     wanted = "wanted"
     return [
-        ComparisonRow("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", "%", 0.0, "", wanted),
+        ComparisonRow("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", 0.0, "", wanted),
         ComparisonRow(
             "their delay, median",
             "push_30n_500ms_at_e.delay_median_s",
-            "s",
             0.05,
             "with up to one sample of 10 ms before the first that shows the push",
             wanted,
         ),
-        ComparisonRow("found within 50 ms", f"{JUDGED}.within_50ms_pct", "%", 100.0, "", wanted),
-        ComparisonRow("hand collisions, missed", "collision_wrist.missed", "", 0.0, "", wanted),
+        ComparisonRow("found within 50 ms", f"{JUDGED}.within_50ms_pct", 100.0, "", wanted),
+        ComparisonRow("hand collisions, missed", "collision_wrist.missed", 0.0, "", wanted),
         ComparisonRow(
             "contact-free logs, false alarms",
             "contact_free.false_alarms",
-            "",
             0.0,
             "minutes at one an hour: they could contradict the rate, not confirm it",
             wanted,
@@ -413,14 +411,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _counted(own: dict[str, Any], how: str) -> str:
-    return (
-        f"{own['false_alarms']} where {own['expected']:.1f} are stated ({how}; agrees with "
-        f"{own['false_alarms_per_hour_lower']:.2g} to {own['false_alarms_per_hour_upper']:.2g})"
-    )
-
-
-def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
+def _figure(metrics: dict[str, Any]) -> "Figure":
     figure, axes = new_figure(1, 3, height=3.4)
     panel: Any = axes[0, 0]
     for k, duration in enumerate(DURATIONS):
@@ -453,11 +444,7 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
     panel.set_xlabel("stated false alarms per hour")
     panel.set_ylabel("delay [ms]; missed [%]")
     panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
-    caption = (
-        "Pushes missed by size; false alarms counted against those stated; what a lower level buys "
-        "for pushes of half a second at E."
-    )
-    return saved_figure(figure, out, "contact-detection", caption)
+    return figure
 
 
 NOTES = (

@@ -5,6 +5,7 @@ at the path's middle, near 50 s: friction there changes its sign, and with it an
 the friction law. Every law reads the same run.
 """
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +37,7 @@ from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -118,48 +120,38 @@ NOTES = (
 
 
 COMPARISON = (
-    ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", "N", 8.1579),
+    ComparisonRow("RMSE in Z, Coulomb-viscous", "coulomb_viscous.rmse_z_n", 8.1579),
     ComparisonRow(
-        "RMSE in Z, semi-parametric",
-        "semi_parametric.rmse_z_n",
-        "N",
-        5.4073,
-        ours="ours.rmse_z_n",
+        "RMSE in Z, semi-parametric", "semi_parametric.rmse_z_n", 5.4073, ours="ours.rmse_z_n"
     ),
-    ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", "%", 33.72),
-    ComparisonRow(
-        "Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", "N", 49.7432
-    ),
+    ComparisonRow("Reduction of the RMSE in Z", "reduction_rmse_z_pct", 33.72),
+    ComparisonRow("Largest error in Z, Coulomb-viscous", "coulomb_viscous.max_error_z_n", 49.7432),
     ComparisonRow(
         "Largest error in Z, semi-parametric",
         "semi_parametric.max_error_z_n",
-        "N",
         20.4279,
         ours="ours.max_error_z_n",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z",
         "reduction_max_z_pct",
-        "%",
         58.93,
         "the observer's lag behind the hand has its part in it (see notes)",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z within 2 s of the reversal",
         "near_reversal.reduction_max_z_pct",
-        "%",
         58.93,
         "the article's peak is at the reversal",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z, without lag",
         "without_lag.reduction_max_z_pct",
-        "%",
         58.93,
         "against the true force behind the same low-pass",
     ),
-    ComparisonRow("RMSE in Z, ours", "ours.rmse_z_n", "N", None),
-    ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band", "", None),
+    ComparisonRow("RMSE in Z, ours", "ours.rmse_z_n"),
+    ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band"),
 )
 STUDY = PathStudy(
     title="Joints turning round under a hand",
@@ -197,14 +189,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
     }
     metrics["without_lag"] = {**lagged, **reductions(*lagged.values())}
     metrics["ours_against_article"] = reductions(after, metrics["ours"])
-    figure = "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19)."
     return STUDY.result(
         context,
         runs,
         {**reductions(before, after), **metrics},
-        lambda: [("force-z", reversal_figure(run, readings, middle), figure)],
+        _figures(run, readings, middle),
         {"scenario": scenario, "speed_rad_per_s": speed},
     )
+
+
+def _figures(run: TaskRun, readings: dict[str, ForceReading], middle: float) -> Iterator[Drawing]:
+    what = "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19)."
+    yield "force-z", reversal_figure(run, readings, middle), what
 
 
 EXPERIMENT = Experiment(

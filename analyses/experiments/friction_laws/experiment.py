@@ -20,7 +20,7 @@ halves of those recordings. (`identify` trains it on what the fitted logs leave,
 slow motion.) `presliding+network` trains on what the fitted logs leave.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -50,19 +50,19 @@ from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import (
     COLOUR,
-    SERIES,
+    draw_bars,
     legend_below,
+    legend_on_top,
     new_figure,
     panels_in_pairs,
 )
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -156,13 +156,10 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     """All laws on the simulated arm."""
     robot = context.robot(ROBOT)
 
-    def report(start: float, end: float) -> Callable[[float, str], None]:
-        return lambda part, what: context.progress(share * (start + (end - start) * part), what)
-
     periods = 1 if context.quick else 2
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
     first, (log, other) = identify_simulated_arm(
-        robot, context.seed, periods, plain, report(0.0, 0.4)
+        robot, context.seed, periods, plain, context.part(0.0, 0.4 * share)
     )
     results = {WITH_OFFSET: first}
     for k, law in enumerate(COMPARED):
@@ -171,7 +168,9 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
             config = replace(plain, friction=law)
             results[law] = identify([log.recording], robot, [other.recording], config)
     postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
-    recordings = reversal_recordings(robot, postures, seed=context.seed, progress=report(0.6, 1.0))
+    recordings = reversal_recordings(
+        robot, postures, seed=context.seed, progress=context.part(0.6 * share, share)
+    )
     separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
     article, trained = semi_parametric_model(robot, first, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
@@ -280,37 +279,30 @@ def run(context: ExperimentContext) -> ExperimentResult:
     if has_data:
         arms["real"] = real_arm(context, 0.5)
     context.progress(0.92, "figures")
-    figures = []
-    titles = {"simulated": "simulated arm", "real": "UR10e"}
+    figures: list[Drawing] = []
     for name, arm in arms.items():
-        entry = (
+        title = {"simulated": "simulated arm", "real": "UR10e"}[name]
+        figures += (
             (
                 f"laws_{name}",
-                near_zero_figure(arm, titles[name]),
-                f"Friction of the {titles[name]} near zero velocity in held-out motion, and what "
-                "three laws say of the same motion.",
+                near_zero_figure(arm, title),
+                f"Friction of the {title} near zero velocity in held-out motion, and what three "
+                "laws say of the same motion.",
             ),
             (
                 f"errors_{name}",
-                errors_figure(arm, titles[name]),
-                f"Error of each law on held-out data of the {titles[name]}: friction near zero "
-                "velocity, and torque over held-out runs.",
+                errors_figure(arm, title),
+                f"Error of each law on held-out data of the {title}: friction near zero velocity, "
+                "and torque over held-out runs.",
             ),
         )
-        figures += saved_figures(entry, context.out)
     metrics = {name: arm.metrics() for name, arm in arms.items()}
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
         comparison=_comparison(arms),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "laws": list(LAWS),
-            "near_zero_rad_per_s": NEAR_ZERO,
-            "postures_rad": POSTURES,
-            "simulated": CONFIG,
-            "single_joints": list(SINGLE_JOINTS),
-        },
+        notes=NOTES,
+        configuration={"simulated": CONFIG},
     )
 
 
@@ -319,14 +311,10 @@ def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
         ComparisonRow(
             "Friction RMSE near zero below Coulomb-viscous, semi-parametric, simulated arm",
             f"simulated.{ARTICLE}.near_zero_mean_reduction_pct",
-            "%",
-            None,
         ),
         ComparisonRow(
             "Friction RMSE near zero below Coulomb-viscous, pre-sliding, simulated arm",
             "simulated.presliding.near_zero_mean_reduction_pct",
-            "%",
-            None,
         ),
     ]
     if "real" in arms:
@@ -334,7 +322,6 @@ def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
             ComparisonRow(
                 f"Share unexplained over ptp_10_points, {law}, joint {j + 1}",
                 f"real.{law}.validation.ptp_10_points.relative_pct.{j}",
-                "%",
                 value,
                 "",
                 "plain tools",
@@ -374,23 +361,17 @@ def errors_figure(arm: LawsOnOneArm, title: str) -> "Figure":
     """Held-out errors of every law, joint by joint."""
     runs = [fit.name for fit in arm.validation[PLAIN]]
     figure, axes = new_figure(1 + len(runs), 1, height=2.4 * (1 + len(runs)) + 0.8, share_x=True)
-    panels: list[Any] = list(axes[:, 0])
-    places = np.arange(len(arm.joint_names))
-    width = 0.8 / len(arm.validation)
-    for k, (law, fits) in enumerate(arm.validation.items()):
-        at = places + width * (k - 0.5 * (len(arm.validation) - 1))
-        colour = SERIES[k % len(SERIES)]
-        panels[0].bar(at, arm.rmse(law), width, color=colour, label=law)
-        for axis, fit in zip(panels[1:], fits, strict=True):
-            axis.bar(at, 100.0 * fit.relative, width, color=colour)
-    panels[0].set_ylabel("RMSE near zero [N m]")
-    panels[0].set_title(f"{title}: friction near zero velocity")
-    for axis, name in zip(panels[1:], runs, strict=True):
-        axis.set_ylabel("unexplained torque [%]")
-        axis.set_title(f"{title}: {name}")
-    panels[-1].set_xticks(places, [name.removesuffix("_joint") for name in arm.joint_names])
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    names = [name.removesuffix("_joint") for name in arm.joint_names]
+    near_zero = {law: arm.rmse(law) for law in arm.validation}
+    draw_bars(axes[0, 0], near_zero, names)
+    axes[0, 0].set_ylabel("RMSE near zero [N m]")
+    axes[0, 0].set_title(f"{title}: friction near zero velocity")
+    for k, (panel, run) in enumerate(zip(axes[1:, 0], runs, strict=True)):
+        left = {law: 100.0 * fits[k].relative for law, fits in arm.validation.items()}
+        draw_bars(panel, left, names)
+        panel.set_ylabel("unexplained torque [%]")
+        panel.set_title(f"{title}: {run}")
+    legend_on_top(figure, axes[0, 0], ncols=4)
     return figure
 
 

@@ -6,6 +6,7 @@ Coulomb-viscous model is identified from it and predicts the torque of a second,
 trajectory. Both trajectories were found by `excite` and lie beside the robot as coefficients.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,16 +18,15 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     with_known_friction,
 )
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
+from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit, rms
 from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
-from wrenchsight.models.arrays import Array
 
 ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 4.1
 
@@ -40,13 +40,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.seed,
         periods,
         replace(CONFIG, seed=context.seed),
-        progress=lambda share, what: context.progress(0.85 * share, what),
+        progress=context.part(0.0, 0.85),
         contact_noise=context.draws,
     )
     context.progress(0.85, "with the true friction known")
     known = with_known_friction(robot, logs)
     fit = result.validation[0]
-    torque = _rms(fit.measured)
+    torque = rms(fit.measured)
     error, rigid = inertial_error(robot, known.model)
     unknown_error, _ = inertial_error(robot, result.model)
     metrics = result.metrics()
@@ -64,27 +64,22 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["inertial_error_nm"] = unknown_error
     metrics["inertial_error_pct_of_torque"] = 100.0 * unknown_error / torque
     context.progress(0.95, "figures")
-    figures = []
-    if context.draws:
-        figure = torque_figure(fit, robot.joint_names, "validation, simulated arm")
-        what = (
-            "Measured torque along the second excitation and what the model identified along the "
-            "first predicts for it (the article's Fig. 6)."
-        )
-        figures.append(saved_figure(figure, context.out, "torque_validation", what))
     result.model.save(context.out / "model.yaml")
     return ExperimentResult(
         metrics=metrics,
-        figures=figures,
+        figures=_figures(fit, robot.joint_names),
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "robot": ROBOT,
-            "excitations": ["excitation_1.yaml", "excitation_2.yaml"],
-            "periods": periods,
-            "identification": result.config,
-        },
+        notes=NOTES,
+        configuration={"periods": periods, "identification": result.config},
     )
+
+
+def _figures(fit: TorqueFit, joint_names: tuple[str, ...]) -> Iterator[Drawing]:
+    what = (
+        "Measured torque along the second excitation and what the model identified along the first "
+        "predicts for it (the article's Fig. 6)."
+    )
+    yield "torque_validation", torque_figure(fit, joint_names, "validation, simulated arm"), what
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -92,22 +87,16 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Torque RMSE on a new trajectory, joints 1 to 6",
             "cross_validation.rmse_nm",
-            "N m",
             ARTICLE_RMSE,
             "the simulated arm's true friction is tuned to these",
         ),
         ComparisonRow(
             "Similarity on a new trajectory, joints 1 to 6",
             "cross_validation.similarity_pct",
-            "%",
             [90.0] * len(ARTICLE_RMSE),
             "the article states more than 90 %, without a definition",
         ),
     ]
-
-
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 NOTES = (

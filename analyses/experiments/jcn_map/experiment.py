@@ -23,7 +23,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.robot.robot import Robot
 
 NUM_SAMPLES_QUICK = 50_000
@@ -63,27 +62,21 @@ def run(context: ExperimentContext) -> ExperimentResult:
             FigureFile(Path("recording.html"), "Condition numbers in space, and the arm in them.")
         ],
         comparison=[
-            ComparisonRow("Smallest JCN", "min", "", 9.1675, "the smallest of a random draw"),
+            ComparisonRow("Smallest JCN", "min", 9.1675, "the smallest of a random draw"),
             ComparisonRow(
                 "JCN above 11",
                 "above_11_pct",
-                "%",
                 96.55,
                 "it does not say in what range its joints were drawn; here full turns",
             ),
-            ComparisonRow("JCN above 11 within limits", "within_limits.above_11_pct", "%", 96.55),
+            ComparisonRow("JCN above 11 within limits", "within_limits.above_11_pct", 96.55),
             ComparisonRow(
-                "Mean JCN", "mean", "", 1052.9, "made by the few nearly singular samples of a draw"
+                "Mean JCN", "mean", 1052.9, "made by the few nearly singular samples of a draw"
             ),
-            ComparisonRow("Median JCN", "median", "", None, "what the mean ought to tell"),
+            ComparisonRow("Median JCN", "median", None, "what the mean ought to tell"),
         ],
-        notes=filled(NOTES, metrics),
-        configuration={
-            "robot": robot.name,
-            "num_samples": num_samples,
-            "seed": context.seed,
-            "slice": plane,
-        },
+        notes=NOTES,
+        configuration={"robot": robot.name, "num_samples": num_samples, "slice": plane},
     )
 
 

@@ -10,6 +10,7 @@ data set states them; `source` repeats the source's way, without.
 the observer's settling on; of the wrench, whether any joint moves.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,6 +27,7 @@ from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading impo
     VARIANTS,
     Lara8Log,
     Lara8Reading,
+    by_joint,
     controller_friction,
     read_log,
     read_logs,
@@ -33,16 +35,20 @@ from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading impo
     settled_from,
 )
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    fill_band,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 
@@ -90,15 +96,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(readings, comparisons, context.out),
+        figures=_figures(readings, comparisons),
         comparison=_comparison(metrics),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "recordings": [log.name for log in logs],
-            "K_0": K_0,
-            "load_share": list(LOAD_SHARE),
-            "sensor": {log.name: log.config for log in logs},
-        },
+        notes=NOTES,
+        configuration={"sensor": {log.name: log.config for log in logs}},
     )
 
 
@@ -128,7 +129,7 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
     forces = judged[:3]
     return {
         "rmse_nm": reading.torque_rmse(truth, rows),
-        "bias_nm": _mean_by_joint(error, rows),
+        "bias_nm": by_joint(np.mean, error, rows),
         "torque_inside_95_pct": inside,
         "rmse_n": [None if j is None else j.rmse for j in forces],
         "bias_n": [None if j is None else j.bias for j in forces],
@@ -139,15 +140,6 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
         ],
         "averages": int(where.sum()),
     }
-
-
-def _mean_by_joint(error: Array, rows: Flags) -> list[float | None]:
-    result: list[float | None] = []
-    for j in range(error.shape[1]):
-        entry = error[rows[:, j], j]
-        entry = entry[np.isfinite(entry)]
-        result.append(float(np.mean(entry)) if len(entry) >= MIN_ROWS else None)
-    return result
 
 
 def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
@@ -276,33 +268,22 @@ def _stiction(reading: Lara8Reading) -> dict[str, Any]:
 def _figures(
     readings: dict[tuple[str, str], Lara8Reading],
     comparisons: dict[tuple[str, str], SensorComparison],
-    out: Path,
-) -> list[FigureFile]:
+) -> Iterator[Drawing]:
     names = list(dict.fromkeys(name for name, _ in readings))
-    figures = [
-        saved_figure(
-            _torque_figure(readings, names),
-            out,
-            "torque",
-            "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
-            "(its delay taken off), of the most loaded joint of those that move.",
-        )
-    ]
-    shown = SWEEP if SWEEP in names else names[0]
-    figures.append(
-        saved_figure(
-            comparisons[shown, "urdf"].figure(),
-            out,
-            "wrench",
-            f"The wrench at the flange in {shown}, with its band, against the sensor.",
-        )
+    yield (
+        "torque",
+        _torque_figure(readings, names),
+        "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
+        "(its delay taken off), of the most loaded joint of those that move.",
     )
-    return figures
+    shown = SWEEP if SWEEP in names else names[0]
+    what = f"The wrench at the flange in {shown}, with its band, against the sensor."
+    yield "wrench", comparisons[shown, "urdf"].figure(), what
 
 
 def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> "Figure":
     figure, axes = new_figure(len(names), 1, height=2.0 * len(names) + 0.6)
-    for panel, name in zip(list[Any](axes[:, 0]), names, strict=True):
+    for panel, name in zip(axes[:, 0], names, strict=True):
         ours = readings[name, "urdf"]
         log = ours.log
         truth = log.joint_torque(log.sensor_wrench())
@@ -311,15 +292,7 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
         t, tau, sd = log.recording.t, ours.batch.tau_ext[:, j], ours.batch.torque_sd[:, j]
         by_current = (log.recording.extra["tau_target"] - log.recording.current)[:, j]
         panel.plot(t, by_current, color=COLOUR["article"], lw=0.5, label="target less motor torque")
-        panel.fill_between(
-            t,
-            tau - 1.96 * sd,
-            tau + 1.96 * sd,
-            color=COLOUR["estimate"],
-            alpha=BAND_ALPHA,
-            lw=0,
-            label="95 % band",
-        )
+        fill_band(panel, t, tau, 1.96 * sd)
         panel.plot(t, tau, color=COLOUR["estimate"], lw=1.2, label="ours, the URDF's masses")
         other = readings[name, "controller_model"].batch.tau_ext[:, j]
         panel.plot(t, other, color=SERIES[2], lw=0.9, label="ours, the controller's")
@@ -327,8 +300,7 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
         panel.set_ylabel(f"joint {j + 1} [N m]")
         panel.set_title(name)
     axes[-1, 0].set_xlabel("time [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    legend_on_top(figure, axes[0, 0], ncols=3)
     return figure
 
 
@@ -340,7 +312,6 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         ComparisonRow(
             "Joint 3 over its sweep, by the controller's target torque less the motor's: RMSE",
             "source.current.all_rows_rmse_nm",
-            "N m",
             6.483,
             "its way, repeated",
             _THESIS,
@@ -348,7 +319,6 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         ComparisonRow(
             "Joint 3 over its sweep, nothing trained, masses of the URDF: RMSE in motion",
             "summary.joint3_urdf_rmse_nm",
-            "N m",
             2.671,
             f"{network} gave 2.671",
             _THESIS,
@@ -356,7 +326,6 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         ComparisonRow(
             "Joint 3 over its sweep, nothing trained, the controller's masses: RMSE in motion",
             "summary.joint3_controller_model_rmse_nm",
-            "N m",
             2.671,
             network,
             _THESIS,

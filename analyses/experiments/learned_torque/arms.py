@@ -1,6 +1,5 @@
 """The arms of `learned-torque`: which logs are fitted, which are judged, and by what truth."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -41,6 +40,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
 from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_specimen
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
@@ -67,7 +67,6 @@ TIME_STEP: Final = 0.01  # s
 LEARNING: Final = 1000  # samples of a loaded log that tell where the load acts
 STRIDE: Final = 5
 QUICK: Final = 0.05  # share of the training
-Progress = Callable[[float, str], None]
 
 
 class Ur10e:
@@ -79,7 +78,7 @@ class Ur10e:
         seconds: that were fitted, by amount.
     """
 
-    def __init__(self, data: Path, seed: int, quick: bool, progress: Progress) -> None:
+    def __init__(self, data: Path, seed: int, quick: bool, progress: ProgressCallback) -> None:
         """Args: `quick` takes one model for all amounts, and little training."""
         self.robot, self._data = Robot.load("ur10e"), data
         whole = [self._read(FOLDER, name.removesuffix(".csv")) for name in FITTED]

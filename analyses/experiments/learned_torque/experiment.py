@@ -46,22 +46,20 @@ from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
     ON_MODEL,
     Errors,
     Judged,
-    rms,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     LOADED,
     LOADED_LOGS,
 )
-from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.analyses.output.figures import draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,10 +73,7 @@ LABELS: Final = {"model": "model", "network": "network alone", "hybrid": "networ
 def run(context: ExperimentContext) -> ExperimentResult:
     """Trains every predictor, and judges it on what it was not trained on."""
 
-    def report(part: float, what: str) -> None:
-        context.progress(0.7 * part, what)
-
-    arm = Ur10e(context.data, context.seed, context.quick, report)
+    arm = Ur10e(context.data, context.seed, context.quick, context.part(0.0, 0.7))
     three, all_weeks = arm.predictors[THREE], arm.predictors[WEEKS]
     free = {name: arm.free(name, THREE) for name in FREE}
     errors = {name: three.errors(own) for name, own in free.items()}
@@ -113,17 +108,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
         },
         "range": _by_range(arm, [free[name] for name in others]),
     }
-    figure = (
-        "errors",
-        _figure(metrics),
+    what = (
         "Torque error by the motion that was fitted, and within and beyond its range: geometric "
-        "mean of the joints.",
+        "mean of the joints."
     )
     return ExperimentResult(
         metrics=metrics,
-        figures=saved_figures([figure], context.out),
+        figures=[("errors", _figure(metrics), what)],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
             "alone": asdict(ALONE),
             "on_model": asdict(ON_MODEL),
@@ -167,26 +160,26 @@ def _by_range(arm: Ur10e, logs: Sequence[Judged]) -> dict[str, Any]:
 
 def _figure(metrics: Mapping[str, Any]) -> "Figure":
     figure, axes = new_figure(2, 1, height=5.6)
-    panels: list[Any] = list(axes[:, 0])
+    panels = axes[:, 0]
     for panel, key, unit in zip(panels, ("amount", "range"), ("s", "samples"), strict=True):
         groups = metrics[key]
-        places = np.arange(len(groups))
-        for k, method in enumerate(METHODS):
-            values = [_mean_ratio(own[method]["held_out_rmse_nm"], 1.0) for own in groups.values()]
-            at = places + 0.27 * (k - 1)
-            panel.bar(at, values, 0.25, color=SERIES[k], label=LABELS[method])
-            for place, value in zip(at, values, strict=True):
-                panel.text(place, 1.08 * value, f"{value:.2f}", ha="center", fontsize=8)
-        size = "fitted_s" if key == "amount" else "samples"
-        names = [f"{n.replace('_', ' ')}\n{own[size]:.0f} {unit}" for n, own in groups.items()]
-        panel.set_xticks(places, names)
+        names = [
+            f"{name.replace('_', ' ')}\n{own.get('fitted_s', own.get('samples')):.0f} {unit}"
+            for name, own in groups.items()
+        ]
+        series = {
+            label: [_mean_ratio(own[method]["held_out_rmse_nm"], 1.0) for own in groups.values()]
+            for method, label in LABELS.items()
+        }
+        draw_bars(panel, series, names)
+        for bars in panel.containers:
+            panel.bar_label(bars, fmt="%.2f", fontsize=8)
         panel.set_yscale("log")
         panel.set_ylim(0.1, 40.0)
         panel.set_ylabel("torque RMSE [N m]")
     panels[0].set_title("by what was fitted, over the week after")
     panels[1].set_title("within and beyond the range of the three runs, over other weeks")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    legend_on_top(figure, panels[0])
     return figure
 
 
@@ -195,8 +188,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             f"Torque RMSE over motions of other weeks, {words}, joints 1 to 6",
             f"{method}.held_out_rmse_nm",
-            "N m",
-            None,
         )
         for method, words in LABELS.items()
     ]
@@ -204,7 +195,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Torque error over motions of other weeks, a network on the model over the model alone",
             "hybrid.times_model",
-            "",
             LAW_FROM,
             "what the model leaves does not repeat in other motions",
             "wanted of a law",
@@ -214,8 +204,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             f"Force along the tool while it slides, {words}: RMSE",
             f"ur10e_contact.slide.{method}.rmse_n.0",
-            "N",
-            None,
         )
         for method, words in LABELS.items()
     ]

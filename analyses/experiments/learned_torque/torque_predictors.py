@@ -23,6 +23,7 @@ from wrenchsight.analyses.experiments.learned_torque.recurrent_network import (
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.low_passed_logs import low_pass_log
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
@@ -195,8 +196,3 @@ class Predictors:
             return self._alone.torque(log.motion) - log.motion.torque
         more = self._over.torque(log.motion) if method == "hybrid" else 0.0
         return np.asarray(log.model + more - log.motion.torque)
-
-
-def rms(x: Array) -> Array:
-    """Root mean square along the first axis."""
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))

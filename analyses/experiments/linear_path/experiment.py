@@ -5,9 +5,9 @@ and again from random seeds without any guess; the article's PSO-GA runs on the 
 case keeps robot, tool, table and workpiece apart.
 """
 
-import dataclasses
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,16 +25,16 @@ from wrenchsight.analyses.methods.planning.placement_files import (
 )
 from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, legend_on_top, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.distances.placement_cell import PlacementCell
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.inverse_kinematics import follow_path
@@ -42,6 +42,9 @@ from wrenchsight.models.motion.paths import StraightPath
 from wrenchsight.models.placement.placement_search import SearchEffort
 from wrenchsight.models.placement.placement_task import ClearanceConfig, load_task
 from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2
 _OPTIMA = 2  # stated: the narrow one, and the wide one beside it
@@ -72,7 +75,7 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     place(task, source, robot, solver="pso-ga", swarm=SwarmConfig(num_iterations=1))
     context.progress(0.05, "from the article's guess")
     optimised = place(task, source, robot, seed=context.seed)
-    unguided = dataclasses.replace(task, initial=None)
+    unguided = replace(task, initial=None)
     from_seeds, swarms = [], []
     for index, seed in enumerate(seeds):
         context.progress(0.1 + 0.3 * index / len(seeds), f"seed {seed}, without a guess")
@@ -85,7 +88,7 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     table_task, table_source = load_task("linear_path_table")
     effort = EFFORT_WITH_CLEARANCE
     if context.quick:
-        effort = dataclasses.replace(effort, num_rounds=2, num_solves=4)
+        effort = replace(effort, num_rounds=2, num_solves=4)
     table = place(table_task, table_source, robot, seed=context.seed, effort=effort)
     postures = {
         "one_elbow": _along(robot, OPTIMISED_PATH, OPTIMISED_POSTURE),
@@ -155,7 +158,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=_figures(out, outcome),
         recordings=_pages(context, outcome),
         comparison=_comparison(metrics),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
             "robot": main.robot.name,
             "seed": context.seed,
@@ -192,51 +195,53 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     mean = "even mean over 21 points; the article's mean is over time"
     along = "even mean over 21 points; the article's mean is along the path"
     return [
-        ComparisonRow("Largest JCN, initial path", "initial.max_jcn", "", 59.5668),
-        ComparisonRow("Mean JCN, initial path", "initial.mean_jcn", "", 20.2378, mean),
-        ComparisonRow("Mean JCN, the article's optimum", "article.mean_jcn", "", 10.8713, along),
-        ComparisonRow("Mean JCN, optimised", "optimised.mean_jcn", "", None),
+        ComparisonRow("Largest JCN, initial path", "initial.max_jcn", 59.5668),
+        ComparisonRow("Mean JCN, initial path", "initial.mean_jcn", 20.2378, mean),
+        ComparisonRow("Mean JCN, the article's optimum", "article.mean_jcn", 10.8713, along),
+        ComparisonRow("Mean JCN, optimised", "optimised.mean_jcn"),
         ComparisonRow(
             "Mean JCN along the path, optimised",
             "optimised.mean_jcn_along_path",
-            "",
             10.8713,
             "both are means along the path",
         ),
-        ComparisonRow(
-            "Largest JCN, optimised",
-            "optimised.max_jcn",
-            "",
-            17.5814,
-        ),
-        ComparisonRow("Reduction of the mean JCN", "reduction_pct.mean_jcn", "%", 46.28, mean),
-        ComparisonRow("Reduction of the largest JCN", "reduction_pct.max_jcn", "%", 70.48),
+        ComparisonRow("Largest JCN, optimised", "optimised.max_jcn", 17.5814),
+        ComparisonRow("Reduction of the mean JCN", "reduction_pct.mean_jcn", 46.28, mean),
+        ComparisonRow("Reduction of the largest JCN", "reduction_pct.max_jcn", 70.48),
         ComparisonRow(
             "Mean JCN, PSO-GA, best of the seeds",
             "pso_ga.best_mean_jcn",
-            "",
             10.8713,
             "our constants: the article gives none",
         ),
-        ComparisonRow("Mean JCN, random seeds, worst", "from_seeds.worst_mean_jcn", "", None),
-        ComparisonRow("Mean JCN, with table", "with_table.optimised.mean_jcn", "", None),
+        ComparisonRow("Mean JCN, random seeds, worst", "from_seeds.worst_mean_jcn"),
+        ComparisonRow("Mean JCN, with table", "with_table.optimised.mean_jcn"),
     ]
 
 
-def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
+def _figures(out: OutputFolder, found: LinearPath) -> Iterator["Drawing | FigureFile"]:
     main, table = found.optimised, found.table
-    files = []
-
-    def add(path: Any, caption: str) -> None:
-        files.append(FigureFile(path.relative_to(out.path), caption))
-
-    add(
-        draw_profiles(out, "path", main.initial, main.best, main.measure),
+    path = draw_profiles(out, "path", main.initial, main.best, main.measure)
+    yield FigureFile(
+        path.relative_to(out.path),
         "Condition number along the article's initial path and along the path found (Fig. 8), and "
         "the joints on the latter.",
     )
-    figure, axes = new_figure(1, 1, height=3.4)
-    ax = axes[0, 0]
+    yield (
+        "convergence",
+        _convergence_figure(found),
+        "Best cost known over the time of computing (one core, kernels compiled): this program and "
+        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
+        "optima that the first met.",
+    )
+    path = draw_profiles(out, "table", table.initial, table.best, table.measure)
+    what = "The same with a table below the robot, a board below the path, and clearance."
+    yield FigureFile(path.relative_to(out.path), what)
+
+
+def _convergence_figure(found: LinearPath) -> "Figure":
+    main = found.optimised
+    figure, ((ax,),) = new_figure(1, 1, height=3.4)
     for index, (label, results, colour) in enumerate(
         (
             ("this program, random seeds", found.from_seeds, COLOUR["after"]),
@@ -257,18 +262,8 @@ def _figures(out: OutputFolder, found: LinearPath) -> list[FigureFile]:
     log_scale(ax, "x")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("mean condition number")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    add(
-        out.write_figure("convergence", figure),
-        "Best cost known over the time of computing (one core, kernels compiled): this program and "
-        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
-        "optima that the first met.",
-    )
-    add(
-        draw_profiles(out, "table", table.initial, table.best, table.measure),
-        "The same with a table below the robot, a board below the path, and clearance.",
-    )
-    return files
+    legend_on_top(figure, ax)
+    return figure
 
 
 def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:

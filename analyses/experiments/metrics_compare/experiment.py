@@ -14,23 +14,20 @@ joint's RMSE becomes that of the article's cross-validation (section 4.1).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig,
@@ -41,6 +38,9 @@ from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import plain_truth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
 NUM_MODELS = 20  # identified models; each posture meets one of them
@@ -298,7 +298,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot = plain_truth(Robot.load("sts_sre4_600"))
     num_postures = NUM_POSTURES_QUICK if context.quick else NUM_POSTURES
     count = NUM_BOOTSTRAP_QUICK if context.quick else NUM_BOOTSTRAP
-    draws = draw(robot, context.seed, num_postures, lambda f, what: context.progress(0.3 * f, what))
+    draws = draw(robot, context.seed, num_postures, context.part(0.0, 0.3))
     metrics: dict[str, Any] = {
         "postures": num_postures,
         "models": NUM_MODELS,
@@ -335,51 +335,48 @@ def run(context: ExperimentContext) -> ExperimentResult:
             name: float(np.median(target[np.argsort(column, kind="stable")[: len(target) // 5]]))
             for name, column in draws.predictors[method].items()
         }
-    figures = [
-        _draw_correlations(context, result),
-        _draw_errors(context, draws),
-    ]
     return ExperimentResult(
         metrics=metrics,
-        figures=figures,
+        figures=[
+            (
+                "correlations",
+                _correlations_figure(result),
+                "How well each measure of a posture ranks the force error there; bars: 95 % "
+                "intervals.",
+            ),
+            (
+                "errors",
+                _errors_figure(draws),
+                "Force error of each posture over the condition number and over the stated sd.",
+            ),
+        ],
         comparison=[
             ComparisonRow(
                 f"Rank correlation with the force error, {method}: {label}",
                 f"{method}.{name}.with_interval",
-                "",
                 None,
                 "and its 95 % interval",
             )
             for method in METHODS
             for name, label in PREDICTORS.items()
         ],
-        notes=filled(NOTES, metrics),
-        configuration={
-            "robot": robot.name,
-            "seed": context.seed,
-            "num_postures": num_postures,
-            "num_models": NUM_MODELS,
-            "bootstrap": count,
-            "wanted_rmse_nm": RMSE,
-            "max_speed_rad_per_s": MAX_SPEED,
-        },
+        notes=NOTES,
+        configuration={"robot": robot.name, "num_postures": num_postures, "bootstrap": count},
     )
 
 
-def _draw_correlations(
-    context: ExperimentContext, found: dict[str, dict[str, Correlation]]
-) -> FigureFile:
-    figure, axes = new_figure(1, 1, height=3.4)
-    ax = axes[0, 0]
+def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> "Figure":
+    figure, ((ax,),) = new_figure(1, 1, height=3.4)
     names = list(PREDICTORS)
     for index, method in enumerate(METHODS):
-        values = np.array([found[method][name].value for name in names])
-        low = np.array([found[method][name].low for name in names])
-        high = np.array([found[method][name].high for name in names])
+        value, low, high = (
+            np.array([getattr(found[method][name], key) for name in names])
+            for key in ("value", "low", "high")
+        )
         ax.errorbar(
-            values,
+            value,
             np.arange(len(names)) + 0.16 * (2 * index - 1),
-            xerr=np.stack([values - low, high - values]),
+            xerr=np.stack([value - low, high - value]),
             fmt="o",
             capsize=3,
             color=SERIES[index],
@@ -388,12 +385,11 @@ def _draw_correlations(
     ax.set_yticks(np.arange(len(names)), labels=[PREDICTORS[name] for name in names])
     ax.invert_yaxis()
     ax.set_xlabel("rank correlation with the force error")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    what = "How well each measure of a posture ranks the force error there; bars: 95 % intervals."
-    return saved_figure(figure, context.out, "correlations", what)
+    legend_on_top(figure, ax)
+    return figure
 
 
-def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
+def _errors_figure(draws: Draws) -> "Figure":
     figure, axes = new_figure(2, 2, height=5.6, share_y=True)
     for row, method in enumerate(METHODS):
         for column, (name, label) in enumerate(
@@ -416,9 +412,8 @@ def _draw_errors(context: ExperimentContext, draws: Draws) -> FigureFile:
         axes[row, 0].set_ylabel("force error [N]")
     for panel in axes.flat:
         log_scale(panel, "y")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center")
-    what = "Force error of each posture over the condition number and over the stated sd."
-    return saved_figure(figure, context.out, "errors", what)
+    legend_on_top(figure, axes[0, 0])
+    return figure
 
 
 NOTES = (

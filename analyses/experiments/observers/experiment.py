@@ -24,8 +24,7 @@ and `ur-20_02_10-20sec_7harm`, with and without.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,6 +39,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.runs.simulated_logs import (
     PERIODS,
     ROBOT,
@@ -50,15 +50,15 @@ from wrenchsight.analyses.output.figures import (
     COLOUR,
     SERIES,
     legend_below,
+    legend_on_top,
     new_figure,
 )
 from wrenchsight.analyses.study.experiment import (
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
@@ -77,6 +77,9 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
 PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
@@ -140,22 +143,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
                     shown[name] = read
             metrics[name][log] = result
     context.progress(0.95, "figures")
-    figures = [_summary_figure(metrics, context.out)]
+    figures = [_summary(metrics)]
     if shown:
-        figures.append(_push_figure(scenes[SHOWN[0]], shown, context.out))
+        what = f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`."
+        figures.append(("pushes", _push_figure(scenes[SHOWN[0]], shown), what))
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
-        comparison=[],
         notes=_notes(metrics),
-        configuration={
-            "free": FREE_LOGS,
-            "loaded_kg": LOADED_LOGS,
-            "pushed": PUSHED,
-            "push_n": PUSH,
-            "push_s": PUSH_TIME,
-            "observers": {kind_name(kind): kind.Config() for kind in OBSERVERS},
-        },
+        configuration={"observers": {kind_name(kind): kind.Config() for kind in OBSERVERS}},
     )
 
 
@@ -165,7 +161,7 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
         context.data,
         robot,
         IdentificationConfig(friction=LAW),
-        lambda share, what: context.progress(0.3 * share, what),
+        context.part(0.0, 0.3),
     ).model
     scenes = {}
     for folder, entry in FREE_LOGS.items():
@@ -218,13 +214,13 @@ def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
         robot,
         context.seed,
         context.quick,
-        lambda share, what: context.progress(0.3 + 0.25 * share, what),
+        context.part(0.3, 0.55),
     )
     recording = models.held_out[0]
     other = simulate_excitation(
         *(robot, mirrored(stored_excitation(robot, 1)), 1 if context.quick else PERIODS),
         *(2 * context.seed, "excitation_1_mirrored"),
-        lambda share, what: context.progress(0.55 + 0.05 * share, what),
+        context.part(0.55, 0.6),
     ).recording
     model = _with_torque_error(models.models[LAW], robot, other)
     step = position_resolution(recording.q)
@@ -259,15 +255,9 @@ def _with_torque_error(model: IdentifiedModel, robot: Robot, log: Recording) -> 
     seen = estimator.observe(log.q, log.v, log.current)
     settled = log.t - log.t[0] > MARGIN
     reading = HeldOutReading(
-        seen.tau_ext,
-        log.q,
-        log.v,
-        seen.tau_J - seen.tau_f,
-        seen.fresh & settled,
-        estimator.friction,
-        log.time_step,
-        np.full(robot.num_joints, observer.K_0[0]),
-        step,
+        *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
+        *(seen.fresh & settled, estimator.friction, log.time_step),
+        *(np.full(robot.num_joints, observer.K_0[0]), step),
     )
     return replace(model, torque_error=fit_torque_error([reading]))
 
@@ -299,20 +289,16 @@ def _measured(scene: Scene, read: Read) -> dict[str, Any]:
     rows = np.flatnonzero(valid if valid.any() else selected)
     delay = _delay(scene.truth, read.force, rows, step) if changes else None
     return {
-        "rmse_n": _rms(error[selected]),
+        "rmse_n": rms(error[selected]),
         "bias_n": error[selected].mean(axis=0),
         "delay_s": delay,
-        "noise_n": _rms(noise[selected]),
+        "noise_n": rms(noise[selected]),
         "inside_95_pct": 100.0 * inside[selected].mean(axis=0),
         "share_valid_pct": 100.0 * float(valid.sum() / max(selected.sum(), 1)),
-        "valid_rmse_n": _rms(error[valid]) if valid.any() else None,
+        "valid_rmse_n": rms(error[valid]) if valid.any() else None,
         "valid_inside_95_pct": 100.0 * inside[valid].mean(axis=0) if valid.any() else None,
         "num_samples": N,
     }
-
-
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 def _delay(truth: Array, force: Array, rows: Any, step: float) -> float | None:
@@ -341,7 +327,7 @@ def never_valid(metrics: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
+def _summary(metrics: Mapping[str, Any]) -> Drawing:
     logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
     logs = [log for log in logs if log not in unread] + unread
     figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
@@ -360,8 +346,7 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
             for bar, log in zip(bars, logs, strict=True):
                 if log in unread:
                     bar.set(hatch="////", alpha=0.5, edgecolor="white", linewidth=0.0)
-    left: Any = axes[0, 0]
-    right: Any = axes[0, 1]
+    left, right = axes[0]
     left.set_yticks(places, [f"{log} *" if log in unread else log for log in logs])
     left.set_ylim(len(logs) - 0.4, -0.6)
     left.set_xlabel("force error, RMSE [N]")
@@ -371,21 +356,21 @@ def _summary_figure(metrics: Mapping[str, Any], out: Path) -> FigureFile:
     lowest = min(bar.get_width() for bar in right.patches if np.isfinite(bar.get_width()))
     right.set_xlim(min(50.0, 10.0 * np.floor(0.1 * lowest)), 100.0)
     right.set_xlabel("inside the 95 % band [%]")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    legend_on_top(figure, left, ncols=4)
     caption = (
         "Every observer on every log (force_only): error, and share inside, of the valid samples."
     )
     if unread:
         caption += f" Hatched (*): of all samples, as none is valid, on {', '.join(unread)}."
-    return saved_figure(figure, out, "observers", caption)
+    return "observers", figure, caption
 
 
-def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFile:
+def _push_figure(scene: Scene, shown: Mapping[str, Read]) -> "Figure":
     t = scene.recording.t - scene.recording.t[0]
     rows = (t >= SHOWN[1][0]) & (t <= SHOWN[1][1])
     figure, axes = new_figure(3, 1, share_x=True)
     for k, axis in enumerate("xyz"):
-        panel: Any = axes[k, 0]
+        panel = axes[k, 0]
         panel.plot(t[rows], scene.truth[rows, k], color=COLOUR["truth"], lw=1.2, label="truth")
         for i, (name, read) in enumerate(shown.items()):
             panel.plot(t[rows], read.force[rows, k], color=SERIES[i], lw=0.9, label=name)
@@ -394,8 +379,7 @@ def _push_figure(scene: Scene, shown: Mapping[str, Read], out: Path) -> FigureFi
         panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
     axes[2, 0].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0])
-    what = f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`."
-    return saved_figure(figure, out, "pushes", what)
+    return figure
 
 
 def _notes(metrics: Mapping[str, Any]) -> list[str]:
@@ -431,5 +415,4 @@ EXPERIMENT = Experiment(
     uses=(MORE,),
     order=158,
     seconds=150,
-    readme=(),
 )

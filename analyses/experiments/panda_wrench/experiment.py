@@ -11,7 +11,7 @@ What the estimate needs beside them comes from the torques of all ten logs, by t
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,9 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
 )
 from wrenchsight.analyses.output.axes import log_scale
 from wrenchsight.analyses.output.figures import (
-    BAND_ALPHA,
     COLOUR,
-    SERIES,
+    draw_bars,
+    fill_band,
     legend_below,
     new_figure,
 )
@@ -36,10 +36,7 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
@@ -48,6 +45,9 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = "panda_ati_gamma"  # below the data folder
 NUM_POSES = 10
@@ -168,18 +168,28 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=[
-            _force_figure(logs, readings, context.out),
-            _bar_figure(readings, context.out),
-            _rank_figure(readings, context.out),
+            (
+                "force",
+                _force_figure(logs, readings),
+                "Force on the pad (its axes) at the poses where eq. 22 reads best (left) and worst "
+                "(right)",
+            ),
+            (
+                "rmse",
+                _bar_figure(readings),
+                "RMSE of the force per pose and method, rows with more than 1 N",
+            ),
+            (
+                "ranking",
+                _rank_figure(readings),
+                "What ranks the poses: the stated sd, or the condition number",
+            ),
         ],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
-            "loaded_above_n": LOADED_FORCE,
             "knowledge": "greatest evidence over all logs, one torque sd for all joints",
-            "prior_force_sd_n": knowledge.force_sd,
-            "prior_moment_sd_nm": knowledge.moment_sd,
-            "torque_sd_nm": float(np.sqrt(knowledge.torque_covariance[0, 0])),
+            **_knowledge_metrics(knowledge),
         },
     )
 
@@ -192,9 +202,7 @@ def _knowledge_metrics(knowledge: Knowledge) -> dict[str, Any]:
     }
 
 
-def _force_figure(
-    logs: Sequence[PoseLog], readings: dict[str, MethodReading], out: Path
-) -> FigureFile:
+def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -> "Figure":
     inverse, bayesian = readings["inverse"], readings["bayesian"]
     rmse = [log.rmse for log in inverse.logs]
     figure, axes = new_figure(3, 2, share_x=False, share_y=True, height=6.6)
@@ -203,18 +211,9 @@ def _force_figure(
         for i in range(3):
             ax = axes[i, column]
             sd = np.sqrt(reading.covariance[:, i, i])
-            ax.plot(
-                log.t, inverse.logs[k].force[:, i], color=COLOUR["before"], lw=1.0, label="eq. 22"
-            )
-            ax.fill_between(
-                log.t,
-                reading.force[:, i] - 2.0 * sd,
-                reading.force[:, i] + 2.0 * sd,
-                color=COLOUR["estimate"],
-                alpha=BAND_ALPHA,
-                lw=0.0,
-                label="± 2 stated sd",
-            )
+            own = inverse.logs[k].force[:, i]
+            ax.plot(log.t, own, color=COLOUR["before"], lw=1.0, label="eq. 22")
+            fill_band(ax, log.t, reading.force[:, i], 2.0 * sd, "± 2 stated sd")
             ax.plot(log.t, reading.force[:, i], color=COLOUR["estimate"], label="Bayesian")
             ax.plot(log.t, log.sensor_force[:, i], color=COLOUR["truth"], lw=1.0, label="sensor")
             ax.set_ylabel(f"f{'xyz'[i]} [N]" if column == 0 else "")
@@ -222,39 +221,25 @@ def _force_figure(
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0], 4)
-    what = (
-        "Force on the pad (its axes) at the poses where eq. 22 reads best (left) and worst (right)"
-    )
-    return saved_figure(figure, out, "force", what)
+    return figure
 
 
 _BARS = {"inverse": "eq. 22", "truncated": "truncated", "damped": "damped",
          "force_only": "force only", "bayesian": "Bayesian"}  # fmt: skip
 
 
-def _bar_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
-    figure, axes = new_figure(1, 1, height=3.3)
-    ax = axes[0, 0]
-    poses = np.arange(1, NUM_POSES + 1)
-    width = 0.8 / len(_BARS)
-    for i, (method, label) in enumerate(_BARS.items()):
-        rmse = [log.rmse for log in readings[method].logs]
-        ax.bar(
-            poses + (i - 2) * width,
-            rmse,
-            width,
-            color=SERIES[i],
-            label=f"{label}, mean {np.mean(rmse):.2f} N",
-        )
-    ax.set_xticks(poses)
+def _bar_figure(readings: dict[str, MethodReading]) -> "Figure":
+    figure, ((ax,),) = new_figure(1, 1, height=3.3)
+    rmse = {method: [log.rmse for log in readings[method].logs] for method in _BARS}
+    series = {f"{_BARS[one]}, mean {np.mean(own):.2f} N": own for one, own in rmse.items()}
+    draw_bars(ax, series, range(1, NUM_POSES + 1))
     ax.set_xlabel("pose")
     ax.set_ylabel("RMSE of the force [N]")
     ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    what = "RMSE of the force per pose and method, rows with more than 1 N"
-    return saved_figure(figure, out, "rmse", what)
+    return figure
 
 
-def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
+def _rank_figure(readings: dict[str, MethodReading]) -> "Figure":
     figure, axes = new_figure(1, 2, share_y=True, height=3.4)
     for method, colour in (("inverse", COLOUR["before"]), ("bayesian", COLOUR["estimate"])):
         metrics = readings[method].metrics()
@@ -273,27 +258,24 @@ def _rank_figure(readings: dict[str, MethodReading], out: Path) -> FigureFile:
     axes[0, 0].set_xlabel("stated sd of the force [N]")
     axes[0, 1].set_xlabel("condition number")
     axes[0, 0].set_ylabel("RMSE of the force [N]")
-    what = "What ranks the poses: the stated sd, or the condition number"
-    return saved_figure(figure, out, "ranking", what)
+    return figure
 
 
 def _comparison() -> list[ComparisonRow]:
     plain = "plain tools"
     return [
         ComparisonRow(
-            "mean RMSE over ten poses, eq. 22", "inverse.mean_rmse_n", "N", 0.87, source=plain
+            "mean RMSE over ten poses, eq. 22", "inverse.mean_rmse_n", 0.87, source=plain
         ),
         ComparisonRow(
             "RMSE per pose, eq. 22",
             "inverse.rmse_n",
-            "N",
             [0.57, 2.14, 0.79, 0.35, 0.34, 1.80, 0.40, 0.44, 0.32, 1.56],
             source=plain,
         ),
         ComparisonRow(
             "mean RMSE, Bayesian",
             "bayesian.mean_rmse_n",
-            "N",
             0.66,
             "prior by evidence; there it was 20 N and 0.2 N m",
             plain,
@@ -301,7 +283,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "mean RMSE, Bayesian with 20 N, 0.2 N m and torque sd 0.1 N m",
             "bayesian_fixed_prior.mean_rmse_n",
-            "N",
             0.66,
             "its torque noise is not known",
             plain,
@@ -309,7 +290,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "rank correlation of condition number and RMSE, eq. 22",
             "inverse.rank_correlation.poses.condition_number",
-            "",
             0.25,
             source=plain,
         ),

@@ -1,6 +1,6 @@
 """The same statistics of real logs and of their simulated twins, each about a model of its own."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,12 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.twin_logs import t
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FITTED
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig
-
-ProgressCallback = Callable[[float, str], None]
 
 CONFIG = IdentificationConfig(friction="presliding", cross_validate=False)
 FIT = tuple(name.removesuffix(".csv") for name in FITTED)

@@ -15,8 +15,7 @@ right would be found no closer to the real arm than these two are to each other.
 apart if it is further off than the aim and than chance (`chance`).
 """
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,21 +33,20 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     compared,
     twins,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.recordings.recording_reader import read_recording
 
-MORE = "ur10e_more"  # below the data folder
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 AIM = 0.25  # by which a simulated statistic may differ from the real one
 
 
@@ -68,7 +66,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         robot,
         context.seed,
         days,
-        lambda share, what: context.progress(0.4 + 0.2 * share, what),
+        context.part(0.4, 0.6),
     )
     context.progress(0.6, "identifying the simulated arm")
     first = ArmLogs.of(simulated, robot, more).statistics()
@@ -103,15 +101,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.95, "figure")
     return ExperimentResult(
         metrics=metrics,
-        figures=[_figure(result, apart, context.out)],
+        figures=[
+            (
+                "realism",
+                _figure(result, apart),
+                "The simulated UR10e over the real one, joint by joint: what a model identified in "
+                "the same way leaves unexplained along the same motions, and what is in the "
+                "currents. Bars: how far chance takes two simulated arms with the same parameters "
+                "apart, in all but 5 % of the numbers. Full circles lie beyond both bar and 25 %.",
+            )
+        ],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={
-            "fitted": FIT,
-            "settled_on": (*FIT, *SETTLED, *SETTLED_LOAD, f"{STILL}, at rest"),
-            "checked": (*CHECKED, LOADED, *PASSES),
-            "day_draws": DAY_DRAWS,
-        },
+        notes=NOTES,
+        configuration={"settled_on": (*FIT, *SETTLED, *SETTLED_LOAD, f"{STILL}, at rest")},
     )
 
 
@@ -130,36 +132,27 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Simulated over real: torque error on other runs, joints 1 to 6",
             "residual_all_nm.ratio",
-            "-",
-            None,
+            unit="-",
         ),
         ComparisonRow(
             "Share of the statistics, joint by joint, within 25 % of the real arm's",
             "within_25_pct.share_pct",
-            "%",
-            None,
         ),
         ComparisonRow(
             "The same of two simulated arms with the same parameters: what chance leaves",
             "within_25_pct.two_simulated_share_pct",
-            "%",
-            None,
         ),
         ComparisonRow(
             "Statistics, joint by joint, more than 25 % off and by more than chance takes two "
             "simulated arms apart",
             "within_25_pct.told_apart_numbers",
-            "-",
-            None,
+            unit="-",
         ),
     ]
 
 
-def _figure(
-    found: dict[str, dict[str, Array]], apart: dict[str, ToldApart], out: Path
-) -> FigureFile:
-    figure, axes = new_figure(1, 1, height=0.27 * len(found) + 1.2)
-    panel: Any = axes[0, 0]
+def _figure(found: dict[str, dict[str, Array]], apart: dict[str, ToldApart]) -> "Figure":
+    figure, ((panel,),) = new_figure(1, 1, height=0.27 * len(found) + 1.2)
     panel.axvspan(1.0 - AIM, 1.0 + AIM, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     places = np.arange(len(found))
     table = np.array([entry["ratio"] for entry in found.values()])
@@ -180,13 +173,7 @@ def _figure(
     panel.invert_yaxis()
     panel.set_xlabel("simulated over real; shaded: within 25 %; bars: chance; full: beyond both")
     figure.legend(loc="outside upper center", ncols=6)
-    caption = (
-        "The simulated UR10e over the real one, joint by joint: what a model identified in the "
-        "same way leaves unexplained along the same motions, and what is in the currents. Bars: "
-        "how far chance takes two simulated arms with the same parameters apart, in all but 5 % of "
-        "the numbers. Full circles lie beyond both bar and 25 %."
-    )
-    return saved_figure(figure, out, "realism", caption)
+    return figure
 
 
 NOTES = (

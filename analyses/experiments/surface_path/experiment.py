@@ -13,7 +13,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.robot.robot import Robot
@@ -32,13 +31,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         recordings=pages,
         comparison=[
             ComparisonRow(
-                "Samples with a lower JCN", "samples_lower", "", None, "the article: every one"
+                "Samples with a lower JCN", "samples_lower", None, "the article: every one"
             ),
-            ComparisonRow("Mean JCN on the surface, initial", "initial.mean_jcn", "", None),
-            ComparisonRow("Mean JCN on the surface, optimised", "optimised.mean_jcn", "", None),
-            ComparisonRow("Mean JCN on the surface, local method", "local.mean_jcn", "", None),
+            ComparisonRow("Mean JCN on the surface, initial", "initial.mean_jcn"),
+            ComparisonRow("Mean JCN on the surface, optimised", "optimised.mean_jcn"),
+            ComparisonRow("Mean JCN on the surface, local method", "local.mean_jcn"),
         ],
-        notes=[*filled(NOTES, metrics), *result.notices],
+        notes=[*NOTES, *result.notices],
         configuration={"robot": robot.name, "task": config},
     )
 

@@ -14,7 +14,7 @@ moves: at rest friction takes up anything within its stiction, and no law tells 
 from the first six seconds alone, joint 1's last three miss by 3 N m, and by 1 N m where it moves.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
@@ -46,17 +44,6 @@ CUTOFF = 10.0  # Hz; the motion is at full speed, twice as fast as what 5 Hz is 
 EDGE = 0.25  # s: 2.5 periods of the cutoff
 FIFTHS, THIRDS = 5, 3
 LAW, PLAIN = "presliding", "coulomb-viscous-offset"
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """A recording whose stretches were each predicted by a fit of the others."""
-
-    fit: TorqueFit
-    stretches: int
-
-    def metrics(self) -> dict[str, Any]:
-        return self.fit.metrics() | {"stretches": self.stretches}
 
 
 def tx40(data: Path, out: Path, coupled: bool = True) -> Robot:
@@ -75,7 +62,7 @@ def tx40(data: Path, out: Path, coupled: bool = True) -> Robot:
     return Robot.load(path)
 
 
-def held_out(log: Recording, robot: Robot, law: str, stretches: int) -> HeldOut:
+def held_out(log: Recording, robot: Robot, law: str, stretches: int) -> TorqueFit:
     """Predicts each stretch of a recording by a fit of the others.
 
     Args:
@@ -95,7 +82,7 @@ def held_out(log: Recording, robot: Robot, law: str, stretches: int) -> HeldOut:
         inside = (whole.t >= begin) & ((whole.t < end) | (k == stretches - 1))
         parts.append([signal[inside] for signal in (whole.t, whole.measured, whole.predicted)])
     signals = map(np.concatenate, zip(*parts, strict=True))
-    return HeldOut(TorqueFit("excitation", *signals), stretches)
+    return TorqueFit("excitation", *signals)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -118,23 +105,22 @@ def run(context: ExperimentContext) -> ExperimentResult:
     whole = identify([log], robot, config=config)
     whole.model.save(context.out / "model.yaml")
     metrics: dict[str, Any] = {
-        "validation": fifths.metrics(),
-        "validation_thirds": thirds.metrics(),
+        "validation": fifths.metrics() | {"stretches": FIFTHS},
+        "validation_thirds": thirds.metrics() | {"stretches": THIRDS},
         "coupling": robot.coupling,
         "fit": {"rmse_nm": whole.fit[0].rmse},
-        "plain": {"validation": plain.metrics()},
-        "uncoupled": {"plain": {"validation": uncoupled.metrics()}},
+        "plain": {"validation": plain.metrics() | {"stretches": FIFTHS}},
+        "uncoupled": {"plain": {"validation": uncoupled.metrics() | {"stretches": FIFTHS}}},
         "friction": whole.metrics()["friction"],
         "base_parameters": whole.metrics()["base_parameters"]["count"],
     }
-    figure = torque_figure(fifths.fit, robot.joint_names, "held out, TX40, presliding")
+    figure = torque_figure(fifths, robot.joint_names, "held out, TX40, presliding")
     caption = "Measured and predicted joint torque, each fifth by a fit of the others"
     return ExperimentResult(
         metrics=metrics,
-        figures=[saved_figure(figure, context.out, "torque", caption)],
+        figures=[("torque", figure, caption)],
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
-        configuration={"cutoff_hz": CUTOFF, "law": LAW, "edge_s": EDGE, "stretches": FIFTHS},
+        notes=NOTES,
     )
 
 
@@ -144,7 +130,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Torque RMSE over stretches held out, joints 1 to 6",
             "validation.rmse_nm",
-            "N m",
             [1.83, 4.04, 1.08, 0.58, 1.00, 1.16],
             "there: fitted on two thirds, the last third; inertias and friction by least squares, "
             "40 Hz",
@@ -153,7 +138,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "the same over thirds",
             "validation_thirds.rmse_nm",
-            "N m",
             [1.83, 4.04, 1.08, 0.58, 1.00, 1.16],
             "there the last third alone",
             plain,
@@ -161,8 +145,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "the same with plain friction, every joint its own motor's, joint 5",
             "uncoupled.plain.validation.rmse_nm.4",
-            "N m",
-            None,
         ),
     ]
 

@@ -5,11 +5,21 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import JUDGED
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTROLLERS,
+    JUDGED,
+    SCENES,
+)
 from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import block_mean
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import ContactStudy, ReadRun
 from wrenchsight.analyses.output.axes import limit_y
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    draw_bars,
+    fill_band,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.models.contact.contact_filter import SIGMA_95
 
 if TYPE_CHECKING:
@@ -48,59 +58,46 @@ def force_figure(reads: Sequence[ReadRun]) -> "Figure":
         run, ours = read.prepared.run, read.readings["no_sensor"]
         assert ours.sd is not None
         t = block_mean(run.t)
-        band = SIGMA_95 * ours.sd
         for interval in JUDGED:
             if interval in run.intervals:
                 axis.axvspan(*run.intervals[interval], color=COLOUR["reference"], alpha=0.08, lw=0)
-        colour = COLOUR["estimate"]
-        axis.fill_between(
-            t,
-            ours.force - band,
-            ours.force + band,
-            color=colour,
-            alpha=BAND_ALPHA,
-            lw=0,
-            label="95 % band",
-        )
+        fill_band(axis, t, ours.force, SIGMA_95 * ours.sd)
         by_hand = read.readings["two_joints"].force
         axis.plot(t, by_hand, color=COLOUR["article"], lw=0.7, label=LABELS["two_joints"])
-        axis.plot(t, ours.force, color=colour, lw=1.2, label=LABELS["no_sensor"])
+        axis.plot(t, ours.force, color=COLOUR["estimate"], lw=1.2, label=LABELS["no_sensor"])
         axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
         limit_y(axis, -40.0, _FULL_SCALE, "N")
         axis.set_ylabel("force [N]")
         axis.set_title(run.name.stem)
     panels[-1].set_xlabel("time from the first contact [s]; shaded: where it is judged")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    legend_on_top(figure, panels[0], ncols=4)
     return figure
 
 
-def error_figure(metrics: dict[str, Any], groups: Sequence[str]) -> "Figure":
+def error_figure(metrics: dict[str, Any]) -> "Figure":
     """RMSE of each method by scene, controller and interval, a panel an interval."""
     figure, axes = new_figure(len(JUDGED), 1, height=6.6, share_x=True)
     panels: list[Any] = list(axes[:, 0])
     kinds = [
         (group, speed)
-        for group in groups
+        for group in (f"{scene}_{controller}" for scene in SCENES for controller in CONTROLLERS)
         for speed in metrics[group]
         if any(metrics[group][speed][i]["no_sensor"]["runs"] for i in JUDGED)
     ]
-    places = np.arange(len(kinds))
-    width = 0.8 / len(_DRAWN)
+    names = [f"{group.replace('_', chr(10))}\n{int(speed[1:]) / 100:.2f}" for group, speed in kinds]
     for axis, interval in zip(panels, JUDGED, strict=True):
-        for m, method in enumerate(_DRAWN):
-            values = [metrics[group][speed][interval][method]["rmse_n"] for group, speed in kinds]
-            heights = [np.nan if value is None else value for value in values]
-            at = places + (m - 0.5 * (len(_DRAWN) - 1)) * width
-            axis.bar(at, heights, width, color=SERIES[m], label=LABELS[method])
+        series = {
+            LABELS[method]: np.array(
+                [metrics[group][speed][interval][method]["rmse_n"] for group, speed in kinds], float
+            )
+            for method in _DRAWN
+        }
+        draw_bars(axis, series, names)
         axis.set_ylim(0.0, 20.0)
         axis.set_ylabel("RMSE [N]")
         axis.set_title(
             {"hold1": "first hold", "slide": "steady slide", "hold2": "second hold"}[interval]
         )
-    names = [f"{group.replace('_', chr(10))}\n{int(speed[1:]) / 100:.2f}" for group, speed in kinds]
-    panels[-1].set_xticks(places, names)
     panels[-1].set_xlabel("scene, controller, speed [m/s]; bars beyond 20 N are cut")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    legend_on_top(figure, panels[0], ncols=3)
     return figure

@@ -8,14 +8,12 @@ motion in the air. `contact_reading` says what each method may use. `command` is
 --contact-axis tool_z`.
 """
 
-from pathlib import Path
 from typing import Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
     FOLDER,
     JUDGED,
-    SCENES,
     find_runs,
     tooled,
 )
@@ -42,10 +40,8 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
+from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.robot.robot import Robot
 
@@ -64,7 +60,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.data,
         robot,
         IdentificationConfig(friction="presliding"),
-        lambda share, what: context.progress(0.3 * share, what),
+        context.part(0.0, 0.3),
     ).model
     robots = {controller: tooled(robot, controller) for controller in CONTROLLERS}
     prepared = prepare_runs(
@@ -82,9 +78,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(study, metrics, context.out),
+        figures=[
+            (
+                "forces",
+                force_figure(one_run_a_group(study)),
+                "Force along the tool from motor currents, without a sensor, against the sensor: "
+                "one run of each kind.",
+            ),
+            ("errors", error_figure(metrics), "Error of the force over 0.1 s by method."),
+        ],
         comparison=_comparison(metrics),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
             "runs": [read.prepared.run.name.stem for read in study.runs],
             "settled_on": sorted(SETTLED_ON),
@@ -125,22 +129,6 @@ def _run_metrics(study: ContactStudy) -> dict[str, Any]:
     }
 
 
-def _figures(study: ContactStudy, metrics: dict[str, Any], out: Path) -> list[FigureFile]:
-    groups = [f"{scene}_{controller}" for scene in SCENES for controller in CONTROLLERS]
-    return [
-        saved_figure(
-            force_figure(one_run_a_group(study)),
-            out,
-            "forces",
-            "Force along the tool from motor currents, without a sensor, against the sensor: one "
-            "run of each kind.",
-        ),
-        saved_figure(
-            error_figure(metrics, groups), out, "errors", "Error of the force over 0.1 s by method."
-        ),
-    ]
-
-
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     """Rows for what there is; the other figure is that of K (i - i_target), joints 2 and 3."""
     stated = {  # over all 67 runs, from the data set's description; both controllers if straight
@@ -156,25 +144,17 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     for kind, (path, value) in stated.items():
         for method, label in _SHOWN.items():
             key = path.format(method)
-            if _value(metrics, key) is not None:
+            if look_up(metrics, key) is not None:
                 text = f"RMSE of the force, {kind}, {label}"
-                rows.append(ComparisonRow(text, key, "N", value, "K (i - i_target)", _CHECK))
+                rows.append(ComparisonRow(text, key, value, "K (i - i_target)", _CHECK))
     states = (("rest", "at rest"), ("slide", "sliding"))
     methods = (("no_sensor", "never a sensor"), ("command", "by the command alone"))
     for method, how, state, label in ((*m, *s) for m in methods for s in states):
         key = f"summary.{method}.{state}.inside_95_pct"
-        if _value(metrics, key) is not None:
+        if look_up(metrics, key) is not None:
             text = f"share of the true force inside the 95 % band, {label}, {how}"
-            rows.append(ComparisonRow(text, key, "%", 95.0, "wanted", "the band's own claim"))
+            rows.append(ComparisonRow(text, key, 95.0, "wanted", "the band's own claim"))
     return rows
-
-
-def _value(metrics: dict[str, Any], path: str) -> Any:
-    """The metric at a path of keys."""
-    value: Any = metrics
-    for key in path.split("."):
-        value = value[key]
-    return value
 
 
 def _of_slides(method: str) -> str:

@@ -9,13 +9,9 @@ shape (`analyses.methods.learning.friction_fit`) has no constant; `lowest_error`
 the lowest error would give.
 """
 
-from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
     FOLDER,
     VALIDATED,
     identify_ur10e,
@@ -25,25 +21,24 @@ from wrenchsight.analyses.methods.learning.identification_config import LAWS, Id
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.figures import draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Fits, validates, and refits without the filter on the regressor for comparison."""
     robot = Robot.load("ur10e")
-    result = identify_ur10e(
-        context.data, robot, progress=lambda share, what: context.progress(0.2 * share, what)
-    )
+    result = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.2))
     context.progress(0.2, "the same with an unfiltered regressor")
     plain = identify_ur10e(context.data, robot, IdentificationConfig(filter_regressor=False))
     metrics = result.metrics() | {"unfiltered_regressor": _short_metrics(plain)}
@@ -70,19 +65,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
         identify_ur10e(context.data, robot, lowest), "relative_pct"
     )
     context.progress(0.9, "figures")
-    figures = [_figure(fit, robot.joint_names, context.out) for fit in result.validation]
-    figures += [
-        _figure(fit, robot.joint_names, context.out, best) for fit in results[best].validation
-    ]
-    figures.append(_laws_figure(results, robot.joint_names, context.out))
+    figures = [_drawing(fit, robot.joint_names) for fit in result.validation]
+    figures += [_drawing(fit, robot.joint_names, best) for fit in results[best].validation]
+    what = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
+    figures.append(("friction_laws", _laws_figure(results, robot.joint_names), what))
     result.model.save(context.out / "model.yaml")
     results[best].model.save(context.out / "model_best.yaml")
     return ExperimentResult(
         metrics=metrics,
         figures=figures,
         comparison=_comparison(),
-        notes=[*filled(NOTES, metrics), *result.warnings],
-        configuration={"fitted": list(FITTED), "validated": VALIDATED, "fit": result.config},
+        notes=[*NOTES, *result.warnings],
+        configuration={"fit": result.config},
     )
 
 
@@ -123,39 +117,31 @@ def _law_metrics(result: IdentificationResult) -> dict[str, Any]:
     }
 
 
-def _figure(fit: TorqueFit, joint_names: tuple[str, ...], out: Path, law: str = "") -> FigureFile:
+def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Drawing:
     stem = f"torque_{fit.name}_{law}".rstrip("_").replace("+", "_")
     kind = f"validation, UR10e{', ' if law else ''}{law}"
     with_law = f" with the friction law {law}" if law else ""
-    return saved_figure(
-        torque_figure(fit, joint_names, kind),
-        out,
-        stem,
-        f"Measured and predicted joint torque over {fit.name}, a run that was not "
-        f"fitted{with_law}.",
-    )
+    what = f"Measured and predicted joint torque over {fit.name}, a run that was not fitted"
+    return stem, torque_figure(fit, joint_names, kind), f"{what}{with_law}."
 
 
 def _laws_figure(
-    results: dict[str, IdentificationResult], joint_names: tuple[str, ...], out: Path
-) -> FigureFile:
+    results: dict[str, IdentificationResult], joint_names: tuple[str, ...]
+) -> "Figure":
     """Held-out torque error of every law, joint by joint, over both validation runs."""
     figure, axes = new_figure(2, 1, height=6.0, share_x=True)
-    panels: list[Any] = list(axes[:, 0])
-    places = np.arange(len(joint_names))
-    width = 0.8 / len(results)
-    for axis, name in zip(panels, VALIDATED, strict=True):
-        for k, (law, result) in enumerate(results.items()):
-            fit = next(fit for fit in result.validation if fit.name == name)
-            at = places + width * (k - 0.5 * (len(results) - 1))
-            axis.bar(at, 100.0 * fit.relative, width, color=SERIES[k % len(SERIES)], label=law)
-        axis.set_ylabel("unexplained torque [%]")
-        axis.set_title(name)
-        axis.set_xticks(places, [joint.removesuffix("_joint") for joint in joint_names])
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
-    what = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
-    return saved_figure(figure, out, "friction_laws", what)
+    for panel, name in zip(axes[:, 0], VALIDATED, strict=True):
+        left = {
+            law: 100.0 * fit.relative
+            for law, result in results.items()
+            for fit in result.validation
+            if fit.name == name
+        }
+        draw_bars(panel, left, [joint.removesuffix("_joint") for joint in joint_names])
+        panel.set_ylabel("unexplained torque [%]")
+        panel.set_title(name)
+    legend_on_top(figure, axes[0, 0], ncols=4)
+    return figure
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -166,7 +152,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Torque RMSE over 14harm50sec with the best friction law, joints 1 to 6",
             f"{best}.14harm50sec.rmse_nm",
-            "N m",
             [1.09, 1.15, 0.53, 0.22, 0.24, 0.20],
             "",
             plain,
@@ -174,7 +159,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Share unexplained over ptp_10_points with the best friction law, joint 5",
             f"{best}.ptp_10_points.relative_pct.4",
-            "%",
             7.7,
             "",
             plain,
@@ -182,7 +166,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Share unexplained over ptp_10_points with the best friction law, joint 6",
             f"{best}.ptp_10_points.relative_pct.5",
-            "%",
             19.3,
             "",
             plain,
@@ -190,7 +173,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Torque RMSE over 14harm50sec, joints 1 to 6",
             harmonic,
-            "N m",
             [1.97, 3.11, 1.30, 0.44, 0.40, 0.34],
             "the regressor is filtered like the torque",
             plain,
@@ -198,7 +180,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "torque RMSE over 14harm50sec, against the package figaroh",
             harmonic,
-            "N m",
             [2.52, 3.52, 1.42, 0.54, 0.50, 0.43],
             "least squares with sgn friction",
             other,
@@ -206,7 +187,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Share unexplained over ptp_10_points, joint 5",
             "validation.ptp_10_points.relative_pct.4",
-            "%",
             26.0,
             "",
             plain,
@@ -214,7 +194,6 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(
             "Share unexplained over ptp_10_points, joint 6",
             "validation.ptp_10_points.relative_pct.5",
-            "%",
             51.0,
             "at rest, stiction carries what friction as a function of velocity cannot",
             plain,

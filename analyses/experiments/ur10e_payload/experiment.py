@@ -31,7 +31,7 @@ rules.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -48,10 +48,8 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     estimator_config,
     payload_reference,
     read_at_load,
-    rms,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
     FOLDER,
     LOADED,
     VALIDATED,
@@ -63,23 +61,18 @@ from wrenchsight.analyses.experiments.ur10e_payload.payload_figures import (
     singular_figure,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    pass
-
 
 UNLOADED = VALIDATED["14harm50sec"]
 # Whether the force at the point of action has a mean, and the noise a scale of its own.
@@ -93,9 +86,7 @@ POINT_RULES = {
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, estimates over the loaded run, and compares the methods with the payload."""
     robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data, robot, progress=lambda share, what: context.progress(0.3 * share, what)
-    ).model
+    model = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.3)).model
     context.progress(0.3, "estimating over the loaded run")
     loaded, batch = estimate_run(context.data / FOLDER / LOADED, robot, model)
     inner = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
@@ -149,44 +140,38 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
     metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics()}
     context.progress(0.9, "figures")
-    figures = (
-        (
-            "payload_force",
-            force_figure(t, readings["bayesian"], reference),
-            "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and the "
-            "payload's weight and inertia.",
-        ),
-        (
-            "payload_singular_pass",
-            singular_figure(t, readings["bayesian"], readings["inverse"], reference),
-            "The same around a singular pass, with the plain inverse (eq. 22); samples that its "
-            "flag calls invalid are shaded.",
-        ),
-        (
-            "payload_methods",
-            methods_figure(metrics),
-            "Force error per axis and the payload's mass as each method reads it.",
-        ),
-        (
-            "payload_force_at_load",
-            force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
-            "The force where the load acts, found from the first 10 s, with the best friction law.",
-        ),
-    )
     return ExperimentResult(
         metrics=metrics,
-        figures=saved_figures(figures, context.out),
+        figures=(
+            (
+                "payload_force",
+                force_figure(t, readings["bayesian"], reference),
+                "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and "
+                "the payload's weight and inertia.",
+            ),
+            (
+                "payload_singular_pass",
+                singular_figure(t, readings["bayesian"], readings["inverse"], reference),
+                "The same around a singular pass, with the plain inverse (eq. 22); samples that "
+                "its flag calls invalid are shaded.",
+            ),
+            (
+                "payload_methods",
+                methods_figure(metrics),
+                "Force error per axis and the payload's mass as each method reads it.",
+            ),
+            (
+                "payload_force_at_load",
+                force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
+                "The force where the load acts, found from the first 10 s, with the best friction "
+                "law.",
+            ),
+        ),
         comparison=_comparison(),
-        notes=filled(NOTES, metrics),
+        notes=NOTES,
         configuration={
-            "fitted": list(FITTED),
-            "loaded": LOADED,
-            "unloaded": UNLOADED,
             "estimator": estimator_config(),
             "methods": {name: config.with_prior(*priors[name]) for name, config in METHODS.items()},
-            "payload_kg": MASS,
-            "reference_cutoff_hz": REFERENCE_CUTOFF,
-            "margin_s": MARGIN,
         },
     )
 
@@ -223,71 +208,50 @@ def _with_best_law(
 
 
 def _comparison() -> list[ComparisonRow]:
-    def row(label: str, key: str, unit: str, value: float, remark: str = "") -> ComparisonRow:
-        return ComparisonRow(label, key, unit, value, remark, "plain tools")
+    """What plain tools, whose friction had memory, Stribeck and load terms, read of this run."""
+
+    def row(label: str, key: str, value: float | None, remark: str = "") -> ComparisonRow:
+        return ComparisonRow(label, key, value, remark, "plain tools")
 
     richer = "the plain tools' friction had memory, Stribeck and load terms"
+    by_hand = "prior of maximum evidence; there it was set by hand (30 N, 2 N m)"
+    close = "it depends on how close the samples come to singular"
+    stated = (  # of the reading in the metrics, and as a label of a row has it
+        ("bayesian", "force RMSE {}, Bayesian", (7.3, 7.4, 10.0), (by_hand, "", "")),
+        ("inverse", "force RMSE {}, eq. 22", (139.0, 5797.0, 901.0), (close, "", "")),
+        ("damped", "force RMSE {}, damped", (4.4, 3.5, 11.2), 3 * (richer,)),
+        ("truncated", "force RMSE {}, truncated", (4.4, 4.2, 9.5), 3 * (richer,)),
+        (
+            "best.bayesian",
+            "Force RMSE {} at the flange, Bayesian, best friction law",
+            (4.5, 4.8, 6.1),
+            3 * ("",),
+        ),
+        (
+            "best.at_load.bayesian",
+            "Force RMSE {} where the load acts, Bayesian, best friction law",
+            (1.8, 2.7, 3.1),
+            3 * ("",),
+        ),
+        (
+            "best.at_load.force_only",
+            "Force RMSE {} where the load acts, force only, best friction law",
+            (1.6, 2.9, 2.9),
+            3 * ("",),
+        ),
+    )
     rows = [
-        row(f"force RMSE {axis}, Bayesian", f"bayesian.rmse_f{axis}_n", "N", value, remark)
-        for axis, value, remark in zip(
-            AXES,
-            (7.3, 7.4, 10.0),
-            ("prior of maximum evidence; there it was set by hand (30 N, 2 N m)", "", ""),
-            strict=True,
-        )
+        row(label.format(axis), f"{key}.rmse_f{axis}_n", value, remark)
+        for key, label, values, remarks in stated
+        for axis, value, remark in zip(AXES, values, remarks, strict=True)
     ]
-    rows += [
-        row(f"force RMSE {axis}, eq. 22", f"inverse.rmse_f{axis}_n", "N", value, remark)
-        for axis, value, remark in zip(
-            AXES,
-            (139.0, 5797.0, 901.0),
-            ("it depends on how close the samples come to singular", "", ""),
-            strict=True,
-        )
-    ]
-    rows += [
-        row(f"force RMSE {axis}, damped", f"damped.rmse_f{axis}_n", "N", value, richer)
-        for axis, value in zip(AXES, (4.4, 3.5, 11.2), strict=True)
-    ]
-    rows += [
-        row(f"force RMSE {axis}, truncated", f"truncated.rmse_f{axis}_n", "N", value, richer)
-        for axis, value in zip(AXES, (4.4, 4.2, 9.5), strict=True)
-    ]
-    rows += [
-        row(
-            f"Force RMSE {axis} at the flange, Bayesian, best friction law",
-            f"best.bayesian.rmse_f{axis}_n",
-            "N",
-            value,
-        )
-        for axis, value in zip(AXES, (4.5, 4.8, 6.1), strict=True)
-    ]
-    rows += [
-        row(
-            f"Force RMSE {axis} where the load acts, {label}, best friction law",
-            f"best.at_load.{method}.rmse_f{axis}_n",
-            "N",
-            value,
-        )
-        for method, label, values in (
-            ("bayesian", "Bayesian", (1.8, 2.7, 3.1)),
-            ("force_only", "force only", (1.6, 2.9, 2.9)),
-        )
-        for axis, value in zip(AXES, values, strict=True)
-    ]
-    rows += [
-        row(
-            "Mass where the load acts, force only (true 2.805)",
-            "best.at_load.force_only.mass_kg",
-            "kg",
-            2.804,
-        )
-    ]
+    at_load = "Mass where the load acts, force only (true 2.805)"
     return [
         *rows,
-        row("mass, damped (true 2.805)", "damped.mass_kg", "kg", 1.88),
-        ComparisonRow("mass, Bayesian (true 2.805)", "bayesian.mass_kg", "kg", None),
-        ComparisonRow("mass, force only (true 2.805)", "force_only.mass_kg", "kg", None),
+        row(at_load, "best.at_load.force_only.mass_kg", 2.804),
+        row("mass, damped (true 2.805)", "damped.mass_kg", 1.88),
+        ComparisonRow("mass, Bayesian (true 2.805)", "bayesian.mass_kg"),
+        ComparisonRow("mass, force only (true 2.805)", "force_only.mass_kg"),
     ]
 
 

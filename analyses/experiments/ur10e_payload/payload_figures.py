@@ -14,7 +14,13 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     Reference,
 )
 from wrenchsight.analyses.output.axes import limit_y, log_scale
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    fill_band,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
@@ -44,7 +50,7 @@ def force_figure(t: Array, reading: Reading, reference: Reference) -> "Figure":
         axis.plot(t, reference.force[:, i], color=COLOUR["truth"], lw=1.4, label="payload (truth)")
         axis.set_ylabel(f"force {AXES[i]} [N]")
     panels[-1].set_xlabel("time [s]")
-    _legend_above(figure, panels[0])
+    legend_on_top(figure, panels[0])
     return figure
 
 
@@ -64,7 +70,7 @@ def singular_figure(t: Array, reading: Reading, inverse: Reading, reference: Ref
     log_scale(panels[3], "y")
     panels[3].set_ylabel("condition number")
     panels[3].set_xlabel("time [s]")
-    _legend_above(figure, panels[0])
+    legend_on_top(figure, panels[0])
     return figure
 
 
@@ -83,38 +89,15 @@ def _singular_pass(inverse: Reading) -> slice:
 
 
 def _shade(axis: Any, t: Array, where: Flags, label: str) -> None:
-    axis.fill_between(
-        t,
-        0,
-        1,
-        where=where,
-        step="mid",
-        color=COLOUR["invalid"],
-        lw=0,
-        zorder=0,
-        transform=axis.get_xaxis_transform(),
-        label=label,
-    )
+    whole = axis.get_xaxis_transform()
+    style = {"step": "mid", "color": COLOUR["invalid"], "lw": 0, "zorder": 0, "transform": whole}
+    axis.fill_between(t, 0, 1, where=where, label=label, **style)
 
 
 def _draw_reading(axis: Any, t: Array, reading: Reading, i: int, rows: slice) -> None:
     force, deviation = reading.force[rows, i], SIGMA_95 * reading.deviation[rows, i]
-    colour = COLOUR["estimate"]
-    axis.fill_between(
-        t[rows],
-        force - deviation,
-        force + deviation,
-        color=colour,
-        alpha=BAND_ALPHA,
-        lw=0,
-        label="Bayesian, 95 % band",
-    )
-    axis.plot(t[rows], force, color=colour, lw=1.1, label="Bayesian")
-
-
-def _legend_above(figure: "Figure", axis: Any) -> None:
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    fill_band(axis, t[rows], force, deviation, "Bayesian, 95 % band")
+    axis.plot(t[rows], force, color=COLOUR["estimate"], lw=1.1, label="Bayesian")
 
 
 def methods_figure(metrics: dict[str, Any]) -> "Figure":
@@ -142,9 +125,7 @@ def methods_figure(metrics: dict[str, Any]) -> "Figure":
     bottom.set_ylim(0.0, 3.5)
     bottom.set_ylabel("mass read [kg]")
     bottom.set_xticks(places, [LABELS[m] for m in METHODS])
-    handles, labels = top.get_legend_handles_labels()
-    line, text = bottom.get_legend_handles_labels()
-    figure.legend(handles + line, labels + text, loc="outside upper center", ncols=5)
+    legend_on_top(figure, top, bottom, ncols=5)
     return figure
 
 

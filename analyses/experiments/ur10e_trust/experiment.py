@@ -24,8 +24,7 @@ reaches come from the three fitted runs.
 """
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,9 +49,7 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentContext,
     ExperimentResult,
-    FigureFile,
 )
-from wrenchsight.analyses.study.figure_files import saved_figure
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
@@ -70,6 +67,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REFRESHED_BY = {  # the log without the load
     "ur-20_02_19_14harm50secLoad": "ur-20_02_19_14harm50sec",
@@ -127,14 +127,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.95, "figure")
     return ExperimentResult(
         metrics=metrics,
-        figures=[_figure(metrics, context.out)],
+        figures=[
+            (
+                "trust",
+                _figure(metrics),
+                "Share of the samples inside the stated 95 % band, log by log; open diamonds: with "
+                "the drift that `estimate` finds in the log and allows for; full ones: of the "
+                f"model whose friction was found again from {REFRESH_SECONDS:g} s without contact.",
+            )
+        ],
         comparison=_comparison(),
         notes=_notes(metrics),
-        configuration={
-            "free": FREE_LOGS,
-            "loaded_kg": LOADED_LOGS,
-            "rest_speed_rad_per_s": REST_SPEED,
-        },
     )
 
 
@@ -254,39 +257,27 @@ def _comparison() -> list[ComparisonRow]:
     inside = "Inside the stated 95 % band, x y z"
     return [
         ComparisonRow(
-            f"{inside}, a week after the fit",
-            "ur-20_02_19_15harm50sec.all.inside_95_pct",
-            "%",
-            None,
+            f"{inside}, a week after the fit", "ur-20_02_19_15harm50sec.all.inside_95_pct"
         ),
-        ComparisonRow(
-            f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct", "%", None
-        ),
+        ComparisonRow(f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct"),
         ComparisonRow(
             f"{inside}, the same as `estimate` states it, by the drift that the log shows",
             "ur-19_12_23_free.widened.all.inside_95_pct",
-            "%",
-            None,
         ),
         ComparisonRow(
             f"{inside}, the same as a controller reads it after {TRACKED_FROM:g} s, friction "
             "followed",
             "ur-19_12_23_free.tracked.all.inside_95_pct",
-            "%",
-            None,
         ),
         ComparisonRow(
             f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
             "ur-19_12_23_free.refreshed.all.inside_95_pct",
-            "%",
-            None,
         ),
     ]
 
 
-def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
-    figure, axes = new_figure(1, 1, height=6.0)
-    panel: Any = axes[0, 0]
+def _figure(metrics: dict[str, Any]) -> "Figure":
+    figure, ((panel,),) = new_figure(1, 1, height=6.0)
     panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     places = np.arange(len(metrics))
     for i, axis in enumerate("xyz"):
@@ -301,28 +292,15 @@ def _figure(metrics: dict[str, Any], out: Path) -> FigureFile:
                 own[key]["all"]["inside_95_pct"][i] if key in own else np.nan
                 for own in metrics.values()
             ]
-            panel.plot(
-                again,
-                level,
-                "D",
-                color=COLOUR["truth"],
-                markerfacecolor=fill,
-                ms=3.5,
-                label=words if i == 0 else None,
-                zorder=3,
-            )
+            style = {"color": COLOUR["truth"], "markerfacecolor": fill, "ms": 3.5, "zorder": 3}
+            panel.plot(again, level, "D", label=words if i == 0 else None, **style)
     panel.set_yticks(places, list(metrics))
     panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
     least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
     panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
     panel.invert_yaxis()
     figure.legend(loc="outside upper center", ncols=5)
-    caption = (
-        "Share of the samples inside the stated 95 % band, log by log; open diamonds: with the "
-        "drift that `estimate` finds in the log and allows for; full ones: of the model whose "
-        f"friction was found again from {REFRESH_SECONDS:g} s without contact."
-    )
-    return saved_figure(figure, out, "trust", caption)
+    return figure
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:

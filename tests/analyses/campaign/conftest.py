@@ -45,8 +45,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
             path=path,
         ),
         comparison=[
-            ComparisonRow("RMSE, with", "optimised.rmse_n", "N", 1.5, ours="ours.rmse_n"),
-            ComparisonRow("Torque RMSE", "rmse_nm", "N m", [0.1, 0.2, 0.3]),
+            ComparisonRow("RMSE, with", "optimised.rmse_n", 1.5, ours="ours.rmse_n"),
+            ComparisonRow("Torque RMSE", "rmse_nm", [0.1, 0.2, 0.3]),
         ],
     )
 

@@ -17,7 +17,7 @@ from wrenchsight.analyses.study.experiment import ComparisonRow, Experiment, Exp
 def run(context):
     return ExperimentResult(
         metrics={"error_n": float(context.seed)},
-        comparison=[ComparisonRow("Error", "error_n", "N", None)],
+        comparison=[ComparisonRow("Error", "error_n")],
     )
 
 EXPERIMENT = Experiment(

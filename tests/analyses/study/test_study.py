@@ -41,7 +41,7 @@ def measured(context, **more):
     return ExperimentResult(
         metrics=dict(max_error_n=random.normal(), rmse_nm=random.normal(size=6), **more),
         figures=[FigureFile(Path("figures/noise.png"), "Noise, as <measured> & drawn.")],
-        comparison=[ComparisonRow("Largest error", "max_error_n", "N", 24.86, "other noise")],
+        comparison=[ComparisonRow("Largest error", "max_error_n", 24.86, "other noise")],
         notes=["The error is `small`."],
         configuration=dict(length=10 if context.quick else 1000),
     )
@@ -392,7 +392,7 @@ def test_a_result_that_names_what_it_lacks_fails(experiments, run):
     )
     experiments(
         "metric",
-        "    return ExperimentResult(metrics={}, comparison=[ComparisonRow('', 'a.b', '', 1.0)])",
+        "    return ExperimentResult(metrics={}, comparison=[ComparisonRow('', 'a.b', 1.0)])",
     )
     result = run()
     assert [o.state for o in result.outcomes] == ["failed", "failed"]

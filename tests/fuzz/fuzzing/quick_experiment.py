@@ -26,7 +26,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics={"rmse_n": float(noise[0]), "rmse_nm": noise},
         figures=figures,
-        comparison=[ComparisonRow("RMSE", "rmse_n", "N", 1.0)],
+        comparison=[ComparisonRow("RMSE", "rmse_n", 1.0)],
         notes=["A note."],
     )
 

@@ -10,12 +10,14 @@ Only one joint of this arm moves without a load in these recordings, so nothing 
 The reading is the estimator's own (`models.estimation.estimator`), causal, at K_0 = 15 /s.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.mounting import Mounting
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
@@ -170,14 +172,15 @@ class Lara8Reading:
 MIN_ROWS: Final = 20
 
 
+def by_joint(statistic: Callable[[Array], Any], error: Array, where: Flags) -> list[float | None]:
+    """A statistic per joint over the rows (N, n) that are wanted and finite; None of too few."""
+    columns = (one[rows & np.isfinite(one)] for one, rows in zip(error.T, where.T, strict=True))
+    return [float(statistic(one)) if len(one) >= MIN_ROWS else None for one in columns]
+
+
 def rmse_by_joint(error: Array, where: Flags) -> list[float | None]:
     """RMS per joint over the rows where it is wanted and finite."""
-    result: list[float | None] = []
-    for j in range(error.shape[1]):
-        entry = error[where[:, j], j]
-        entry = entry[np.isfinite(entry)]
-        result.append(float(np.sqrt(np.mean(entry**2))) if len(entry) >= MIN_ROWS else None)
-    return result
+    return by_joint(rms, error, where)
 
 
 def settled_from(recording: Recording) -> int:

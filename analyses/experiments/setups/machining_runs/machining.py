@@ -14,7 +14,7 @@ tool works, from the first to the last motion, turns included:
     sensor           no estimator: the sensor under the tool, behind its low-pass
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.methods.reading.force_errors import BAND_95
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.machining import longest_duration, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
@@ -40,8 +41,6 @@ from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
-
-ProgressCallback = Callable[[float, str], None]
 
 LAW, PLAIN, OURS = "semi-parametric", "coulomb-viscous", "presliding"
 FEEDS = (15.0, 30.0, 60.0)  # s, one way

@@ -1,6 +1,6 @@
 """Figures of a machining study: force read, force held, both over the feed (Figs. 25 and 27)."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
@@ -12,12 +12,8 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
 )
 from wrenchsight.analyses.methods.reading.force_errors import draw_signal
 from wrenchsight.analyses.output.axes import limit_y
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
-from wrenchsight.analyses.study.experiment import (
-    ExperimentContext,
-    FigureFile,
-)
-from wrenchsight.analyses.study.figure_files import saved_figures
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, legend_on_top, new_figure
+from wrenchsight.analyses.study.experiment import Drawing
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.machining.machining_phases import Phase
 
@@ -26,7 +22,6 @@ if TYPE_CHECKING:
 
 
 def force_figure(
-    task: MachiningTask,
     shown: Mapping[float, tuple[MachiningRun, Mapping[str, Mapping[str, Array]]]],
     component: str,
 ) -> "Figure":
@@ -84,11 +79,12 @@ def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> "Figure":
     reading.plot(
         FEEDS, task.rmse_n, "s--", color=COLOUR["reference"], label="printed in the article"
     )
-    for key, colour, label in (
+    lines = (
         ("article", COLOUR["article"], "article's method, here"),
         ("ours", COLOUR["estimate"], "ours"),
         ("known_friction", COLOUR["truth"], "true friction known"),
-    ):
+    )
+    for key, colour, label in lines:
         values = [metrics[feed_key(feed)][key]["rmse_n"] for feed in FEEDS]
         reading.plot(FEEDS, values, "o-", color=colour, label=label)
     steady = [metrics[feed_key(feed)]["article"]["steady"]["rmse_n"] for feed in FEEDS]
@@ -106,45 +102,34 @@ def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> "Figure":
         panel.set_ylabel("RMS error [N]")
         panel.set_ylim(bottom=0.0)
         panel.set_xticks(FEEDS)
-    entries = [panel.get_legend_handles_labels() for panel in (reading, held)]
-    handles = [handle for entry in entries for handle in entry[0]]
-    labels = [label for entry in entries for label in entry[1]]
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_on_top(figure, reading, held, ncols=3)
     return figure
 
 
 def machining_figures(
-    context: ExperimentContext,
     task: MachiningTask,
     shown: Mapping[float, tuple[MachiningRun, Mapping[str, Mapping[str, Array]]]],
     without: Mapping[float, MachiningRun],
     metrics: Mapping[str, Any],
-) -> list[FigureFile]:
-    """Writes all figures of a machining study below its folder."""
+) -> Iterator[Drawing]:
+    """All figures of a machining study."""
     other = COMPONENTS[1 - COMPONENTS.index(task.component)]
     with_sensor = {feed: run for feed, (run, _) in shown.items()}
-    figures = (
-        (
-            "forces",
-            force_figure(task, shown, task.component),
-            f"{task.component.capitalize()} force at work, true, measured and estimated "
-            f"({task.figure}). At the ends joints rest or turn round, and friction hides the "
-            "force; the highest peaks of the readings are cut off.",
-        ),
-        (
-            f"{other}",
-            force_figure(task, shown, other),
-            f"{other.capitalize()} force, the same runs.",
-        ),
-        (
-            "regulation",
-            regulation_figure(with_sensor, without),
-            "True normal force, held with a sensor in the loop and without one.",
-        ),
-        (
-            "feeds",
-            feed_figure(task, metrics),
-            "Is a slower feed harder? Errors of reading and of holding the force.",
-        ),
+    yield (
+        "forces",
+        force_figure(shown, task.component),
+        f"{task.component.capitalize()} force at work, true, measured and estimated "
+        f"({task.figure}). At the ends joints rest or turn round, and friction hides the "
+        "force; the highest peaks of the readings are cut off.",
     )
-    return saved_figures(figures, context.out)
+    yield other, force_figure(shown, other), f"{other.capitalize()} force, the same runs."
+    yield (
+        "regulation",
+        regulation_figure(with_sensor, without),
+        "True normal force, held with a sensor in the loop and without one.",
+    )
+    yield (
+        "feeds",
+        feed_figure(task, metrics),
+        "Is a slower feed harder? Errors of reading and of holding the force.",
+    )

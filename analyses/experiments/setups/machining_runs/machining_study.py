@@ -8,7 +8,7 @@ without any sensor, the loop closed by the estimate alone.
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -42,15 +42,10 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
     FigureFile,
 )
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES
-
-if TYPE_CHECKING:
-    pass
-
 
 QUICK_SHARE = 1.0 / 15.0  # of these
 _AIR_SEED = 1000  # apart from the runs' own
@@ -59,9 +54,7 @@ _AIR_SEED = 1000  # apart from the runs' own
 def study_machining(context: ExperimentContext, task: MachiningTask) -> ExperimentResult:
     """The experiments `polishing` and `grinding` of `study`."""
     robot = context.robot(ROBOT)
-    models = identify_arm(
-        robot, context.seed, context.quick, lambda s, what: context.progress(0.1 * s, what)
-    )
+    models = identify_arm(robot, context.seed, context.quick, context.part(0.0, 0.1))
     scenarios = {
         feedback: load_scenario(name)
         for feedback, name in zip(FEEDBACKS, (task.scenario, task.sensorless), strict=True)
@@ -81,20 +74,12 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
             assert scenario.machining is not None
             process = scenario.machining.process
             varies = replace(process.variations, seed=process.variations.seed + context.seed)
-            entry = replace(
-                scenario,
-                seed=scenario.seed + context.seed,
-                machining=replace(
-                    scenario.machining,
-                    one_way=one_way,
-                    process=replace(process, variations=varies),
-                ),
-            )
+            process = replace(process, variations=varies)
+            machining = replace(scenario.machining, one_way=one_way, process=process)
+            entry = replace(scenario, seed=scenario.seed + context.seed, machining=machining)
 
-            def report(share: float, what: str, start: float = done, feed: float = feed) -> None:
-                place = (start + share * feed) / total
-                context.progress(0.1 + 0.85 * place, f"{what}, {feed:g} s one way")
-
+            start, end = (0.1 + 0.85 * part / total for part in (done, done + feed))
+            report = context.part(start, end, f"{feed:g} s one way: ")
             if plan is None or air_passes is None:  # the same for both
                 plan = make_machining_path(entry, robot)
                 air_passes = learn_air_passes(
@@ -114,22 +99,17 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
     metrics |= over_feeds(metrics)
     metrics["sources"] = sources(models, {feed: run for feed, (run, _) in shown.items()})
     context.progress(0.96, "figures")
+    page = FigureFile(
+        Path("recording.html"),
+        f"The arm at work without a sensor, one way in {FEEDS[0]:g} s: true force black, "
+        "estimated force blue.",
+    )
     return ExperimentResult(
         metrics=metrics,
-        figures=machining_figures(context, task, shown, without, metrics)
-        if context.draws and not context.fastest_feed
-        else [],
-        recordings=[
-            FigureFile(
-                Path("recording.html"),
-                f"The arm at work without a sensor, one way in {FEEDS[0]:g} s: true force black, "
-                "estimated force blue.",
-            )
-        ]
-        if context.draws
-        else [],
+        figures=() if context.fastest_feed else machining_figures(task, shown, without, metrics),
+        recordings=[page] if context.draws else [],
         comparison=comparison_rows(task),
-        notes=[*filled(machining_notes(task), metrics), *broken_off(metrics)],
+        notes=[*machining_notes(task), *broken_off(metrics)],
         configuration={"scenarios": scenarios, "feeds_s": feeds, "K_0": K_0},
     )
 
@@ -229,65 +209,29 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     """Rows of the table "article / here"."""
     feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
+    held = f"True normal force held {{}} a sensor, {feeds} s: {{}} error"
     ours = "reads with what a pass through the air has taught"
     harder = "friction here wanders and grows with the load (`--truth plain`: without)"
+    inside = f"Inside the stated 95 % band, {{}}, {feeds} s: least share of an axis"
+    within = f"{force}: correlation within a way, its mean taken off"
+    parts = {"steady": "steady feed", "ends": "starts and stops", "turns": "turns of the feed"}
     return [
         ComparisonRow(
             f"{force}: correlation",
             "article.correlation",
-            "",
-            list(task.correlation),
+            task.correlation,
             ours="ours.correlation",
             more_is_better=True,
         ),
-        ComparisonRow(
-            f"{force}: RMSE", "article.rmse_n", "N", list(task.rmse_n), harder, ours="ours.rmse_n"
-        ),
-        ComparisonRow(f"{force}: correlation, ours", "ours.correlation", "", None, ours),
-        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", "N", None, ours),
-        ComparisonRow(
-            f"{force}: correlation within a way, its mean taken off",
-            "article.within_ways.correlation",
-            "",
-            None,
-        ),
-        ComparisonRow(
-            f"{force}: correlation within a way, its mean taken off, ours",
-            "ours.within_ways.correlation",
-            "",
-            None,
-        ),
-        ComparisonRow(
-            f"True normal force held without a sensor, {feeds} s: RMS error",
-            "regulation.estimate.rms_n",
-            "N",
-            None,
-        ),
-        ComparisonRow(
-            f"True normal force held without a sensor, {feeds} s: median error",
-            "regulation.estimate.median_n",
-            "N",
-            None,
-        ),
-        *(
-            ComparisonRow(
-                f"Inside the stated 95 % band, {words}, {feeds} s: least share of an axis",
-                f"band.{part}",
-                "",
-                None,
-            )
-            for part, words in (
-                ("steady", "steady feed"),
-                ("ends", "starts and stops"),
-                ("turns", "turns of the feed"),
-            )
-        ),
-        ComparisonRow(
-            f"True normal force held with a sensor, {feeds} s: RMS error",
-            "regulation.sensor.rms_n",
-            "N",
-            None,
-        ),
+        ComparisonRow(f"{force}: RMSE", "article.rmse_n", task.rmse_n, harder, ours="ours.rmse_n"),
+        ComparisonRow(f"{force}: correlation, ours", "ours.correlation", None, ours),
+        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", None, ours),
+        ComparisonRow(within, "article.within_ways.correlation"),
+        ComparisonRow(f"{within}, ours", "ours.within_ways.correlation"),
+        ComparisonRow(held.format("without", "RMS"), "regulation.estimate.rms_n"),
+        ComparisonRow(held.format("without", "median"), "regulation.estimate.median_n"),
+        *(ComparisonRow(inside.format(words), f"band.{part}") for part, words in parts.items()),
+        ComparisonRow(held.format("with", "RMS"), "regulation.sensor.rms_n"),
     ]
 
 

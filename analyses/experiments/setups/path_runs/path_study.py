@@ -1,8 +1,9 @@
 """The skeleton of the experiments along the article's paths: what each states, and its result."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import chain
+from typing import Any
 
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
@@ -19,15 +20,11 @@ from wrenchsight.analyses.methods.reading.force_errors import variants_figure
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
+    Drawing,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.analyses.study.figure_files import saved_figures
-from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.scenario import LineMotion, Scenario
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ONE_WAY_QUICK = 8.0  # s, of a pushed pass
 BAND_CAPTION = "Grey: where the share inside a correct 95 % band lies."
@@ -60,7 +57,7 @@ class PathStudy:
         context: ExperimentContext,
         runs: Mapping[str, TaskRun],
         metrics: dict[str, Any],
-        figures: "Callable[[], Iterable[tuple[str, Figure, str]]]",
+        figures: Iterable[Drawing],
         configuration: Mapping[str, Any],
     ) -> ExperimentResult:
         """The experiment's result; figures and the page only where somebody looks at them.
@@ -69,25 +66,27 @@ class PathStudy:
             context: of the experiment.
             runs: by path.
             metrics: with those of each variant.
-            figures: makes names, figures and captions besides that of all variants.
+            figures: besides that of all variants; not made where nobody looks at them.
             configuration: besides the variants.
         """
-        result = ExperimentResult(
+        context.progress(0.93, "figures")
+        pages = []
+        if context.draws:
+            robot = context.robot(ROBOT)
+            pages = [write_runs_page(robot, runs, self.passes, context.out, self.title)]
+        return ExperimentResult(
             metrics=metrics,
-            comparison=list(self.comparison),
-            notes=filled(self.notes, metrics),
+            figures=chain(figures, self._variants_figure(metrics)),
+            recordings=pages,
+            comparison=self.comparison,
+            notes=self.notes,
             configuration={**configuration, "variants": self.variants},
         )
-        context.progress(0.93, "figures")
-        if context.draws:
-            labels = {variant.key: variant.label for variant in self.variants}
-            variants = variants_figure(metrics, labels, self.variants_title)
-            shown = [*figures(), ("variants", variants, self.variants_caption)]
-            result.figures = saved_figures(shown, context.out)
-            robot = context.robot(ROBOT)
-            page = write_runs_page(robot, runs, self.passes, context.out, self.title)
-            result.recordings = [page]
-        return result
+
+    def _variants_figure(self, metrics: Mapping[str, Any]) -> Iterator[Drawing]:
+        labels = {variant.key: variant.label for variant in self.variants}
+        figure = variants_figure(metrics, labels, self.variants_title)
+        yield "variants", figure, self.variants_caption
 
 
 def pushed_arm(
@@ -104,7 +103,7 @@ def pushed_arm(
         context.robot(ROBOT),
         context.seed,
         context.quick,
-        lambda done, what: context.progress(share * done, what),
+        context.part(0.0, share),
         contact_noise=context.draws,
     )
     return models, task_scenario(scenario, context.seed, ONE_WAY_QUICK if context.quick else None)
@@ -116,10 +115,8 @@ def pushed_runs(
     """The runs of scenarios by path, where the arm moves evenly; progress from `start` to 0.85."""
     runs: dict[str, TaskRun] = {}
     for k, (path, scenario) in enumerate(scenarios.items()):
-
-        def report(share: float, what: str, k: int = k) -> None:
-            context.progress(start + (0.85 - start) * (k + share) / len(scenarios), what)
-
+        step = (0.85 - start) / len(scenarios)
+        report = context.part(start + k * step, start + (k + 1) * step)
         motion = scenario.motion
         assert isinstance(motion, LineMotion)
         run = run_task(scenario, models.robot, path, report)

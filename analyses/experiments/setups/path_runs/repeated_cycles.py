@@ -118,7 +118,7 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         (None, K_0),
         context.seed,
         context.quick,
-        lambda share, what: context.progress(0.05 * share, what),
+        context.part(0.0, 0.05),
     )
     errors = {error.K_0: error for error in learnt}
     runs: dict[str, TaskRun] = {}

@@ -7,7 +7,7 @@ such runs cannot show: the Coulomb friction of the model that is identified from
 how much may turn round (`wrenchsight.models.identification.repetition_error`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,13 +21,11 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     CONFIG,
     identify_simulated_arm,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS
+from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ProgressCallback
 from wrenchsight.models.identification.repetition_error import RepetitionError, repetition_error
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 SPEEDS = (0.003, 0.01, 0.03)  # rad/s, of the passes
 PERIOD = 8.0  # s

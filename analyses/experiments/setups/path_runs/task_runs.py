@@ -10,7 +10,7 @@ Three paths: the article's initial and optimised one (section 4.3), and the one 
 finds, turned about the first axis to lie straight ahead.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +30,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetit
 from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.methods.reading.force_errors import ForceReading
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.analyses.study.experiment import FigureFile
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.diagrams.closed_loop import make_closed_loop
@@ -48,8 +49,6 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
 from wrenchsight.models.truth.log_clock import clocked
-
-ProgressCallback = Callable[[float, str], None]
 
 PATHS = ("initial", "optimised", "found")
 HAND_HZ = 3.0  # Hz, up to which the stated band covers a low-pass's lag behind a hand

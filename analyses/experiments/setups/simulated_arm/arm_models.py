@@ -50,7 +50,7 @@ from wrenchsight.analyses.methods.learning.identification import (
     IdentificationResult,
     identify,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS
+from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ProgressCallback
 from wrenchsight.analyses.study.shared_results import digest, shared
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -63,7 +63,6 @@ from wrenchsight.models.recordings.position_resolution import position_resolutio
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-ProgressCallback = Callable[[float, str], None]
 Result = TypeVar("Result")
 
 LAWS = ("coulomb-viscous", "semi-parametric", "presliding")

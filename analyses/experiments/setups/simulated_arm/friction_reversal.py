@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.analyses.methods.runs.simulated_logs import simulate_motion
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback, simulate_motion
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.friction_reversal import (
@@ -32,7 +32,6 @@ from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ProgressCallback = Callable[[float, str], None]
 
 SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
 PERIOD = 2.0  # s

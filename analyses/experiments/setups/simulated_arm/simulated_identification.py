@@ -4,15 +4,16 @@ A Coulomb-viscous model is identified from a log along excitation 1 and predicts
 excitation 2. Both were found by `excite` and lie beside the robot as coefficients.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.runs.simulated_logs import (
     PERIODS,
+    ProgressCallback,
     SimulatedLog,
     simulate_excitation,
     stored_excitation,
@@ -22,8 +23,6 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in the article
 
@@ -91,7 +90,7 @@ def inertial_error(robot: Robot, model: IdentifiedModel, number: int = 2) -> tup
     motion = trajectory.sample(np.arange(1000) * trajectory.period / 1000)
     true = robot.chain.inverse_dynamics(*motion)
     result = model.chain(robot).inverse_dynamics(*motion)
-    return _rms(result - true), _rms(true)
+    return rms(result - true), rms(true)
 
 
 def with_known_friction(
@@ -106,7 +105,3 @@ def with_known_friction(
 
     config = replace(config, cross_validate=False)  # what its observer errs by is not asked
     return identify([without(logs[0])], robot, [without(logs[1])], config)
-
-
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.stats import spearmanr
 
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -32,10 +33,6 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
-
-if TYPE_CHECKING:
-    pass
-
 
 MASS = 2.805  # kg, of the payload
 TIME_STEP = 0.01  # s
@@ -238,11 +235,6 @@ def estimate_run(
     estimator = WrenchEstimator(robot, model, estimator_config())
     state = estimator.initial_state()
     return recording, estimator.run(state, recording.q, recording.v, recording.current)
-
-
-def rms(x: Array) -> Array:
-    """Root mean square along the first axis."""
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 def _correlation(a: Array, b: Array) -> float | None:

@@ -7,22 +7,21 @@ from wrenchsight.analyses.experiments.friction_laws.experiment import (
     ARTICLE,
     EXPERIMENT,
     PLAIN,
+    SINGLE_JOINTS,
     NearZero,
     simulated_arm,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FITTED,
+    FOLDER,
+    VALIDATED,
+)
 from wrenchsight.analyses.methods.learning.identification_config import LAWS
-from wrenchsight.analyses.output.outputs import plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext
-from wrenchsight.analyses.study.outcome import look_up
-from wrenchsight.analyses.study.shared_results import sharing_in
 
 RECORDINGS = (
-    "ur10e/ur-20_02_10-30sec_12harm.csv",
-    "ur10e/ur-20_02_12-40sec_12harm.csv",
-    "ur10e/ur-20_02_12-50sec_12harm.csv",
-    "ur10e/ur-20_02_19_14harm50sec.csv",
-    "ur10e/ur-20_01_17-ptp_10_points.csv",
-    *(f"ur10e/ur-20_01_22-joint_{j}.csv" for j in range(1, 7)),
+    *(f"{FOLDER}/{name}" for name in (*FITTED, *VALIDATED.values())),
+    *(f"{FOLDER}/{name}" for name in SINGLE_JOINTS),
 )
 
 
@@ -34,16 +33,13 @@ def test_near_zero_counts_slow_samples_only():
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory, data_holding, common_work):
-    out = tmp_path_factory.mktemp("friction-laws")
-    with sharing_in(common_work):
-        return out, EXPERIMENT.run(ExperimentContext(out=out, data=data_holding(), quick=True))
+def metrics(data_holding, run_experiment):
+    return run_experiment(EXPERIMENT, data_holding(), quick=True).metrics
 
 
 @pytest.mark.slow
-def test_laws_near_zero_on_the_simulated_arm(outcome):
-    _, result = outcome
-    simulated = result.metrics["simulated"]
+def test_laws_near_zero_on_the_simulated_arm(metrics):
+    simulated = metrics["simulated"]
     assert [law for law in simulated if law in LAWS] == list(LAWS)
     # 29 % with half the postures, 48 % with all of them. Laws fitted on an excitation alone are
     # better at some joints only: the arm's friction wanders, and its gears bend.
@@ -61,19 +57,11 @@ def test_laws_near_zero_where_friction_is_of_their_kind(tmp_path):
 
 
 @pytest.mark.slow
-def test_laws_on_the_real_arm(outcome, data_holding):
+def test_laws_on_the_real_arm(metrics, data_holding):
     data_holding(*RECORDINGS)
-    real = outcome[1].metrics["real"]
+    real = metrics["real"]
     rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
     assert rests["presliding"][4] <= 9.0
     assert rests["presliding"][5] <= 22.0
     assert (np.asarray(rests[PLAIN])[4:] > np.asarray(rests["presliding"])[4:]).all()
     assert (real["presliding"]["near_zero_reduction_pct"] > 0.0).all()
-
-
-@pytest.mark.slow
-def test_results_are_whole(outcome):
-    out, result = outcome
-    for row in result.comparison:
-        look_up(plain_metrics(result.metrics), row.key)
-    assert all((out / figure.path).is_file() for figure in result.figures)

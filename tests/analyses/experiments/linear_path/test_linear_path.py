@@ -1,23 +1,18 @@
 import json
-from pathlib import Path
 
 import pytest
 
 from wrenchsight.analyses.experiments.linear_path.experiment import EXPERIMENT
-from wrenchsight.analyses.study.experiment import ExperimentContext, ExperimentResult
-from wrenchsight.analyses.study.outcome import look_up
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[ExperimentResult, Path]:
-    out = tmp_path_factory.mktemp("linear-path")
-    context = ExperimentContext(out=out, data=Path("absent"), quick=True)
-    return EXPERIMENT.run(context), out
+def ran(run_experiment):
+    return run_experiment(EXPERIMENT, quick=True)
 
 
 @pytest.mark.slow
-def test_the_figures_to_reach(ran: tuple[ExperimentResult, Path]) -> None:
-    metrics = ran[0].metrics
+def test_the_figures_to_reach(ran) -> None:
+    metrics = ran.metrics
     assert metrics["initial"]["max_jcn"] == pytest.approx(59.567, abs=5e-4)
     assert metrics["initial"]["mean_jcn"] == pytest.approx(17.10, abs=5e-3)
     assert metrics["article"]["mean_jcn"] == pytest.approx(11.10, abs=5e-3)
@@ -29,8 +24,8 @@ def test_the_figures_to_reach(ran: tuple[ExperimentResult, Path]) -> None:
 
 
 @pytest.mark.slow
-def test_the_case_with_a_table_keeps_its_clearance(ran: tuple[ExperimentResult, Path]) -> None:
-    table = ran[0].metrics["with_table"]
+def test_the_case_with_a_table_keeps_its_clearance(ran) -> None:
+    table = ran.metrics["with_table"]
     assert table["optimised"]["smallest_distance_m"] >= 0.01
     assert table["optimised"]["mean_jcn"] < 12.0
     assert table["optimised"]["rotation"][2][2] <= -0.93969  # within 20 degrees of straight down
@@ -38,13 +33,7 @@ def test_the_case_with_a_table_keeps_its_clearance(ran: tuple[ExperimentResult, 
 
 
 @pytest.mark.slow
-def test_figures_recordings_and_rows_are_there(ran: tuple[ExperimentResult, Path]) -> None:
-    result, out = ran
-    for file in (*result.figures, *result.recordings):
-        assert (out / file.path).stat().st_size > 10_000
-        assert not file.path.is_absolute()
-    for row in result.comparison:
-        assert isinstance(look_up(result.metrics, row.key), float), row.key
-    timings = json.loads((out / "timings.json").read_text())
+def test_seconds_stand_apart_from_the_figures(ran) -> None:
+    timings = json.loads((ran.out / "timings.json").read_text())
     assert timings["from_guess"]["seconds_to_10.98"] is not None
-    assert "seconds" not in json.dumps(list(result.metrics))
+    assert "seconds" not in json.dumps(list(ran.metrics))

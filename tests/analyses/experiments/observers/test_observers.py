@@ -1,6 +1,5 @@
 """Experiment `observers`: pushes put in, the delay it finds, and what its notes say."""
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +11,7 @@ from wrenchsight.analyses.experiments.observers.experiment import (
     _delay,
     _measured,
     _notes,
-    _summary_figure,
+    _summary,
     mirrored,
     never_valid,
 )
@@ -131,15 +130,11 @@ def test_a_log_that_one_observer_reads_validly_is_judged_by_its_valid_samples() 
     assert "No reading is valid" not in " ".join(_notes(metrics))
 
 
-def test_the_figure_draws_and_marks_a_log_that_is_never_valid(tmp_path: Path) -> None:
-    (tmp_path / "figures").mkdir()
-    made = _summary_figure(_never_valid(), tmp_path)
-    assert (tmp_path / made.path).is_file()
-    assert "Hatched (*): of all samples, as none is valid, on hard-pushes." in made.caption
-    assert (
-        "Hatched"
-        not in _summary_figure({"momentum": {"a": _figures(2.0, 95.0, None)}}, tmp_path).caption
-    )
+def test_the_figure_marks_a_log_that_is_never_valid() -> None:
+    _, _, caption = _summary(_never_valid())
+    assert "Hatched (*): of all samples, as none is valid, on hard-pushes." in caption
+    _, _, caption = _summary({"momentum": {"a": _figures(2.0, 95.0, None)}})
+    assert "Hatched" not in caption
 
 
 def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:

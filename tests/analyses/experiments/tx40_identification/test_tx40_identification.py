@@ -14,9 +14,6 @@ from wrenchsight.analyses.experiments.tx40_identification.experiment import (
     held_out,
     tx40,
 )
-from wrenchsight.analyses.output.outputs import plain_metrics
-from wrenchsight.analyses.study.experiment import ExperimentContext
-from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 FILES = tuple(f"staubli_tx40/{name}" for name in ("excitation.csv", "robot.yaml", "robot.urdf"))
@@ -38,24 +35,15 @@ def test_motors_torque_through_the_coupling_is_the_joints_torque(
 
 @pytest.mark.slow
 def test_the_experiment_reaches_what_is_asked(
-    data_holding: Callable[..., Path], tmp_path: Path
+    data_holding: Callable[..., Path], run_experiment
 ) -> None:
-    told: list[float] = []
-    context = ExperimentContext(
-        tmp_path, data_holding(*FILES), progress=lambda share, what: told.append(share)
-    )
-    (tmp_path / "figures").mkdir()
-    result = EXPERIMENT.run(context)
-    assert told == sorted(told)
-    for row in result.comparison:
-        look_up(plain_metrics(result.metrics), row.key)
-    assert (result.metrics["validation"]["rmse_nm"] <= ASKED).all()
-    assert np.array(result.metrics["coupling"])[5, 4] == -1.0
+    ran = run_experiment(EXPERIMENT, data_holding(*FILES))
+    assert (ran.metrics["validation"]["rmse_nm"] <= ASKED).all()
+    assert np.array(ran.metrics["coupling"])[5, 4] == -1.0
     # Without the coupling joint 5 is what makes it needed.
-    assert result.metrics["uncoupled"]["plain"]["validation"]["rmse_nm"][4] > 3.0
-    assert (tmp_path / "model.yaml").is_file()
-    assert all((tmp_path / figure.path).is_file() for figure in result.figures)
-    assert len(result.notes) == len(NOTES)
+    assert ran.metrics["uncoupled"]["plain"]["validation"]["rmse_nm"][4] > 3.0
+    assert (ran.out / "model.yaml").is_file()
+    assert len(ran.notes) == len(NOTES)
 
 
 def test_a_stretch_is_predicted_without_its_own_torque(
@@ -69,6 +57,6 @@ def test_a_stretch_is_predicted_without_its_own_torque(
     inside = (log.t > log.t[0] + 3.6) & (log.t < log.t[0] + 5.4)  # of the second third
     bent = replace(log, current=np.where(inside[:, None], 1.5 * log.current, log.current))
     again = held_out(bent, robot, "coulomb-viscous", 3)
-    second = (plain.fit.t > log.t[0] + 3.0) & (plain.fit.t < log.t[0] + 6.0)
-    np.testing.assert_allclose(again.fit.predicted[second], plain.fit.predicted[second], atol=1e-9)
-    assert not np.allclose(again.fit.measured[second], plain.fit.measured[second], atol=0.5)
+    second = (plain.t > log.t[0] + 3.0) & (plain.t < log.t[0] + 6.0)
+    np.testing.assert_allclose(again.predicted[second], plain.predicted[second], atol=1e-9)
+    assert not np.allclose(again.measured[second], plain.measured[second], atol=0.5)

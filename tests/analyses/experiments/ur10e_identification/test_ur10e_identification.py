@@ -3,91 +3,66 @@
 import numpy as np
 import pytest
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FITTED,
+    FOLDER,
+    VALIDATED,
+)
 from wrenchsight.analyses.experiments.ur10e_identification.experiment import EXPERIMENT
 from wrenchsight.analyses.methods.learning.identification_config import LAWS
-from wrenchsight.analyses.output.outputs import plain_metrics
-from wrenchsight.analyses.study.experiment import ExperimentContext
-from wrenchsight.analyses.study.outcome import look_up
-from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-
-RECORDINGS = (
-    "ur10e/ur-20_02_10-30sec_12harm.csv",
-    "ur10e/ur-20_02_12-40sec_12harm.csv",
-    "ur10e/ur-20_02_12-50sec_12harm.csv",
-    "ur10e/ur-20_02_19_14harm50sec.csv",
-    "ur10e/ur-20_01_17-ptp_10_points.csv",
-)
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory, data_holding, common_work):
-    out = tmp_path_factory.mktemp("ur10e-identification")
-    told = []
-    context = ExperimentContext(
-        out=out,
-        data=data_holding(*RECORDINGS),
-        progress=lambda share, what: told.append(share),
-    )
-    with sharing_in(common_work):
-        result = EXPERIMENT.run(context)
-    assert told == sorted(told)
-    return out, result
+def ran(data_holding, run_experiment):
+    files = (*FITTED, *VALIDATED.values())
+    return run_experiment(EXPERIMENT, data_holding(*(f"{FOLDER}/{name}" for name in files)))
 
 
 @pytest.mark.slow
-def test_predicts_torque_as_well_as_plain_least_squares(outcome):
-    _, result = outcome
-    found = result.metrics["validation"]["14harm50sec"]["rmse_nm"]
+def test_predicts_torque_as_well_as_plain_least_squares(ran):
+    found = ran.metrics["validation"]["14harm50sec"]["rmse_nm"]
     assert (found <= np.array([1.97, 3.11, 1.30, 0.44, 0.40, 0.34])).all()
-    assert (result.metrics["validation"]["14harm50sec"]["similarity_pct"] > 90.0).all()
-    assert len(result.metrics["validation"]["ptp_10_points"]["relative_pct"]) == 6
+    assert (ran.metrics["validation"]["14harm50sec"]["similarity_pct"] > 90.0).all()
+    assert len(ran.metrics["validation"]["ptp_10_points"]["relative_pct"]) == 6
 
 
-def test_the_best_law_reaches_what_plain_scripts_reached(outcome):
-    _, result = outcome
-    best = result.metrics["best"]
+def test_the_best_law_reaches_what_plain_scripts_reached(ran):
+    best = ran.metrics["best"]
     assert best["law"].startswith("presliding")
     harmonic = best["validation"]["14harm50sec"]["rmse_nm"]
     assert (harmonic <= np.array([1.15, 1.2, 0.56, 0.23, 0.25, 0.21])).all()
     resting = best["validation"]["ptp_10_points"]["relative_pct"]
     assert resting[4] <= 9.0
     assert resting[5] <= 22.0
-    same = result.metrics[best["law"]]["validation"]["14harm50sec"]["rmse_nm"]
+    same = ran.metrics[best["law"]]["validation"]["14harm50sec"]["rmse_nm"]
     np.testing.assert_array_equal(same, harmonic)
 
 
-def test_each_law_is_there_and_none_is_worse_than_plain_where_it_is_richer(outcome):
-    _, result = outcome
-    rmse = {law: result.metrics[law]["validation"]["14harm50sec"]["rmse_nm"] for law in LAWS}
+def test_each_law_is_there_and_none_is_worse_than_plain_where_it_is_richer(ran):
+    rmse = {law: ran.metrics[law]["validation"]["14harm50sec"]["rmse_nm"] for law in LAWS}
     assert (rmse["load-dependent"][1:3] < 0.6 * rmse["coulomb-viscous-offset"][1:3]).all()
     assert (rmse["presliding"] < rmse["coulomb-viscous-offset"]).all()
     np.testing.assert_array_equal(
-        rmse["coulomb-viscous-offset"], result.metrics["validation"]["14harm50sec"]["rmse_nm"]
+        rmse["coulomb-viscous-offset"], ran.metrics["validation"]["14harm50sec"]["rmse_nm"]
     )
 
 
-def test_the_consistent_fit_costs_little(outcome):
-    out, result = outcome
-    for part in (result.metrics["consistent"], result.metrics["best"]["consistent"]):
+def test_the_consistent_fit_costs_little(ran):
+    for part in (ran.metrics["consistent"], ran.metrics["best"]["consistent"]):
         assert part["inconsistent_links"] == []
         assert part["worst_ratio_pct"] < 5.0
-    assert result.metrics["consistent"]["inconsistent_links_of_plain_fit"]
-    assert (out / "robot.urdf").is_file()
+    assert ran.metrics["consistent"]["inconsistent_links_of_plain_fit"]
+    assert (ran.out / "robot.urdf").is_file()
 
 
-def test_filtering_the_regressor_is_what_held_out_runs_ask_for(outcome):
-    _, result = outcome
-    plain = result.metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
-    assert (result.metrics["cross_validation"]["rmse_nm"] < plain).all()
+def test_filtering_the_regressor_is_what_held_out_runs_ask_for(ran):
+    plain = ran.metrics["unfiltered_regressor"]["cross_validation"]["rmse_nm"]
+    assert (ran.metrics["cross_validation"]["rmse_nm"] < plain).all()
 
 
-def test_results_are_whole(ur10e, outcome):
-    out, result = outcome
-    for row in result.comparison:
-        look_up(plain_metrics(result.metrics), row.key)
-    assert all((out / figure.path).is_file() for figure in result.figures)
-    model = IdentifiedModel.load(out / "model.yaml", ur10e)
+def test_the_model_is_written_and_physical(ur10e, ran):
+    model = IdentifiedModel.load(ran.out / "model.yaml", ur10e)
     # 14 n = 84 parameters: 36 base inertial ones of a 6R arm, 18 of friction, and 4 of 6 rotor
     # inertias, since those of the first two joints go with inertias of their links.
     assert len(model.base_parameters.names) == 58

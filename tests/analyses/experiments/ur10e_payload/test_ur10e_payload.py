@@ -5,25 +5,18 @@ import pytest
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     MASS,
-    METHODS,
     Reading,
     Reference,
     payload_reference,
 )
-from wrenchsight.analyses.experiments.ur10e_payload.experiment import EXPERIMENT
-from wrenchsight.analyses.study.experiment import ExperimentContext
-from wrenchsight.analyses.study.outcome import look_up
-from wrenchsight.analyses.study.shared_results import sharing_in
-from wrenchsight.models.recordings.recording import Recording
-
-RECORDINGS = (
-    "ur10e/ur-20_02_10-30sec_12harm.csv",
-    "ur10e/ur-20_02_12-40sec_12harm.csv",
-    "ur10e/ur-20_02_12-50sec_12harm.csv",
-    "ur10e/ur-20_02_19_14harm50sec.csv",
-    "ur10e/ur-20_02_19_14harm50secLoad.csv",
-    "ur10e/ur-20_01_17-ptp_10_points.csv",
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FITTED,
+    FOLDER,
+    LOADED,
+    VALIDATED,
 )
+from wrenchsight.analyses.experiments.ur10e_payload.experiment import EXPERIMENT
+from wrenchsight.models.recordings.recording import Recording
 
 
 def test_reference_is_the_payloads_weight_and_inertia(ur10e):
@@ -91,33 +84,29 @@ def test_without_valid_samples_there_are_no_figures():
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory, data_holding, common_work):
-    out = tmp_path_factory.mktemp("ur10e-payload")
-    context = ExperimentContext(out=out, data=data_holding(*RECORDINGS))
-    with sharing_in(common_work):
-        return out, EXPERIMENT.run(context)
+def metrics(data_holding, run_experiment):
+    files = (*FITTED, *VALIDATED.values(), LOADED)
+    data = data_holding(*(f"{FOLDER}/{name}" for name in files))
+    return run_experiment(EXPERIMENT, data).metrics
 
 
-def test_bayesian_reads_the_payload(outcome):
-    _, result = outcome
-    bayesian = result.metrics["bayesian"]
+def test_bayesian_reads_the_payload(metrics):
+    bayesian = metrics["bayesian"]
     for axis, target in (("x", 7.3), ("y", 7.4), ("z", 10.0)):
         assert bayesian[f"rmse_f{axis}_n"] < target
     # The band is honest across the directions in which the force has mean zero, as its prior has.
     assert (bayesian["inside_95_pct"][:2] > 90.0).all()
 
 
-def test_with_the_best_law_the_reading_at_the_flange_is_closer(outcome):
-    _, result = outcome
-    bayesian = result.metrics["best"]["bayesian"]
+def test_with_the_best_law_the_reading_at_the_flange_is_closer(metrics):
+    bayesian = metrics["best"]["bayesian"]
     for axis, target in (("x", 4.6), ("y", 5.3), ("z", 6.0)):
         assert bayesian[f"rmse_f{axis}_n"] <= target
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])
-def test_where_the_load_acts_its_force_and_mass_are_read(outcome, method):
-    _, result = outcome
-    reading = result.metrics["best"]["at_load"][method]
+def test_where_the_load_acts_its_force_and_mass_are_read(metrics, method):
+    reading = metrics["best"]["at_load"][method]
     # Without a moment to give way, one near-singular pass carries force_only's y to 3.4 N
     # (largest error 69 N); it is flagged, and without it y reads within 2.2 N.
     judged = reading if method == "bayesian" else reading["valid"]
@@ -127,16 +116,15 @@ def test_where_the_load_acts_its_force_and_mass_are_read(outcome, method):
     assert reading["mass_kg"] == pytest.approx(MASS, rel=0.01)
 
 
-def test_a_prior_without_a_mean_loses_mass(outcome):
-    at_load = outcome[1].metrics["best"]["at_load"]
+def test_a_prior_without_a_mean_loses_mass(metrics):
+    at_load = metrics["best"]["at_load"]
     assert at_load["bayesian_zero_mean"]["mass_kg"] < 0.99 * MASS
     # A regression over the first 10 s found (27, 174, 53) mm from tool0.
     np.testing.assert_allclose(at_load["point_m"], [0.027, 0.174, 0.053], atol=0.015)
 
 
-def test_the_plain_inverse_fails_and_its_flag_says_so(outcome):
-    _, result = outcome
-    inverse = result.metrics["inverse"]
+def test_the_plain_inverse_fails_and_its_flag_says_so(metrics):
+    inverse = metrics["inverse"]
     assert inverse["rmse_n"] > 500.0
     assert inverse["share_valid_pct"] > 30.0
     assert inverse["valid"]["max_error_n"] < 100.0
@@ -145,24 +133,14 @@ def test_the_plain_inverse_fails_and_its_flag_says_so(outcome):
     assert inverse["valid"]["mass_kg"] == pytest.approx(MASS, rel=0.05)
 
 
-def test_damping_loses_a_third_of_the_force(outcome):
-    _, result = outcome
-    assert result.metrics["damped"]["mass_kg"] / MASS == pytest.approx(2 / 3, abs=0.05)
-    assert result.metrics["damped"]["inside_95_pct"][2] < 50.0
+def test_damping_loses_a_third_of_the_force(metrics):
+    assert metrics["damped"]["mass_kg"] / MASS == pytest.approx(2 / 3, abs=0.05)
+    assert metrics["damped"]["inside_95_pct"][2] < 50.0
 
 
-def test_sigma_tau_is_what_the_causal_observer_sees(outcome):
+def test_sigma_tau_is_what_the_causal_observer_sees(metrics):
     """Over a run that was neither fitted nor loaded: the stated sds within a quarter."""
-    _, result = outcome
-    unloaded = result.metrics["unloaded"]
+    unloaded = metrics["unloaded"]
     np.testing.assert_allclose(
         unloaded["stated_torque_sd_nm"], unloaded["observed_torque_rms_nm"], rtol=0.25
     )
-
-
-def test_results_are_whole(outcome):
-    out, result = outcome
-    for row in result.comparison:
-        look_up(result.metrics, row.key)
-    assert set(METHODS) <= set(result.metrics)
-    assert all((out / figure.path).is_file() for figure in result.figures)

@@ -18,16 +18,9 @@ _FILES = ("joint3_sweep", "jog_joint1_unloaded")
 
 
 @pytest.fixture(scope="module")
-def logs(
-    data_holding: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, Lara8Log]:
-    names = [f"{FOLDER}/{f}" for f in (*(f"{n}.csv" for n in _FILES), "robot.yaml", "robot.urdf")]
-    root = data_holding(*names)
-    own = tmp_path_factory.mktemp("data")
-    (own / FOLDER).mkdir()
-    for name in names:
-        (own / name).symlink_to(root / name)
-    return {log.name: log for log in read_logs(own)}
+def logs(some_data: Callable[..., Path]) -> dict[str, Lara8Log]:
+    names = (*(f"{name}.csv" for name in _FILES), "robot.yaml", "robot.urdf")
+    return {log.name: log for log in read_logs(some_data(*(f"{FOLDER}/{n}" for n in names)))}
 
 
 def test_the_sensors_zero_is_the_one_stated(logs: dict[str, Lara8Log]) -> None:

@@ -326,7 +326,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
     )
     shown = dict.fromkeys(FEEDS, (runs["sensor"], readings))
     for figure, panels in (
-        (force_figure(TASKS[0], shown, "normal"), len(FEEDS)),
+        (force_figure(shown, "normal"), len(FEEDS)),
         (
             regulation_figure(
                 dict.fromkeys(FEEDS, runs["sensor"]), dict.fromkeys(FEEDS, runs["estimate"])

@@ -16,6 +16,7 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     feed_key,
 )
 from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.scenario import load_scenario
 
 EXPERIMENTS = (polishing.EXPERIMENT, grinding.EXPERIMENT)
@@ -63,7 +64,7 @@ def studied(monkeypatch, tmp_path):
             assert list(own) == list(FEEDBACKS) and readings == own["sensor"].feed
             return figures_of(readings)
 
-        def drawn(context, task, shown, without, metrics):
+        def drawn(task, shown, without, metrics):
             assert list(shown) == list(without) == list(FEEDS)
             return ["figures"]
 
@@ -106,7 +107,7 @@ def test_the_fastest_feed_alone_is_run_with_a_sensor_and_without(studied, experi
             value = value[part]
         np.testing.assert_array_equal(value, [15.0, np.nan, np.nan], err_msg=row.key)
     # Sentences and figures are of all feeds.
-    assert result.notes == [] and result.figures == []
+    assert filled(result.notes, result.metrics) == [] and result.figures == ()
     # Half of the first of two runs, half of the second; between them the models and the figures.
     assert [s for s in shares if 0.1 < s < 0.95] == pytest.approx([0.1 + 0.2125, 0.1 + 0.6375])
 
@@ -117,7 +118,8 @@ def test_every_feed_is_run_with_a_sensor_and_without(studied, experiment):
     assert [one.machining.one_way for one, _ in runs] == [15.0, 15.0, 30.0, 30.0, 60.0, 60.0]
     assert result.configuration["feeds_s"] == FEEDS
     np.testing.assert_array_equal(result.metrics["ours"]["rmse_n"], FEEDS)
-    assert result.notes == [format(max(FEEDS))] and result.figures == ["figures"]
+    assert filled(result.notes, result.metrics) == [format(max(FEEDS))]
+    assert result.figures == ["figures"]
     assert shares == sorted(shares) and shares[-1] <= 1.0
     # The picture is of the fastest feed without a sensor.
     assert [page is not None for _, page in runs] == [False, True, False, False, False, False]
