@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -10,13 +10,10 @@ from wrenchsight.analyses.campaign.campaign_store import CampaignRecord
 from wrenchsight.analyses.campaign.distributions import Distribution
 from wrenchsight.analyses.campaign.influences import said
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
-from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.templates import page_templates
 from wrenchsight.analyses.study.report import decimals_of_three_digits, number
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REPORT_NAME: Final = "campaign.html"
 _FEWEST: Final = 8  # worlds; with fewer a density says nothing, and each is a dot
@@ -118,7 +115,7 @@ def table_row(one: Distribution) -> _Row:
     )
 
 
-def violin_figure(found: Sequence[Distribution]) -> "Figure":
+def violin_figure(found: Sequence[Distribution]) -> Figure:
     """A violin for each figure that the article prints: the worlds' over the printed number."""
     shown = [one for one in found if _comparable(one)]
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))

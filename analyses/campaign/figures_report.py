@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrenchsight.analyses.campaign.posterior import Posterior
-from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.models.arrays import Array, Flags
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _BINS = 14
 
 def parameters_figure(
     names: Sequence[str], ranges: Array, parameters: Array, posterior: Posterior, arms: Array
-) -> "Figure":
+) -> Figure:
     """Each parameter: what was drawn, what agrees, and the nearest arm.
 
     Args:
@@ -50,7 +50,7 @@ def parameters_figure(
     return figure
 
 
-def rows_figure(rows: "Sequence[FittedRow]", settles: Flags) -> "Figure":
+def rows_figure(rows: "Sequence[FittedRow]", settles: Flags) -> Figure:
     """Each row over its printed figure: 5 to 95 % of the arms that agree, and the nearest."""
     figure, ((axes,),) = new_figure(1, 1, height=1.0 + 0.21 * len(rows))
     for k, row in enumerate(reversed(rows)):

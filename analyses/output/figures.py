@@ -6,7 +6,7 @@ the joints of an arm or several methods side by side, takes its colours from `SE
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import matplotlib.figure
 
+Figure: TypeAlias = "matplotlib.figure.Figure"  # matplotlib is imported where something is drawn
 Meaning = Literal[
     "truth", "estimate", "reference", "article", "before", "after", "invalid", "contact", "onset"
 ]
@@ -106,12 +107,12 @@ def new_figure(
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as NewFigure
 
     # Lines, texts and legends read the style when they are made, after this function has returned.
     mpl.rcParams.update(_STYLE)
     mpl.rcParams["axes.prop_cycle"] = cycler(color=SERIES)
-    figure = Figure(
+    figure = NewFigure(
         figsize=(width, height if height is not None else ROW_HEIGHT * rows), layout="constrained"
     )
     FigureCanvasAgg(figure)

@@ -8,16 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 
-from wrenchsight.analyses.output.figures import save_figure
+from wrenchsight.analyses.output.figures import Figure, save_figure
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 NOT_FINITE = "not_finite"  # key under which a file lists its values that are not numbers
 
@@ -168,7 +165,7 @@ class OutputFolder:
         )
         return self.write_text(name, text)
 
-    def write_figure(self, name: str, figure: "Figure") -> Path:
+    def write_figure(self, name: str, figure: Figure) -> Path:
         """Writes `figure` as figures/`name`.png and returns the file's path."""
         return save_figure(figure, self.path / "figures" / f"{name}.png")
 

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from wrenchsight.analyses.output.figures import Figure
     from wrenchsight.models.robot.robot import Robot
 
 Drawing: TypeAlias = "tuple[str, Figure, str]"

@@ -32,7 +32,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.output.figures import COLOUR, draw_bars, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, Figure, draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -46,7 +46,6 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
 # Key of the metrics: law of `identify --friction`, the richest last; `none` is made of the first.
@@ -146,7 +145,7 @@ def _metrics(own: LoadedPass) -> dict[str, Any]:
     }
 
 
-def _share_figure(metrics: dict[str, Any]) -> "Figure":
+def _share_figure(metrics: dict[str, Any]) -> Figure:
     figure, axes = new_figure(2, 1, height=5.6)
     quantities = (
         ("rmse_f_n", "RMSE of the force [N]", [f"f{axis}" for axis in AXES]),
@@ -164,7 +163,7 @@ def _share_figure(metrics: dict[str, Any]) -> "Figure":
     return figure
 
 
-def _torque_figure(passes: dict[str, LoadedPass]) -> "Figure":
+def _torque_figure(passes: dict[str, LoadedPass]) -> Figure:
     figure, axes = new_figure(len(LAWS), 1, height=2.2 * len(LAWS) + 0.4, share_x=True)
     for panel, (key, law) in zip(axes[:, 0], LAWS.items(), strict=True):
         entry = passes[key]

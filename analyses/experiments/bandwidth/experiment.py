@@ -21,7 +21,7 @@ degrees at 80 Hz and 1 ms.)
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +32,7 @@ from scipy.optimize import minimize_scalar
 
 from wrenchsight.analyses.methods.advance import advance
 from wrenchsight.analyses.output.axes import legend_above, log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -52,9 +52,6 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ComplexArray = NDArray[np.complex128]
 Progress = Callable[[float, str], None]
@@ -475,7 +472,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     ]
 
 
-def _bode_figure(responses: Sequence[GainResponse]) -> "Figure":
+def _bode_figure(responses: Sequence[GainResponse]) -> Figure:
     """Amplitude and phase of each gain, and their errors against eq. 30 (the article's Fig. 22)."""
     figure, axes = new_figure(3, 1, height=7.8, share_x=True)
     amplitude, phase, error = axes[:, 0]
@@ -508,7 +505,7 @@ def _bode_figure(responses: Sequence[GainResponse]) -> "Figure":
     return figure
 
 
-def _signals_figure(t: Array, true: Array, readings: Sequence[SignalReading]) -> "Figure":
+def _signals_figure(t: Array, true: Array, readings: Sequence[SignalReading]) -> Figure:
     """A step, a ramp and a sine as each gain reads them (the article's Fig. 23)."""
     figure, axes = new_figure(3, 1, height=7.8)
     kinds = (("step", 1.1), ("ramp", 1.4), ("sine", 1.6))

@@ -6,7 +6,7 @@ The article's first experiment (initial path, Coulomb-viscous friction) against 
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +31,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.methods.reading.force_errors import (
-    ForceReading,
-    draw_signal,
-    reductions,
-)
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
+from wrenchsight.analyses.methods.reading.force_errors import ForceReading, draw_signal, reductions
+from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -46,9 +42,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SCENARIO = "Combined"
 CV, SP = "coulomb-viscous", "semi-parametric"
@@ -106,7 +99,7 @@ def _comparison() -> list[ComparisonRow]:
     return [*rows, ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band")]
 
 
-def error_figure(readings: dict[str, ForceReading]) -> "Figure":
+def error_figure(readings: dict[str, ForceReading]) -> Figure:
     """Errors over time of the article's two experiments and of ours, axis by axis."""
     figure, axes = new_figure(3, 1, height=6.6, share_x=True)
     shown = (

@@ -8,7 +8,7 @@ wrench of the readings. The article compares its initial with its optimised path
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     found_path,
 )
 from wrenchsight.analyses.output.axes import legend_above, log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -40,9 +40,6 @@ from wrenchsight.models.motion.paths import (
 )
 from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Rotation first; as the article prints it: -3 0 25 N, 0.5 1.5 1 N m. Which of the two bodies it
 # acts on (the article's sign is the opposite of ours) changes no error.
@@ -278,7 +275,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _condition_figure(result: ConstantWrench) -> "Figure":
+def _condition_figure(result: ConstantWrench) -> Figure:
     """The condition number along each path."""
     figure, ((ax,),) = new_figure(1, 1, height=3.2)
     for label, readings, colour, style in (
@@ -296,7 +293,7 @@ def _condition_figure(result: ConstantWrench) -> "Figure":
     return figure
 
 
-def _wrench_figure(result: ConstantWrench) -> "Figure":
+def _wrench_figure(result: ConstantWrench) -> Figure:
     """Force and moment as eq. 22 reads them on the article's two paths."""
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
     for column, label in enumerate(("initial", "optimised")):
@@ -318,7 +315,7 @@ def _wrench_figure(result: ConstantWrench) -> "Figure":
     return figure
 
 
-def _error_figure(result: ConstantWrench) -> "Figure":
+def _error_figure(result: ConstantWrench) -> Figure:
     """The error in Y on the article's two paths."""
     figure, ((ax,),) = new_figure(1, 1, height=3.2)
     cases = ((result.initial, "initial", "before"), (result.optimised, "optimised", "after"))

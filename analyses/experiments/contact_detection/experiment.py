@@ -18,7 +18,7 @@ differs from that of `collision_free` at the same place of the path by far more 
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -49,7 +49,7 @@ from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, TRACKING, stored_excitation
-from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -64,9 +64,6 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PUSHES = "ur10e_pushes"
 FREE = {
@@ -411,7 +408,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _figure(metrics: dict[str, Any]) -> "Figure":
+def _figure(metrics: dict[str, Any]) -> Figure:
     figure, axes = new_figure(1, 3, height=3.4)
     panel: Any = axes[0, 0]
     for k, duration in enumerate(DURATIONS):

@@ -6,7 +6,7 @@ the friction law. Every law reads the same run.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +15,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
     pushed_arm,
     pushed_runs,
 )
-from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
-    TaskRun,
-    highest_speed,
-)
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import TaskRun, highest_speed
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     FAST,
     EstimatorVariant,
@@ -34,7 +31,7 @@ from wrenchsight.analyses.methods.reading.force_errors import (
     reductions,
 )
 from wrenchsight.analyses.output.axes import limit_y
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_below, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_below, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -43,9 +40,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.diagrams.scenario import LineMotion
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SCENARIO = "FrictionAtReversal"
 NEAR = 0.02  # of the time, to either side of the middle: "near the reversal"
@@ -62,7 +56,7 @@ VARIANTS = (
 )
 
 
-def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: float) -> "Figure":
+def reversal_figure(run: TaskRun, readings: dict[str, ForceReading], middle: float) -> Figure:
     """Force in Z by both laws, their errors, and the joints' velocities (Fig. 19)."""
     figure, axes = new_figure(4, 1, height=9.0)
     force, zoom, error, velocity = axes[:, 0]

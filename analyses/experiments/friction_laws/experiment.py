@@ -22,7 +22,7 @@ slow motion.) `presliding+network` trains on what the fitted logs leave.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +50,7 @@ from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import (
     COLOUR,
+    Figure,
     draw_bars,
     legend_below,
     legend_on_top,
@@ -71,10 +72,6 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 PLAIN = "coulomb-viscous"
 WITH_OFFSET = "coulomb-viscous-offset"
@@ -332,7 +329,7 @@ def _comparison(arms: Mapping[str, LawsOnOneArm]) -> list[ComparisonRow]:
     return rows
 
 
-def near_zero_figure(arm: LawsOnOneArm, title: str) -> "Figure":
+def near_zero_figure(arm: LawsOnOneArm, title: str) -> Figure:
     """Friction over velocity, zoomed at zero, one panel a joint (the article's Fig. 18).
 
     Points, not lines: a law with memory or load dependence is no function of velocity.
@@ -357,7 +354,7 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> "Figure":
     return figure
 
 
-def errors_figure(arm: LawsOnOneArm, title: str) -> "Figure":
+def errors_figure(arm: LawsOnOneArm, title: str) -> Figure:
     """Held-out errors of every law, joint by joint."""
     runs = [fit.name for fit in arm.validation[PLAIN]]
     figure, axes = new_figure(1 + len(runs), 1, height=2.4 * (1 + len(runs)) + 0.8, share_x=True)

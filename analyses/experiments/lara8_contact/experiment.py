@@ -12,7 +12,7 @@ the observer's settling on; of the wrench, whether any joint moves.
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     SERIES,
+    Figure,
     fill_band,
     legend_on_top,
     new_figure,
@@ -51,10 +52,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 SWEEP: Final = "joint3_sweep"
 _JOINT: Final = 2  # joint 3, counted from 0
@@ -281,7 +278,7 @@ def _figures(
     yield "wrench", comparisons[shown, "urdf"].figure(), what
 
 
-def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> "Figure":
+def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> Figure:
     figure, axes = new_figure(len(names), 1, height=2.0 * len(names) + 0.6)
     for panel, name in zip(axes[:, 0], names, strict=True):
         ours = readings[name, "urdf"]

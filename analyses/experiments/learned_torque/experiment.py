@@ -23,7 +23,7 @@ ptp_10_points in sight.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -53,16 +53,13 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     LOADED_LOGS,
 )
 from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.analyses.output.figures import draw_bars, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import Figure, draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ByMethod = Mapping[str, Errors]
 LOAD: Final = LOADED.removesuffix(".csv")
@@ -158,7 +155,7 @@ def _by_range(arm: Ur10e, logs: Sequence[Judged]) -> dict[str, Any]:
     return found
 
 
-def _figure(metrics: Mapping[str, Any]) -> "Figure":
+def _figure(metrics: Mapping[str, Any]) -> Figure:
     figure, axes = new_figure(2, 1, height=5.6)
     panels = axes[:, 0]
     for panel, key, unit in zip(panels, ("amount", "range"), ("s", "samples"), strict=True):

@@ -7,7 +7,7 @@ case keeps robot, tool, table and workpiece apart.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from wrenchsight.analyses.methods.planning.placement_files import (
 )
 from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -42,9 +42,6 @@ from wrenchsight.models.motion.paths import StraightPath
 from wrenchsight.models.placement.placement_search import SearchEffort
 from wrenchsight.models.placement.placement_task import ClearanceConfig, load_task
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2
 _OPTIMA = 2  # stated: the narrow one, and the wide one beside it
@@ -239,7 +236,7 @@ def _figures(out: OutputFolder, found: LinearPath) -> Iterator["Drawing | Figure
     yield FigureFile(path.relative_to(out.path), what)
 
 
-def _convergence_figure(found: LinearPath) -> "Figure":
+def _convergence_figure(found: LinearPath) -> Figure:
     main = found.optimised
     figure, ((ax,),) = new_figure(1, 1, height=3.4)
     for index, (label, results, colour) in enumerate(

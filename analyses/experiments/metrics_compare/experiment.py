@@ -14,14 +14,14 @@ joint's RMSE becomes that of the article's cross-validation (section 4.1).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -38,9 +38,6 @@ from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import plain_truth
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 NUM_POSTURES, NUM_POSTURES_QUICK = 2000, 400
 NUM_MODELS = 20  # identified models; each posture meets one of them
@@ -365,7 +362,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> "Figure":
+def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> Figure:
     figure, ((ax,),) = new_figure(1, 1, height=3.4)
     names = list(PREDICTORS)
     for index, method in enumerate(METHODS):
@@ -389,7 +386,7 @@ def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> "Figure":
     return figure
 
 
-def _errors_figure(draws: Draws) -> "Figure":
+def _errors_figure(draws: Draws) -> Figure:
     figure, axes = new_figure(2, 2, height=5.6, share_y=True)
     for row, method in enumerate(METHODS):
         for column, (name, label) in enumerate(

@@ -24,7 +24,7 @@ and `ur-20_02_10-20sec_7harm`, with and without.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +49,7 @@ from wrenchsight.analyses.methods.runs.simulated_logs import (
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     SERIES,
+    Figure,
     legend_below,
     legend_on_top,
     new_figure,
@@ -77,9 +78,6 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
 PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
@@ -365,7 +363,7 @@ def _summary(metrics: Mapping[str, Any]) -> Drawing:
     return "observers", figure, caption
 
 
-def _push_figure(scene: Scene, shown: Mapping[str, Read]) -> "Figure":
+def _push_figure(scene: Scene, shown: Mapping[str, Read]) -> Figure:
     t = scene.recording.t - scene.recording.t[0]
     rows = (t >= SHOWN[1][0]) & (t <= SHOWN[1][1])
     figure, axes = new_figure(3, 1, share_x=True)

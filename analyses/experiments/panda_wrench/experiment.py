@@ -11,7 +11,7 @@ What the estimate needs beside them comes from the torques of all ten logs, by t
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
 from wrenchsight.analyses.output.axes import log_scale
 from wrenchsight.analyses.output.figures import (
     COLOUR,
+    Figure,
     draw_bars,
     fill_band,
     legend_below,
@@ -45,9 +46,6 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FOLDER = "panda_ati_gamma"  # below the data folder
 NUM_POSES = 10
@@ -202,7 +200,7 @@ def _knowledge_metrics(knowledge: Knowledge) -> dict[str, Any]:
     }
 
 
-def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -> "Figure":
+def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -> Figure:
     inverse, bayesian = readings["inverse"], readings["bayesian"]
     rmse = [log.rmse for log in inverse.logs]
     figure, axes = new_figure(3, 2, share_x=False, share_y=True, height=6.6)
@@ -228,7 +226,7 @@ _BARS = {"inverse": "eq. 22", "truncated": "truncated", "damped": "damped",
          "force_only": "force only", "bayesian": "Bayesian"}  # fmt: skip
 
 
-def _bar_figure(readings: dict[str, MethodReading]) -> "Figure":
+def _bar_figure(readings: dict[str, MethodReading]) -> Figure:
     figure, ((ax,),) = new_figure(1, 1, height=3.3)
     rmse = {method: [log.rmse for log in readings[method].logs] for method in _BARS}
     series = {f"{_BARS[one]}, mean {np.mean(own):.2f} N": own for one, own in rmse.items()}
@@ -239,7 +237,7 @@ def _bar_figure(readings: dict[str, MethodReading]) -> "Figure":
     return figure
 
 
-def _rank_figure(readings: dict[str, MethodReading]) -> "Figure":
+def _rank_figure(readings: dict[str, MethodReading]) -> Figure:
     figure, axes = new_figure(1, 2, share_y=True, height=3.4)
     for method, colour in (("inverse", COLOUR["before"]), ("bayesian", COLOUR["estimate"])):
         metrics = readings[method].metrics()

@@ -15,7 +15,7 @@ right would be found no closer to the real arm than these two are to each other.
 apart if it is further off than the aim and than chance (`chance`).
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     twins,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -43,9 +43,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.recordings.recording_reader import read_recording
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 AIM = 0.25  # by which a simulated statistic may differ from the real one
 
@@ -151,7 +148,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _figure(found: dict[str, dict[str, Array]], apart: dict[str, ToldApart]) -> "Figure":
+def _figure(found: dict[str, dict[str, Array]], apart: dict[str, ToldApart]) -> Figure:
     figure, ((panel,),) = new_figure(1, 1, height=0.27 * len(found) + 1.2)
     panel.axvspan(1.0 - AIM, 1.0 + AIM, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     places = np.arange(len(found))

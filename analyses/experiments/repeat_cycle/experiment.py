@@ -8,7 +8,7 @@ As the article has it, eq. 4 takes the drives' torque as it comes, without the o
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,16 +23,10 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     force_figure,
     repeat_cycles,
 )
-from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
-    PATHS,
-    task_path,
-)
-from wrenchsight.analyses.methods.reading.force_errors import (
-    draw_signal,
-    envelope,
-)
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS, task_path
+from wrenchsight.analyses.methods.reading.force_errors import draw_signal, envelope
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -49,10 +43,6 @@ from wrenchsight.models.motion.paths import (
     uniform_acceleration,
 )
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 SCENARIO = "RepeatCycle"
 ARTICLE, ARTICLE_LARGEST = 37.12, 69.71  # %, reduction of the RMSE and of the largest error in Y
@@ -114,7 +104,7 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
     return table
 
 
-def torque_figure(cycles: RepeatedCycles) -> "Figure":
+def torque_figure(cycles: RepeatedCycles) -> Figure:
     """Both cycles' torques of a joint, and the condition number (the article's Fig. 15)."""
     robot = Robot.load(ROBOT)
     figure, axes = new_figure(3, 2, height=6.4, share_x=True)

@@ -6,7 +6,7 @@ article.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +22,9 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     repeat_cycles,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS
-from wrenchsight.analyses.methods.reading.force_errors import (
-    draw_signal,
-    force_metrics,
-)
+from wrenchsight.analyses.methods.reading.force_errors import draw_signal, force_metrics
 from wrenchsight.analyses.output.axes import legend_above, limit_y
-from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -35,9 +32,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SCENARIO = "RepeatCyclePush"
 
@@ -51,7 +45,7 @@ def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
     return {key: value for key, value in figures.items() if key.startswith(("rmse", "correl"))}
 
 
-def close_figure(cycles: RepeatedCycles) -> "Figure":
+def close_figure(cycles: RepeatedCycles) -> Figure:
     """Some seconds at the path's end and in its middle: what pushes look like in each reading."""
     shown = (
         (BEFORE, COLOUR["before"]),

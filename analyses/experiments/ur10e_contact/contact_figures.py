@@ -1,7 +1,7 @@
 """Figures of the contact runs: forces over time with their band, and errors by interval."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,15 +15,13 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_study import Contact
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import (
     COLOUR,
+    Figure,
     draw_bars,
     fill_band,
     legend_on_top,
     new_figure,
 )
 from wrenchsight.models.contact.contact_filter import SIGMA_95
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LABELS: Final = {
     "no_sensor": "ours, never a sensor",
@@ -50,7 +48,7 @@ def one_run_a_group(study: ContactStudy) -> list[ReadRun]:
     return chosen
 
 
-def force_figure(reads: Sequence[ReadRun]) -> "Figure":
+def force_figure(reads: Sequence[ReadRun]) -> Figure:
     """The force along the tool over time, a panel a run: sensor, ours with its band, by hand."""
     figure, axes = new_figure(len(reads), 1, height=2.1 * len(reads) + 0.6)
     panels: list[Any] = list(axes[:, 0])
@@ -74,7 +72,7 @@ def force_figure(reads: Sequence[ReadRun]) -> "Figure":
     return figure
 
 
-def error_figure(metrics: dict[str, Any]) -> "Figure":
+def error_figure(metrics: dict[str, Any]) -> Figure:
     """RMSE of each method by scene, controller and interval, a panel an interval."""
     figure, axes = new_figure(len(JUDGED), 1, height=6.6, share_x=True)
     panels: list[Any] = list(axes[:, 0])

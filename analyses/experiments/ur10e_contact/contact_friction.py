@@ -18,11 +18,7 @@ from wrenchsight.analyses.methods.calibration.specimen_refitting import (
     sliding_rows,
 )
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.calibration.specimen_friction import (
-    SlidingRows,
-    SpecimenFit,
-    SpecimenPrior,
-)
+from wrenchsight.models.calibration.specimen_friction import SlidingRows, SpecimenFit, SpecimenPrior
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.sliding_level import slip_sides
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction

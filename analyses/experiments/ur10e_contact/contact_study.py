@@ -32,10 +32,7 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     read_ours,
     read_two_joints,
 )
-from wrenchsight.analyses.methods.calibration.specimen_refitting import (
-    carried_over,
-    refit_specimen,
-)
+from wrenchsight.analyses.methods.calibration.specimen_refitting import carried_over, refit_specimen
 from wrenchsight.analyses.methods.sensors.judged_force import (
     ForceReading,
     Judgement,

@@ -9,7 +9,7 @@ shape (`analyses.methods.learning.friction_fit`) has no constant; `lowest_error`
 the lowest error would give.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
@@ -21,7 +21,7 @@ from wrenchsight.analyses.methods.learning.identification_config import LAWS, Id
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import draw_bars, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import Figure, draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -30,9 +30,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -125,9 +122,7 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
     return stem, torque_figure(fit, joint_names, kind), f"{what}{with_law}."
 
 
-def _laws_figure(
-    results: dict[str, IdentificationResult], joint_names: tuple[str, ...]
-) -> "Figure":
+def _laws_figure(results: dict[str, IdentificationResult], joint_names: tuple[str, ...]) -> Figure:
     """Held-out torque error of every law, joint by joint, over both validation runs."""
     figure, axes = new_figure(2, 1, height=6.0, share_x=True)
     for panel, name in zip(axes[:, 0], VALIDATED, strict=True):

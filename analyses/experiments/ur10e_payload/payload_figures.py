@@ -1,7 +1,7 @@
 """Figures of a payload's force: read, over a singular pass, and method by method."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,16 +17,13 @@ from wrenchsight.analyses.output.axes import limit_y, log_scale
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     SERIES,
+    Figure,
     fill_band,
     legend_on_top,
     new_figure,
 )
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 LABELS = {
     "bayesian": "Bayesian",
@@ -39,7 +36,7 @@ LABELS = {
 }
 
 
-def force_figure(t: Array, reading: Reading, reference: Reference) -> "Figure":
+def force_figure(t: Array, reading: Reading, reference: Reference) -> Figure:
     """The three components of the force with their 95 % band, and the truth."""
     figure, axes = new_figure(3, 1, height=7.4, share_x=True)
     panels: list[Any] = list(axes[:, 0])
@@ -54,7 +51,7 @@ def force_figure(t: Array, reading: Reading, reference: Reference) -> "Figure":
     return figure
 
 
-def singular_figure(t: Array, reading: Reading, inverse: Reading, reference: Reference) -> "Figure":
+def singular_figure(t: Array, reading: Reading, inverse: Reading, reference: Reference) -> Figure:
     """Three seconds around a singular pass; eq. 22 leaves the picture there."""
     rows = _singular_pass(inverse)
     figure, axes = new_figure(4, 1, height=8.6, share_x=True)
@@ -100,7 +97,7 @@ def _draw_reading(axis: Any, t: Array, reading: Reading, i: int, rows: slice) ->
     axis.plot(t[rows], force, color=COLOUR["estimate"], lw=1.1, label="Bayesian")
 
 
-def methods_figure(metrics: dict[str, Any]) -> "Figure":
+def methods_figure(metrics: dict[str, Any]) -> Figure:
     """Errors per axis and the mass, over all samples and over valid ones, for every method."""
     figure, axes = new_figure(2, 1, height=6.6, share_x=True)
     panels: list[Any] = list(axes[:, 0])

@@ -24,7 +24,7 @@ reaches come from the three fitted runs.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 )
 from wrenchsight.analyses.methods.reading.drifted_band import covariance_about
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -67,9 +67,6 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REFRESHED_BY = {  # the log without the load
     "ur-20_02_19_14harm50secLoad": "ur-20_02_19_14harm50sec",
@@ -276,7 +273,7 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _figure(metrics: dict[str, Any]) -> "Figure":
+def _figure(metrics: dict[str, Any]) -> Figure:
     figure, ((panel,),) = new_figure(1, 1, height=6.0)
     panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     places = np.arange(len(metrics))

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from wrenchsight.analyses.campaign.posterior import (
-    FEWEST,
-    approximate_posterior,
-    weighted_quantile,
-)
+from wrenchsight.analyses.campaign.posterior import FEWEST, approximate_posterior, weighted_quantile
 
 
 def test_of_linear_figures_with_noise_it_is_the_gaussian_one():

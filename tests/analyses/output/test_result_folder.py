@@ -19,12 +19,7 @@ from wrenchsight.analyses.output.result_folder import (
     recover,
     result_folder,
 )
-from wrenchsight.analyses.output.result_marker import (
-    MARKER,
-    ResultMarker,
-    file_checksum,
-    strangers,
-)
+from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, file_checksum, strangers
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 

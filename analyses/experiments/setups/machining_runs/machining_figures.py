@@ -1,7 +1,7 @@
 """Figures of a machining study: force read, force held, both over the feed (Figs. 25 and 27)."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     COMPONENTS,
@@ -12,19 +12,22 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
 )
 from wrenchsight.analyses.methods.reading.force_errors import draw_signal
 from wrenchsight.analyses.output.axes import limit_y
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    Figure,
+    legend_below,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.analyses.study.experiment import Drawing
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.machining.machining_phases import Phase
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def force_figure(
     shown: Mapping[float, tuple[MachiningRun, Mapping[str, Mapping[str, Array]]]],
     component: str,
-) -> "Figure":
+) -> Figure:
     """True, measured and estimated force at work, a panel a feed (the article's Figs. 25, 27)."""
     figure, axes = new_figure(len(shown), 1, height=2.5 * len(shown) + 0.6)
     for panel, (feed, (run, readings)) in zip(axes[:, 0], shown.items(), strict=True):
@@ -49,7 +52,7 @@ def force_figure(
 
 def regulation_figure(
     with_sensor: Mapping[float, MachiningRun], without: Mapping[float, MachiningRun]
-) -> "Figure":
+) -> Figure:
     """The true normal force from touch to lift, force control with and without a sensor."""
     figure, axes = new_figure(len(without), 1, height=2.5 * len(without) + 0.6)
     for panel, feed in zip(axes[:, 0], without, strict=True):
@@ -72,7 +75,7 @@ def regulation_figure(
     return figure
 
 
-def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> "Figure":
+def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> Figure:
     """RMSE over the feed's duration: is slower harder? And how the force was held."""
     figure, axes = new_figure(1, 2, height=4.2)
     reading, held = axes[0]

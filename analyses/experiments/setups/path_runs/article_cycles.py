@@ -18,11 +18,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
 )
 from wrenchsight.analyses.methods.reading.force_errors import force_metrics, reductions
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
-from wrenchsight.analyses.study.experiment import (
-    Experiment,
-    ExperimentContext,
-    ExperimentResult,
-)
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.diagrams.scenario import LineMotion
 
 ONE_WAY_QUICK = 5.0  # s

@@ -21,11 +21,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import article_models
 from wrenchsight.analyses.methods.reading.force_errors import reductions
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
-from wrenchsight.analyses.study.experiment import (
-    Experiment,
-    ExperimentContext,
-    ExperimentResult,
-)
+from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.diagrams.scenario import LineMotion
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig

@@ -7,7 +7,7 @@ observer's low-pass.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,10 +31,8 @@ from wrenchsight.analyses.methods.reading.force_errors import (
 )
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.axes import legend_above, limit_y
-from wrenchsight.analyses.output.figures import COLOUR, new_figure
-from wrenchsight.analyses.study.experiment import (
-    ExperimentContext,
-)
+from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
+from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import LineMotion, Scenario
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
@@ -43,10 +41,6 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
 )
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s
@@ -166,7 +160,7 @@ def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:
     return {**reductions(before, after), **metrics}
 
 
-def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: float) -> "Figure":
+def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: float) -> Figure:
     """Force along axis k before and after the optimisation (the article's Figs. 16 and 17)."""
     shown = (BEFORE, AFTER, OURS)
     figure, axes = new_figure(len(shown), 1, height=2.3 * len(shown) + 0.6, share_x=True)

@@ -8,7 +8,7 @@ lag.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -22,16 +22,12 @@ from wrenchsight.analyses.methods.reading.force_errors import (
     force_metrics,
 )
 from wrenchsight.analyses.output.axes import limit_y
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, new_figure
+from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, new_figure
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 K_0 = 20.0  # 1/s, the article's
 FAST = 60.0  # 1/s, ours: follows a hand of 3 Hz; the currents' noise then costs tenths of a newton
@@ -103,7 +99,7 @@ def _without_band(metrics: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def axes_figure(reading: ForceReading, title: str, colour: str, limits: Array) -> "Figure":
+def axes_figure(reading: ForceReading, title: str, colour: str, limits: Array) -> Figure:
     """Force along X, Y and Z with the sensor's and the stated band (the article's Figs. 20, 21).
 
     Args:

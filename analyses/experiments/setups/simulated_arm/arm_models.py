@@ -46,10 +46,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     identify_simulated_arm,
 )
 from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
-from wrenchsight.analyses.methods.learning.identification import (
-    IdentificationResult,
-    identify,
-)
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ProgressCallback
 from wrenchsight.analyses.study.shared_results import digest, shared
 from wrenchsight.models.arrays import Array, Flags

@@ -9,13 +9,13 @@ trains the networks, and the asymmetric part that eq. 15 neglects.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback, simulate_motion
-from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, panels_in_pairs
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.friction_reversal import (
     ReversalSamples,
@@ -28,10 +28,6 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
 PERIOD = 2.0  # s
@@ -170,7 +166,7 @@ def reversal_figure(
     title: str,
     other: Callable[[Array], Array] | None = None,
     other_name: str = "semi-parametric",
-) -> "Figure":
+) -> Figure:
     """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
     n = len(separated.joint_names)
     figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")

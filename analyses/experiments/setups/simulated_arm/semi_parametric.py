@@ -10,9 +10,7 @@ from wrenchsight.analyses.methods.learning.friction_training import (
     TrainingConfig,
     train_networks,
 )
-from wrenchsight.analyses.methods.learning.identification import (
-    IdentificationResult,
-)
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
