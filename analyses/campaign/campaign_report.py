@@ -33,17 +33,6 @@ class _Row:
     moved_by: str
 
 
-@dataclass(frozen=True)
-class _Section:
-    name: str
-    title: str
-    section: str
-    num_worlds: int
-    rows: list[_Row]
-    picture: str
-    size: tuple[int, int] | None
-
-
 def write_campaign_report(
     folder: OutputFolder,
     record: CampaignRecord,
@@ -75,9 +64,16 @@ def write_campaign_report(
             picture = folder.write_figure(name, figure).relative_to(folder.path).as_posix()
         described = record.described[name]
         worlds = sum(name in world.values for world in record.worlds.values())
-        rows = [table_row(one) for one in own]
         sections.append(
-            _Section(name, described["title"], described["section"], worlds, rows, picture, size)
+            {
+                "name": name,
+                "title": described["title"],
+                "section": described["section"],
+                "num_worlds": worlds,
+                "rows": [table_row(one) for one in own],
+                "picture": picture,
+                "size": size,
+            }
         )
     text = environment.get_template("campaign.html.j2").render(
         num_worlds=len(record.worlds),

@@ -11,7 +11,6 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module
@@ -25,6 +24,7 @@ from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.truth.worlds import WorldSource, draw_world
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
@@ -107,7 +107,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
     everywhere.mkdir(parents=True, exist_ok=True)
     with (
         _one_at_a_time,
-        _one_thread(),
+        one_thread(),
         tempfile.TemporaryDirectory(dir=everywhere) as temporary,
     ):
         folder = Path(temporary)
@@ -118,7 +118,10 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 out.mkdir(parents=True)
                 with sharing_in(folder, everywhere):
                     experiment: Experiment = import_module(module).EXPERIMENT
-                    _check_recordings(experiment, task.data)
+                    if missing := experiment.missing(task.data):
+                        raise InputError(
+                            missing[0], "", "these recordings are not there", "see --data"
+                        )
                     context = ExperimentContext(
                         out=out,
                         data=task.data,
@@ -141,19 +144,6 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 outcome.failures[name] = f"{line}\n\n{traceback.format_exc()}"
             outcome.seconds[name] = time.process_time() - started
     return outcome
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Compiled loops in one thread: worlds side by side share the cores, and waiting costs time."""
-    import numba  # a list of experiments does without it
-
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
 
 
 @cache
@@ -187,12 +177,6 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float | None]]:
 def _description(experiment: Experiment, result: ExperimentResult) -> dict[str, Any]:
     rows = [asdict(row) for row in result.comparison]
     return {"title": experiment.title, "section": experiment.section, "comparison": rows}
-
-
-def _check_recordings(experiment: Experiment, data: Path) -> None:
-    missing = [data / name for name in experiment.needs if not (data / name).is_dir()]
-    if missing:
-        raise InputError(missing[0], "", "these recordings are not there", "see --data")
 
 
 def _check_worker(module: str, software: str) -> None:

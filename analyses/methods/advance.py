@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 
 from pydrake.systems.analysis import Simulator
 
+from wrenchsight.diagrams.closed_loop import ClosedLoop
+from wrenchsight.models.arrays import Array
+
 
 def even_stretches(duration: float, stretch: float) -> list[float]:
     """Times from above 0 to `duration`, all equally far apart, about `stretch`; in s."""
@@ -39,3 +42,19 @@ def advance(
     finally:
         if collecting:
             gc.enable()
+
+
+def run_loop(
+    loop: ClosedLoop, duration: float, stretch: float, told: Callable[[float], None]
+) -> tuple[Array, dict[str, Array]]:
+    """Simulates a closed loop from its start; what it logged, see `ClosedLoop.logged`.
+
+    Args:
+        loop: to run.
+        duration, stretch: s, of all and between two reports of progress.
+        told: as in `advance`.
+    """
+    simulator = Simulator(loop.diagram)
+    simulator.Initialize()
+    advance(simulator, even_stretches(duration, stretch), told)
+    return loop.logged(simulator.get_context())

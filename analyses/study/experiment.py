@@ -116,3 +116,7 @@ class Experiment:
     order: float = 1000.0  # its place in the report: the smaller, the earlier
     seconds: float = 30.0  # of a processor that it typically takes; the longest start first
     readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows
+
+    def missing(self, data: Path) -> list[Path]:
+        """The folders of recordings that are not below `data`, and without which it cannot run."""
+        return [data / name for name in self.needs if not (data / name).is_dir()]

@@ -33,31 +33,6 @@ class Comparison:
     source: str
 
 
-@dataclass(frozen=True)
-class _Picture:
-    number: int
-    link: str
-    caption: str
-    size: tuple[int, int] | None  # CSS pixels
-
-
-@dataclass(frozen=True)
-class _Section:
-    name: str
-    number: int
-    title: str
-    section: str
-    state: str
-    seconds: str
-    notes: list[str]
-    figures: list[_Picture]
-    pages: list[_Picture]
-    comparison: list[Comparison]
-    metrics: list[tuple[str, str]]
-    configuration: str
-    folder: str
-
-
 def write_report(
     folder: OutputFolder,
     outcomes: Sequence[Outcome],
@@ -198,39 +173,41 @@ def _percent(value: float) -> str:
     return "0" if float(text) == 0.0 else text.replace("-", "\u2212")
 
 
-def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[_Section]:
-    sections: list[_Section] = []
+def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """What the template shows of each result; figures are numbered through the report."""
+    sections: list[dict[str, Any]] = []
     figure_number = 0
     for outcome in outcomes:
         if not outcome.has_result:
             continue
         stored, folder = outcome.stored, study / outcome.name
-        figures = []
-        for file in stored["figures"]:
+        files = {
+            kind: [
+                {
+                    "link": quote(f"{outcome.name}/{file['path']}"),
+                    "caption": file["caption"],
+                    "size": _css_size(folder / file["path"]),
+                }
+                for file in stored[kind]
+            ]
+            for kind in ("figures", "pages")
+        }
+        for picture in files["figures"]:
             figure_number += 1
-            path = folder / file["path"]
-            link = quote(f"{outcome.name}/{file['path']}")
-            figures.append(_Picture(figure_number, link, file["caption"], _css_size(path)))
-        pages = [
-            _Picture(0, quote(f"{outcome.name}/{file['path']}"), file["caption"], None)
-            for file in stored["pages"]
-        ]
+            picture["number"] = figure_number
         sections.append(
-            _Section(
-                name=outcome.name,
-                number=len(sections) + 1,
-                title=stored["title"],
-                section=stored["section"],
-                state=outcome.state,
-                seconds=_duration(outcome.seconds),
-                notes=stored["notes"],
-                figures=figures,
-                pages=pages,
-                comparison=comparisons(outcome.metrics, stored["comparison"]),
-                metrics=list(_flat(outcome.metrics)),
-                configuration=(folder / "config.yaml").read_text(encoding="utf-8"),
-                folder=quote(outcome.name),
-            )
+            files
+            | {key: stored[key] for key in ("title", "section", "notes")}
+            | {
+                "name": outcome.name,
+                "number": len(sections) + 1,
+                "state": outcome.state,
+                "seconds": _duration(outcome.seconds),
+                "comparison": comparisons(outcome.metrics, stored["comparison"]),
+                "metrics": list(_flat(outcome.metrics)),
+                "configuration": (folder / "config.yaml").read_text(encoding="utf-8"),
+                "folder": quote(outcome.name),
+            }
         )
     return sections
 

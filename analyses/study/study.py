@@ -308,8 +308,7 @@ def _run_experiment(
     if experiment.name != name:
         raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
     connection.send(("loaded",))
-    missing = [settings.data / n for n in experiment.needs if not (settings.data / n).is_dir()]
-    if missing:
+    if missing := experiment.missing(settings.data):
         return "skipped", f"needs the recordings {', '.join(map(str, missing))}; see --data"
     if "numba" in sys.modules:
         on_first_compilation(lambda what: connection.send(("progress", 0.0, what)))

@@ -121,11 +121,10 @@ def _point_of_load(robot: Robot, model: IdentifiedModel, loaded: Pass) -> "NDArr
 
 def _metrics(own: LoadedPass) -> dict[str, Any]:
     def errors(part: PassErrors) -> dict[str, Any]:
-        judged = part.judged()
+        judged = [one.metrics("f_n") for one in part.judged()]
+        keys = ("rmse_f_n", "bias_f_n", "inside_95_pct")
         return {
-            "rmse_f_n": [j.rmse for j in judged],
-            "bias_f_n": [j.bias for j in judged],
-            "inside_95_pct": [None if j.inside_95 is None else 100 * j.inside_95 for j in judged],
+            **{key: [one[key] for one in judged] for key in keys},
             "torque_rmse_nm": part.torque_rmse,
             "torque_bias_nm": part.torque_error.mean(axis=0),
         }

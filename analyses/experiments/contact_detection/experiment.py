@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.experiments.contact_detection.contact_free_twins import (
     alarms_of_twins,
@@ -45,7 +44,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     MORE,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.advance import run_loop
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, TRACKING, stored_excitation
@@ -103,6 +102,7 @@ ROUNDS = 2  # of pushes through every log
 SIMULATED = (10.0, 30.0)  # N
 SIMULATED_DURATION = 0.5  # s
 SIMULATED_STEP = 1e-3  # s
+NO_CONTACTS = {"contacts": 0, "missed": 0, "delay_median_s": None, "delay_max_s": None}
 JUDGED = "push_30n_500ms_at_e"
 
 
@@ -192,13 +192,12 @@ def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
 def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
     """By log and together; a contact-free log has no contacts to miss."""
     result: dict[str, Any] = {}
-    none = {"contacts": 0, "missed": 0, "delay_median_s": None, "delay_max_s": None}
     alarms, hours = 0, 0.0
     for name, log in logs.items():
         detection = log.detect(log.detector(RATE))
         begins = onsets(detection.contact)
         result[name] = {
-            **none,
+            **NO_CONTACTS,
             **false_alarm_metrics(len(begins), log.hours),
             "at_s": log.t[begins],
             "largest_statistic": float(detection.statistic.max()),
@@ -206,7 +205,7 @@ def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
         }
         alarms += len(begins)
         hours += log.hours
-    return {**result, "contact_free": {**none, **false_alarm_metrics(alarms, hours)}}
+    return {**result, "contact_free": {**NO_CONTACTS, **false_alarm_metrics(alarms, hours)}}
 
 
 def _held_out(
@@ -332,29 +331,23 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
     free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP, K_0)
     alarms = onsets(free.detect(free.detector(RATE)).contact)
     outcome: dict[str, Any] = {
-        "simulated_free": {
-            "contacts": 0,
-            "missed": 0,
-            "delay_median_s": None,
-            "delay_max_s": None,
-            **false_alarm_metrics(len(alarms), free.hours),
-        }
+        "simulated_free": {**NO_CONTACTS, **false_alarm_metrics(len(alarms), free.hours)}
     }
     for size in SIMULATED:
         rng = np.random.default_rng(17)
         starts = np.arange(2.0, 18.0, 2.0)
-        steps = []
-        for start in starts:
-            direction = rng.normal(size=3)
-            force = size * direction / np.linalg.norm(direction)
-            steps.append(WrenchStep(float(start), SIMULATED_DURATION, force.tolist()))
+        directions = rng.normal(size=(len(starts), 3))
+        forces = [(size * one / np.linalg.norm(one)).tolist() for one in directions]
         trajectory = stored_excitation(robot, 2).joint_trajectory(2)
         scenario = Scenario(
             robot=robot.name,
             duration=trajectory.duration,
             seed=23,
             controller=TRACKING,
-            wrench=list(steps),
+            wrench=[
+                WrenchStep(float(start), SIMULATED_DURATION, force)
+                for start, force in zip(starts, forces, strict=True)
+            ],
         )
         loop = make_closed_loop(
             scenario,
@@ -363,14 +356,12 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
             trajectory=trajectory,
             with_estimator=False,
         )
-        simulator = Simulator(loop.diagram)
-        simulator.Initialize()
-        advance(
-            simulator,
-            even_stretches(scenario.duration, 0.25),
+        t, signals = run_loop(
+            loop,
+            scenario.duration,
+            0.25,
             lambda share: context.progress(0.86 + 0.1 * share, "simulated pushes"),
         )
-        t, signals = loop.logged(simulator.get_context())
         recording = Recording(
             t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
         )

@@ -15,7 +15,11 @@ from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
     pushed_arm,
     pushed_runs,
 )
-from wrenchsight.analyses.experiments.setups.path_runs.task_runs import TaskRun, highest_speed
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    TaskRun,
+    highest_speed,
+    line_of,
+)
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     FAST,
     EstimatorVariant,
@@ -39,7 +43,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.diagrams.scenario import LineMotion
 
 SCENARIO = "FrictionAtReversal"
 NEAR = 0.02  # of the time, to either side of the middle: "near the reversal"
@@ -162,8 +165,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     models, scenario = pushed_arm(context, SCENARIO, 0.6)
     speed = highest_speed([scenario], models.robot)
     runs = pushed_runs(context, models, {"initial": scenario}, 0.6)
-    run, motion = runs["initial"], scenario.motion
-    assert isinstance(motion, LineMotion)
+    run, motion = runs["initial"], line_of(scenario)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
     middle = 0.5 * motion.one_way

@@ -123,18 +123,17 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
     phase = "moving" if state == "moving" else "rest"
     where = comparison.phases[f"free_{phase}"] | comparison.phases[f"contact_{phase}"]
     judged = [comparison.judged_over(axis, where) for axis in comparison.axes]
-    forces = judged[:3]
+    figures = [{} if one is None else one.metrics() for one in judged]  # forces, then moments
     return {
         "rmse_nm": reading.torque_rmse(truth, rows),
         "bias_nm": by_joint(np.mean, error, rows),
         "torque_inside_95_pct": inside,
-        "rmse_n": [None if j is None else j.rmse for j in forces],
-        "bias_n": [None if j is None else j.bias for j in forces],
-        "stated_sd_n": [None if j is None else j.stated_sd for j in forces],
-        "moment_rmse_nm": [None if j is None else j.rmse for j in judged[3:]],
-        "inside_95_pct": [
-            None if j is None or j.inside_95 is None else 100.0 * j.inside_95 for j in judged
-        ],
+        **{
+            key: [one.get(key) for one in figures[:3]]
+            for key in ("rmse_n", "bias_n", "stated_sd_n")
+        },
+        "moment_rmse_nm": [one.get("rmse_n") for one in figures[3:]],
+        "inside_95_pct": [one.get("inside_95_pct") for one in figures],
         "averages": int(where.sum()),
     }
 

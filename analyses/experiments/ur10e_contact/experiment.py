@@ -50,6 +50,7 @@ _SHOWN = {
     "command": "by the command alone",
     "calibrated": "calibrated once",
 }
+_JUDGED_BY = ("bias_n", "sd_n", "rmse_n", "inside_95_pct", "correlation")
 _CHECK = "the data set's own check"  # K (i - i_target) of joints 2 and 3, over all 67 runs
 
 
@@ -115,13 +116,7 @@ def _run_metrics(study: ContactStudy) -> dict[str, Any]:
     """Without a sensor, run by run; keys without dots, which part a metric's path."""
     return {
         read.prepared.run.name.stem.replace(".", "p"): {
-            interval: {
-                "bias_n": judged.bias,
-                "sd_n": judged.sd,
-                "rmse_n": judged.rmse,
-                "inside_95_pct": None if judged.inside_95 is None else 100.0 * judged.inside_95,
-                "correlation": judged.correlation,
-            }
+            interval: {key: judged.metrics()[key] for key in _JUDGED_BY}
             for interval in JUDGED
             if (judged := read.judged("no_sensor", interval)) is not None
         }

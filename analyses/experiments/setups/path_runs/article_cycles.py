@@ -11,6 +11,7 @@ import numpy as np
 from wrenchsight.analyses.experiments.setups.path_runs.article_method import errors_alone
 from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
+    line_of,
     on_path,
     run_task,
     task_path,
@@ -19,7 +20,6 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
 from wrenchsight.analyses.methods.reading.force_errors import force_metrics, reductions
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
-from wrenchsight.diagrams.scenario import LineMotion
 
 ONE_WAY_QUICK = 5.0  # s
 _BLOCK = 50_000  # samples read at a time
@@ -38,8 +38,7 @@ def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str,
     for k, path in enumerate(_PATHS):
         context.progress(0.5 * k, f"{path} path")
         planned = task_scenario(scenario, context.seed, ONE_WAY_QUICK if context.quick else None)
-        motion = planned.motion
-        assert isinstance(motion, LineMotion)
+        motion = line_of(planned)
         period = round(2 * motion.one_way / planned.time_step)
         moved = on_path(planned, robot, *task_path(robot, path))
         run = run_task(moved, robot, path).between(motion.lead_in)

@@ -11,6 +11,7 @@ from typing import Any
 
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
+    line_of,
     on_path,
     read_run,
     run_task,
@@ -22,7 +23,6 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import art
 from wrenchsight.analyses.methods.reading.force_errors import reductions
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
-from wrenchsight.diagrams.scenario import LineMotion
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -65,9 +65,7 @@ def _task(
 ) -> TaskRun:
     scenario = task_scenario(name, context.seed, one_way)
     scenario = on_path(scenario, robot, *task_path(robot, path))
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
-    return run_task(scenario, robot, path).between(*uniform_motion(motion))
+    return run_task(scenario, robot, path).between(*uniform_motion(line_of(scenario)))
 
 
 def _estimator(robot: Robot, model: Any) -> WrenchEstimator:

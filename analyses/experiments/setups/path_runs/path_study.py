@@ -7,6 +7,7 @@ from typing import Any
 
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
+    line_of,
     run_task,
     task_scenario,
     uniform_motion,
@@ -21,7 +22,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.diagrams.scenario import LineMotion, Scenario
+from wrenchsight.diagrams.scenario import Scenario
 
 ONE_WAY_QUICK = 8.0  # s, of a pushed pass
 BAND_CAPTION = "Grey: where the share inside a correct 95 % band lies."
@@ -114,9 +115,7 @@ def pushed_runs(
     for k, (path, scenario) in enumerate(scenarios.items()):
         step = (0.85 - start) / len(scenarios)
         report = context.part(start + k * step, start + (k + 1) * step)
-        motion = scenario.motion
-        assert isinstance(motion, LineMotion)
         run = run_task(scenario, models.robot, path, report)
-        runs[path] = run.between(*uniform_motion(motion))
+        runs[path] = run.between(*uniform_motion(line_of(scenario)))
     context.progress(0.86, "readings")
     return runs

@@ -17,6 +17,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
     RepetitionReader,
     TaskRun,
+    line_of,
     on_path,
     read_repetition,
     run_task,
@@ -33,7 +34,7 @@ from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.axes import legend_above, limit_y
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.study.experiment import ExperimentContext
-from wrenchsight.diagrams.scenario import LineMotion, Scenario
+from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
@@ -104,8 +105,7 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     """Simulates two cycles on each path, and reads the second one with every variant."""
     robot = context.robot(ROBOT)
     scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
+    motion = line_of(scenario)
     period = round(2 * motion.one_way / scenario.time_step)
     learnt = repetition_errors(
         robot,
@@ -119,10 +119,8 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     readings: dict[str, ForceReading] = {}
     torque_rms: dict[str, Array] = {}
     for k, path in enumerate(PATHS):
-
-        def report(share: float, what: str, k: int = k) -> None:
-            context.progress(0.05 + 0.85 * (k + share) / len(PATHS), what)
-
+        step = 0.85 / len(PATHS)
+        report = context.part(0.05 + k * step, 0.05 + (k + 1) * step)
         moved = on_path(scenario, robot, *task_path(robot, path))
         run = run_task(moved, robot, path, report).between(motion.lead_in)
         runs[path] = run

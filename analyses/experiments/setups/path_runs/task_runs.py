@@ -16,7 +16,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     INITIAL_PATH,
@@ -27,7 +26,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     found_path,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
-from wrenchsight.analyses.methods.advance import advance, even_stretches
+from wrenchsight.analyses.methods.advance import run_loop
 from wrenchsight.analyses.methods.reading.force_errors import ForceReading
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
@@ -104,6 +103,17 @@ class TaskRun:
         )
 
 
+def line_of(scenario: Scenario) -> LineMotion:
+    """The line along which the scenario's arm moves.
+
+    Raises:
+        ValueError: the scenario's motion is not a line.
+    """
+    if not isinstance(scenario.motion, LineMotion):
+        raise ValueError("the scenario has no line to move")
+    return scenario.motion
+
+
 def uniform_motion(motion: LineMotion) -> tuple[float, float]:
     """From when to when, s, the arm moves evenly on its one pass: between the ramps.
 
@@ -131,10 +141,8 @@ def on_path(scenario: Scenario, robot: Robot, path: StraightPath, posture: Array
     Raises:
         ValueError: the scenario's motion is not a line.
     """
-    if not isinstance(scenario.motion, LineMotion):
-        raise ValueError("the scenario has no line to move")
     motion = replace(
-        scenario.motion,
+        line_of(scenario),
         n_W=path.n_W.tolist(),
         p_WM=path.p_WM.tolist(),
         R_WE=path.R_WE.tolist(),
@@ -157,8 +165,7 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
     scenario = replace(scenario, seed=scenario.seed + seed)
     if one_way is None:
         return scenario
-    motion = scenario.motion
-    assert isinstance(motion, LineMotion)
+    motion = line_of(scenario)
     share = one_way / motion.one_way
     lead_in = min(motion.lead_in, 0.5 * one_way)
     pushes: list[WrenchSegment] = [
@@ -236,14 +243,8 @@ def _run_closed_loop(
         log_only=wanted,
         with_estimator=False,  # the variants read the log
     )
-    simulator = Simulator(loop.diagram)
-    simulator.Initialize()
-    advance(
-        simulator,
-        even_stretches(scenario.duration, _STRETCH),
-        lambda share: progress(share, f"simulating, {name} path"),
-    )
-    return loop.logged(simulator.get_context())
+    what = f"simulating, {name} path"
+    return run_loop(loop, scenario.duration, _STRETCH, lambda share: progress(share, what))
 
 
 def write_runs_page(

@@ -29,7 +29,7 @@ has an error of its own: `wrenchsight.analyses.experiments.setups.path_runs.repe
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -92,11 +92,8 @@ class ArmModels:
     models: Mapping[str, IdentifiedModel]
     held_out: tuple[Recording, ...]
     passes: tuple[Recording, ...] = ()
-    # By law and K_0: variants of one estimator differ in what comes after
-    _errors: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False)
-    _fits: dict[tuple[str, float], TorqueErrorModel] = field(default_factory=dict, repr=False)
-    _read: dict[tuple[str, float], list[HeldOutReading]] = field(default_factory=dict, repr=False)
-    _digests: dict[str, str] = field(default_factory=dict, repr=False)
+    # By name, law and K_0: variants of one estimator differ in what comes after
+    _known: dict[tuple[str, str, float], Any] = field(default_factory=dict, repr=False)
 
     def estimator(
         self,
@@ -130,11 +127,9 @@ class ArmModels:
             law: one of LAWS.
             K_0: 1/s.
         """
-        if (law, K_0) not in self._fits:
-            self._fits[law, K_0] = self._shared(
-                "torque_error", law, K_0, lambda: fit_torque_error(self._readings(law, K_0))
-            )
-        return self._fits[law, K_0]
+        return self._once(
+            "torque_error", law, K_0, lambda: fit_torque_error(self._readings(law, K_0))
+        )
 
     def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
         """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.
@@ -143,18 +138,24 @@ class ArmModels:
             law: one of LAWS.
             K_0: 1/s.
         """
-        if (law, K_0) not in self._errors:
-            self._errors[law, K_0] = self._shared(
-                "held_out_errors", law, K_0, lambda: self._read_held_out(law, K_0)
-            )
         v = [log.v[_settled(log, K_0)] for log in self.held_out]
-        return self._errors[law, K_0], np.vstack(v)
+        tau_ext = self._once("held_out_errors", law, K_0, lambda: self._read_held_out(law, K_0))
+        return tau_ext, np.vstack(v)
 
-    def _shared(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
+    def _once(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
         """For all experiments that have this arm, a result of a law's observer."""
-        if law not in self._digests:
-            self._digests[law] = digest((self.robot, self.models[law], self.held_out, self.passes))
-        return shared(name, (self._digests[law], K_0), compute)
+        own = self._kept("digest", law, 0.0, lambda: self._digest(law)), K_0
+        return self._kept(name, law, K_0, lambda: shared(name, own, compute))
+
+    def _kept(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
+        key = name, law, K_0
+        if key not in self._known:
+            self._known[key] = compute()
+        result: Result = self._known[key]
+        return result
+
+    def _digest(self, law: str) -> str:
+        return digest((self.robot, self.models[law], self.held_out, self.passes))
 
     def _read_held_out(self, law: str, K_0: float) -> Array:
         own = self._readings(law, K_0)[: len(self.held_out)]
@@ -162,11 +163,9 @@ class ArmModels:
         return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
 
     def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
-        if (law, K_0) not in self._read:
-            self._read[law, K_0] = self._read_anew(law, K_0)
-        return self._read[law, K_0]
+        return self._kept("readings", law, K_0, lambda: self._read(law, K_0))
 
-    def _read_anew(self, law: str, K_0: float) -> list[HeldOutReading]:
+    def _read(self, law: str, K_0: float) -> list[HeldOutReading]:
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
         plain = replace(self.models[law], torque_error=None)
         estimator = WrenchEstimator(self.robot, plain, config)
