@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from called_commands import succeeded
 from package_meshes import PackageMeshes
-from typer.testing import CliRunner
 
-from wrenchsight.analyses.__main__ import app
 from wrenchsight.models.robot.robot import Robot
 
 ARMS = {
@@ -37,12 +36,6 @@ ITERATIONS = dict.fromkeys(ARMS, 10) | {"tiago": 40}
 ORDINARY = ("z1",)  # the others take half a minute and more
 
 
-def command(*words: str | Path) -> str:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    assert result.exit_code == 0, f"{words}: {result.output}{result.stderr}"
-    return result.output
-
-
 @pytest.mark.parametrize(
     "arm",
     [arm if arm in ORDINARY else pytest.param(arm, marks=pytest.mark.slow) for arm in ARMS],
@@ -56,12 +49,12 @@ def test_from_a_urdf_to_a_wrench(arm: str, wheel_robots: Path, tmp_path: Path) -
     model, settings = tmp_path / "identify" / "model.yaml", tmp_path / "short.yaml"
     settings.write_text(SHORT.format(iterations=ITERATIONS[arm]))
     own = ("--robot", robot_file)
-    command("robot", wheel_robots / ARMS[arm], "--out", robot_file)
-    command("excite", *own, "--config", settings, "--no-record", "--out", motion.parent)
+    succeeded("robot", wheel_robots / ARMS[arm], "--out", robot_file)
+    succeeded("excite", *own, "--config", settings, "--no-record", "--out", motion.parent)
     simulated = ("--motion", motion, "--duration", "5", "--no-recording")
-    command("simulate", *own, *simulated, "--out", log.parent)
-    command("identify", log, *own, "--out", model.parent)
-    command("estimate", log, *own, "--model", model, "--out", tmp_path / "estimate")
+    succeeded("simulate", *own, *simulated, "--out", log.parent)
+    succeeded("identify", log, *own, "--out", model.parent)
+    succeeded("estimate", log, *own, "--model", model, "--out", tmp_path / "estimate")
 
     robot = Robot.load(robot_file)
     _nothing_is_hit(robot, tmp_path / "excite")
@@ -96,7 +89,7 @@ def _nothing_is_hit(robot: Robot, folder: Path) -> None:
 def test_meshes_that_collide_are_seen(wheel_robots: Path, tmp_path: Path) -> None:
     """The judge itself: a folded arm hits itself, one that leans over reaches below the floor."""
     path = tmp_path / "robot.yaml"
-    command("robot", wheel_robots / ARMS["ur5"], "--out", path)
+    succeeded("robot", wheel_robots / ARMS["ur5"], "--out", path)
     meshes = PackageMeshes(Robot.load(path))
     assert meshes.by_construction == set()
     assert meshes.collisions(np.array([[0.0, -1.2, 3.0, 0.0, 0.0, 0.0]]))

@@ -4,6 +4,7 @@ Times are cut to a second and the identification to a known model: what is teste
 the runs. That the article's figures come out is what the studies themselves show.
 """
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,6 +31,7 @@ from wrenchsight.analyses.output.outputs import json_text, plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.registry import REGISTRY
+from wrenchsight.analyses.study.stored_result import write_result
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.repetition_error import RepetitionError
 
@@ -81,15 +83,18 @@ CASES.append(pytest.param("repeat-cycle-push", marks=pytest.mark.slow))
 def result(request, tmp_path_factory):
     out = tmp_path_factory.mktemp(request.param)
     with pytest.MonkeyPatch.context() as patch:
-        return request.param, run_small(request.param, out, patch), out
+        found = run_small(request.param, out, patch)
+        write_result(out, MODULES[request.param].EXPERIMENT, found, {}, {})
+        return request.param, found, out
 
 
 def test_the_study_knows_it_and_its_figures_exist(result):
     name, found, out = result
     assert REGISTRY.entries()[name].module == MODULES[name].__name__
-    assert found.figures
-    for figure in found.figures:
-        assert (out / figure.path).stat().st_size > 10_000
+    stored = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    assert stored["figures"]
+    for figure in stored["figures"]:
+        assert (out / figure["path"]).stat().st_size > 10_000
     assert all(note.strip() for note in found.notes)
     (recording,) = found.recordings
     assert (out / recording.path).read_text(encoding="utf-8").count("JCN") >= 3  # its legend

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from called_commands import invoke, refused
 
-from wrenchsight.analyses.__main__ import app
 from wrenchsight.analyses.output.result_marker import MARKER
 from wrenchsight.analyses.study import study
 from wrenchsight.models.recordings.recording import Recording
@@ -16,19 +15,6 @@ from wrenchsight.models.robot.robot import Robot
 
 ROOT = Path(study.__file__).resolve().parents[2]
 _BUNDLED = ROOT / "models" / "robots" / "sts_sre4_600"
-
-
-def _run(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def _refused(*arguments) -> str:
-    result = _run(*arguments)
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    assert result.stderr.count("\n") == 1
-    assert "--out" in result.stderr
-    return result.stderr
 
 
 def _files(folder):
@@ -65,7 +51,7 @@ def finished(log, tmp_path_factory) -> Path:
 
 def _estimate(log, out, *options):
     prior = ("--prior-force-sd", 20, "--prior-moment-sd", 2)
-    return _run("estimate", log, "--robot", "sts_sre4_600", *prior, "--out", out, *options)
+    return invoke("estimate", log, "--robot", "sts_sre4_600", *prior, "--out", out, *options)
 
 
 @pytest.fixture
@@ -81,7 +67,7 @@ def test_study_does_not_delete_a_folder_of_the_name_of_an_experiment(tmp_path):
     X = tmp_path / "X"
     (X / "jcn-map").mkdir(parents=True)
     (X / "jcn-map" / "thesis.txt").write_text("mine")
-    line = _refused("study", "--quick", "jcn-map", "--out", X, "--data", tmp_path / "data")
+    line = refused("study", "--quick", "jcn-map", "--out", X, "--data", tmp_path / "data")
     assert "jcn-map/thesis.txt, which is not as wrenchsight wrote it" in line
     assert _files(X) == {"jcn-map/thesis.txt": b"mine"}
 
@@ -90,7 +76,7 @@ def test_identify_does_not_overwrite_the_robot_that_it_loads(tmp_path, log):
     rr = tmp_path / "rr"
     shutil.copytree(_BUNDLED, rr)
     before = _files(rr)
-    line = _refused("identify", log, "--robot", rr, "--consistent", "--out", rr)
+    line = refused("identify", log, "--robot", rr, "--consistent", "--out", rr)
     assert f"{rr}: holds " in line
     assert _files(rr) == before
     Robot.load(rr / "robot.yaml")
@@ -98,7 +84,7 @@ def test_identify_does_not_overwrite_the_robot_that_it_loads(tmp_path, log):
 
 def test_estimate_does_not_overwrite_its_own_log(X):
     before = _files(X)
-    line = _refused(
+    line = refused(
         "estimate", X / "wrench.csv", "--robot", "sts_sre4_600", "--no-check", "--out", X
     )
     assert line.startswith(f"{X / 'wrench.csv'}: is read by this command")
@@ -115,10 +101,10 @@ def test_estimate_does_not_overwrite_the_description_of_its_log(X, log):
 
 def test_simulate_does_not_overwrite_the_scenario_that_it_runs(tmp_path):
     out = tmp_path / "out"
-    first = _run("simulate", "--duration", 0.05, "--no-recording", "--out", out)
+    first = invoke("simulate", "--duration", 0.05, "--no-recording", "--out", out)
     assert first.exit_code == 0, first.output
     before = _files(out)
-    line = _refused("simulate", "--scenario", out / "scenario.yaml", "--out", out)
+    line = refused("simulate", "--scenario", out / "scenario.yaml", "--out", out)
     assert "scenario.yaml: is read by this command" in line
     assert _files(out) == before
 
@@ -140,15 +126,15 @@ _COMMANDS = {
 @pytest.mark.parametrize("command", _COMMANDS)
 def test_a_folder_that_is_not_ours_is_refused_before_anything_else(command, tmp_path):
     (tmp_path / "metrics.json").write_text("mine")
-    line = _refused(command, *_COMMANDS[command], "--out", tmp_path)
+    line = refused(command, *_COMMANDS[command], "--out", tmp_path)
     assert "metrics.json, which is not as wrenchsight wrote it" in line
     assert _files(tmp_path) == {"metrics.json": b"mine"}
 
 
 @pytest.mark.parametrize("command", sorted(set(_COMMANDS) - {"estimate"}))
-def test_the_results_of_another_command_are_refused(command, X):
+def test_the_results_of_another_command_arerefused(command, X):
     before = _files(X)
-    line = _refused(command, *_COMMANDS[command], "--out", X)
+    line = refused(command, *_COMMANDS[command], "--out", X)
     assert f"holds the results of estimate, not of {command}" in line
     assert _files(X) == before
 
@@ -165,10 +151,10 @@ def test_results_are_replaced_by_the_same_command(X, log):
 
 def test_a_command_does_not_overwrite_the_configuration_that_it_runs_again(X, tmp_path):
     before = _files(X)
-    line = _refused("estimate", "--config", X / "config.yaml", "--out", X)
+    line = refused("estimate", "--config", X / "config.yaml", "--out", X)
     assert "config.yaml: is read by this command" in line
     assert _files(X) == before
-    again = _run("estimate", "--config", X / "config.yaml", "--out", tmp_path / "Y")
+    again = invoke("estimate", "--config", X / "config.yaml", "--out", tmp_path / "Y")
     assert again.exit_code == 0, again.output
     assert _files(tmp_path / "Y")["wrench.csv"] == before["wrench.csv"]
 
@@ -177,9 +163,9 @@ def test_a_picture_does_not_overwrite_what_is_not_one(tmp_path, log):
     own = tmp_path / "log.csv"
     shutil.copy(log, own)
     before = own.read_bytes()
-    _refused("robot", "show", "sts_sre4_600", "--out", own)
+    refused("robot", "show", "sts_sre4_600", "--out", own)
     assert own.read_bytes() == before
     page = tmp_path / "arm.html"
     for _ in range(2):  # an earlier picture is replaced
-        assert _run("robot", "show", "sts_sre4_600", "--out", page).exit_code == 0
+        assert invoke("robot", "show", "sts_sre4_600", "--out", page).exit_code == 0
     assert "written by wrenchsight" in page.read_text()

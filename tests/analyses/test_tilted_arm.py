@@ -18,10 +18,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from called_commands import refused, succeeded
 from pydrake.multibody.plant import MultibodyPlant
-from typer.testing import CliRunner
 
-from wrenchsight.analyses.__main__ import app
 from wrenchsight.analyses.methods.planning.excitation import excite
 from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
 from wrenchsight.analyses.methods.runs.simulation import simulate
@@ -212,20 +211,6 @@ def _write_log(path: Path, t: Array, q: Array, v: Array, **signal: Array) -> Pat
     return path
 
 
-def _run(*words: object) -> str:
-    """Runs the program; what it says on standard error."""
-    result = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
-    assert result.exit_code == 0, result.stderr
-    return result.stdout + result.stderr
-
-
-def _refused(*words: object) -> str:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    return result.stderr
-
-
 def _wrenches(out: Path) -> tuple[Array, Array, Array]:
     """Time, wrench (T, 6) force first and flags of an estimate's table."""
     table = np.genfromtxt(out / "wrench.csv", delimiter=",", skip_header=1)
@@ -303,7 +288,7 @@ def test_a_known_mass_is_read_as_its_weight(
     tilted_arm_file: Path, hung_log: Path, tmp_path: Path
 ) -> None:
     options = ("--robot", tilted_arm_file, "--method", "force_only")
-    _run("estimate", hung_log, *options, "--out", tmp_path)
+    succeeded("estimate", hung_log, *options, "--out", tmp_path)
     t, wrench, _ = _wrenches(tmp_path)
     # K_0 is 20 /s: e^-20 is left after a second, 1e-8 of 20 N.
     np.testing.assert_allclose(wrench[t > 1.0, :3] - _hung_force(), 0.0, atol=1e-5)
@@ -318,7 +303,7 @@ def test_measured_torque_does_without_the_drives_sign(
     rows = np.tile(np.concatenate([q, np.zeros(3), _holding_torque(q, _HUNG)]), (400, 1))
     log = _write_log(tmp_path / "log.csv", t, rows[:, :3], rows[:, 3:6], tau=rows[:, 6:])
     out = tmp_path / "out"
-    _run("estimate", log, "--robot", tilted_arm_file, "--method", "force_only", "--out", out)
+    succeeded("estimate", log, "--robot", tilted_arm_file, "--method", "force_only", "--out", out)
     t, wrench, _ = _wrenches(out)
     np.testing.assert_allclose(wrench[t > 1.0, :3] - _hung_force(), 0.0, atol=1e-5)
 
@@ -327,13 +312,15 @@ def test_three_joints_cannot_tell_six_components(
     tilted_arm_file: Path, hung_log: Path, tmp_path: Path
 ) -> None:
     """Eq. 22 has no inverse here: finite, flagged throughout."""
-    _run("estimate", hung_log, "--robot", tilted_arm_file, "--method", "inverse", "--out", tmp_path)
+    succeeded(
+        "estimate", hung_log, "--robot", tilted_arm_file, "--method", "inverse", "--out", tmp_path
+    )
     _, wrench, valid = _wrenches(tmp_path)
     assert np.isfinite(wrench).all()
     assert not valid.any()
 
 
-def test_currents_counted_the_wrong_way_are_refused(
+def test_currents_counted_the_wrong_way_arerefused(
     tilted_arm_file: Path, tmp_path: Path, oracle: _Oracle
 ) -> None:
     """As if the robot's file had no current_sign: joints that carry weight are named."""
@@ -341,11 +328,11 @@ def test_currents_counted_the_wrong_way_are_refused(
     q, v, vdot = _motion(0.1 * t, 5)  # slow: gravity is all there is
     current = oracle.motor_torque(q, 0.1 * v, 0.01 * vdot) / np.abs(_AMPERE)
     log = _write_log(tmp_path / "log.csv", t, q, 0.1 * v, i=current)
-    line = _refused("estimate", log, "--robot", tilted_arm_file, "--out", tmp_path / "out")
+    line = refused("estimate", log, "--robot", tilted_arm_file, "--out", tmp_path / "out")
     assert "joints waist" in line and "current_sign" in line
     assert "shoulder" not in line
     right = _write_log(tmp_path / "right.csv", t, q, 0.1 * v, i=current * np.sign(_AMPERE))
-    _run("estimate", right, "--robot", tilted_arm_file, "--out", tmp_path / "out")
+    succeeded("estimate", right, "--robot", tilted_arm_file, "--out", tmp_path / "out")
 
 
 @pytest.mark.parametrize(
@@ -364,10 +351,10 @@ def test_each_side_of_a_range_counts(
     words = ("estimate", log, "--robot", tilted_arm.source, "--out", tmp_path / "out")
     scenario = replace(_HANGING, motion=HoldMotion(q.tolist()))
     if fits:
-        _run(*words)
+        succeeded(*words)
         make_trajectory(scenario, tilted_arm)
     else:
-        assert f"q is {position:g} rad, expected {_LOWER[joint]:g} to" in _refused(*words)
+        assert f"q is {position:g} rad, expected {_LOWER[joint]:g} to" in refused(*words)
         with pytest.raises(InputError, match=f"{tilted_arm.joint_names[joint]} .* beyond"):
             make_trajectory(scenario, tilted_arm)
 
@@ -393,7 +380,7 @@ def identified(
         logs.append(_write_log(folder / f"run_{seed}.csv", t, q, v, i=current))
     out = folder / "out"
     options = ("--robot", tilted_arm_file, "--validate", logs[2], "--out", out)
-    said = _run("identify", *logs[:2], *options)
+    said = succeeded("identify", *logs[:2], *options)
     assert "gravity is inconsistent" not in said and "unexplained" not in said
     return out
 
@@ -426,7 +413,7 @@ def test_torque_in_the_log_identifies_the_same_arm(
         q, v, vdot = _motion(t, seed)
         tau = oracle.motor_torque(q, v, vdot) + _friction(v)
         logs.append(_write_log(tmp_path / f"run_{seed}.csv", t, q, v, tau=tau))
-    _run("identify", *logs, "--robot", tilted_arm_file, "--out", tmp_path / "out")
+    succeeded("identify", *logs, "--robot", tilted_arm_file, "--out", tmp_path / "out")
     found, expected = (
         np.array(json.loads((folder / "metrics.json").read_text())["friction"]["coulomb_nm"])
         for folder in (tmp_path / "out", identified)
@@ -453,7 +440,7 @@ def test_a_moving_arms_load_is_read(
     log = _write_log(tmp_path / "log.csv", t, q, v, i=current)
     options = ("--model", identified / "model.yaml", "--out", tmp_path / "out")
     given = ("--robot", tilted_arm_file, "--method", "force_only", "--k0", "50")
-    _run("estimate", log, *given, *options)
+    succeeded("estimate", log, *given, *options)
     error = _wrenches(tmp_path / "out")[1][t > 0.5, :3] - _hung_force()
     # K_0 of 50 /s lags by 20 ms what changes by 5 N m a second over levers of 0.2 m and more, and
     # the identified torque is good to 0.05 N m.
@@ -499,10 +486,10 @@ Swing:
 """
     )
     out = tmp_path / "simulated"
-    _run("simulate", "--scenario", scenario, "--no-recording", "--out", out)
+    succeeded("simulate", "--scenario", scenario, "--no-recording", "--out", out)
     metrics = json.loads((out / "metrics.json").read_text())
     given = ("--robot", tilted_arm_file, "--method", "force_only", "--out", tmp_path / "read")
-    _run("estimate", out / "log.csv", *given)
+    succeeded("estimate", out / "log.csv", *given)
     t, wrench, _ = _wrenches(tmp_path / "read")
     error = wrench[:, :3] - _hung_force()
     # 20 time constants of the observer; then its lag of 50 ms behind what the motion changes.
@@ -562,6 +549,6 @@ def test_an_excitation_keeps_ranges_that_are_not_symmetric(
 def test_what_needs_six_joints_says_so(
     tilted_arm_file: Path, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
-    line = _refused(*words, "--robot", tilted_arm_file, "--out", tmp_path / "out")
+    line = refused(*words, "--robot", tilted_arm_file, "--out", tmp_path / "out")
     assert line.startswith("tilted_arm: 3 joints cannot hold position and orientation")
     assert not (tmp_path / "out" / "metrics.json").exists()

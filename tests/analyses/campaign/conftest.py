@@ -1,11 +1,8 @@
 """A toy experiment that worlds can run anywhere: each run leaves a mark in a folder."""
 
-from importlib import invalidate_caches
-
 import pytest
 
 from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
-from wrenchsight.analyses.study.registry import REGISTRY
 
 _MODULE = '''
 import os, signal, time
@@ -76,25 +73,11 @@ EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run)
 
 
 @pytest.fixture
-def experiment(tmp_path, monkeypatch):
+def experiment(tmp_path, add_module):
     """Returns a function that registers an experiment of which each world counts its runs."""
-    folder = tmp_path / "modules"
-    folder.mkdir()
-    monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setenv("PYTHONPATH", str(folder))
-    registered = []
-
-    def add(name, body=""):
-        module = f"campaign_{name.replace('-', '_')}"
-        text = _MODULE.format(name=name, body=body, folder=str(tmp_path))
-        (folder / f"{module}.py").write_text(text)
-        invalidate_caches()
-        REGISTRY.register(module)
-        registered.append(name)
-
-    yield add
-    for name in registered:
-        REGISTRY.unregister(name)
+    return lambda name, body="": add_module(
+        name, _MODULE.format(name=name, body=body, folder=str(tmp_path))
+    )
 
 
 @pytest.fixture

@@ -160,7 +160,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
         "from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign\n"
         "from wrenchsight.analyses.study.registry import REGISTRY\n"
         "if __name__ == '__main__':\n"
-        "    REGISTRY.register('campaign_toy')\n"
+        "    REGISTRY.register('fake_toy')\n"
         f"    run_campaign(CampaignSettings(('toy',), 3), Path({str(out)!r}), jobs=2)\n"
     )
     process = subprocess.Popen(
@@ -222,7 +222,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
         campaign("toy", seed=1)
     with pytest.raises(InputError, match="of another quick"):
         campaign("toy", quick=True)
-    module = tmp_path / "modules" / "campaign_toy.py"
+    module = tmp_path / "modules" / "fake_toy.py"
     module.write_text(module.read_text() + "# changed\n")
     with pytest.raises(InputError, match="of another software of toy"):
         campaign("toy")

@@ -84,5 +84,5 @@ def test_workers_of_other_software_are_refused(experiment, campaign, monkeypatch
 
     experiment("toy")
     monkeypatch.setattr(module, "software_hash", lambda name: "another")
-    with pytest.raises(InputError, match="has another version of campaign_toy"):
+    with pytest.raises(InputError, match="has another version of fake_toy"):
         campaign("toy", worlds=1, jobs=1)

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from importlib import import_module, invalidate_caches
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -52,29 +52,11 @@ EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run, needs={ne
 
 
 @pytest.fixture
-def experiments(tmp_path, monkeypatch):
+def experiments(add_module, no_other_experiments):
     """Returns a function that puts an experiment with the given body into the registry."""
-    folder = tmp_path / "modules"
-    folder.mkdir()
-    monkeypatch.syspath_prepend(str(folder))
-    # Else each experiment's process would first import the test runner: its main module.
-    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
-    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
-    monkeypatch.setattr(REGISTRY, "_packages", ())
-
-    def add(name, body="    return measured(context)", needs=(), seconds=30.0):
-        module = f"fake_{name.replace('-', '_')}"
-        text = _MODULE.format(body=body, name=name, needs=needs, seconds=seconds)
-        (folder / f"{module}.py").write_text(text)
-        invalidate_caches()
-        if name in REGISTRY.entries():
-            REGISTRY.unregister(name)
-        REGISTRY.register(module)
-        return folder / f"{module}.py"
-
-    yield add
-    for name in list(REGISTRY.entries()):
-        REGISTRY.unregister(name)
+    return lambda name, body="    return measured(context)", needs=(), seconds=30.0: add_module(
+        name, _MODULE.format(body=body, name=name, needs=needs, seconds=seconds)
+    )
 
 
 @pytest.fixture
