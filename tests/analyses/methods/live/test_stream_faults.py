@@ -211,6 +211,11 @@ def test_a_thousand_faults_of_each_kind(ur10e, model, long_recording, kind):
     )
 
 
+STORM = 1800  # samples
+# What is late is judged above: on a busy computer all comes late, and is rightly not valid.
+STORM_CONFIG = replace(CONFIG, late=10.0)
+
+
 class Mischief:
     """What comes between a controller and its reader, at random moments."""
 
@@ -223,7 +228,7 @@ class Mischief:
         if self.held is not None:
             held, self.held = self.held, None
             return (data, held)  # in the wrong order
-        if count > 2200 or self.rng.random() > 0.01:
+        if count > STORM or self.rng.random() > 0.01:
             return (data,)
         kind = self.rng.choice(["lost", "twice", "swap", "cut", "recipe", "garbage", "end", "wait"])
         self.kinds.add(kind)
@@ -261,7 +266,7 @@ def test_a_stormy_connection_reads_nothing_wrong(ur10e, model, recording, seed):
 
     with RtdeController([recording], port=0, tamper=mischief) as controller:
         source = open_source(f"rtde://127.0.0.1:{controller.port}", ur10e)
-        live = LiveEstimator(ur10e, model, CONFIG, source.step, source.rate)
+        live = LiveEstimator(ur10e, model, STORM_CONFIG, source.step, source.rate)
         end = time.monotonic() + 30.0
 
         def go_on():
@@ -276,7 +281,7 @@ def test_a_stormy_connection_reads_nothing_wrong(ur10e, model, recording, seed):
     rows = {t: k for k, t in enumerate(recording.t.tolist())}
     fresh = [r for r in readings if r.t in rows and r.valid]
     assert all(np.array_equal(r.q, recording.q[rows[r.t]]) for r in fresh)
-    # The storm ends 1.6 s before the recording does: then all is well again, until it is over.
+    # The storm ends 2.4 s before the recording does: then all is well again, until it is over.
     last = [r for r in readings if r.t > recording.t[-1] - 0.3 and r.t < recording.t[-1]]
     assert last
     assert any(r.valid for r in last)
