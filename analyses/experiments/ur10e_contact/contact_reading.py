@@ -30,7 +30,7 @@ from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.contact.contact_filter import SIGMA_95, ContactConfig
 from wrenchsight.models.contact.contact_reading import ContactReader
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -140,9 +140,8 @@ def read_ours(
         robot = robot.with_torque_per_ampere(list(robot.torque_per_ampere * (1.0 + gain)))
     estimator = _estimator(prepared, robot, replace(prepared.model, friction=law))
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current, conditions=False)
-    force_sd, _ = live_prior(robot.payload)
     K_0 = np.full(robot.num_joints, OBSERVER_GAIN)
-    reader = ContactReader(robot.chain, K_0, log.time_step, force_sd, ContactConfig(axis=AXIS))
+    reader = ContactReader(robot, K_0, log.time_step, ContactConfig(axis=AXIS))
     measured = np.ones(log.num_samples, np.bool_)
     tau_J = robot.joint_torque(log.current)
     parts = [reader.take(log.q, log.v, tau_J, measured, batch), reader.finish()]

@@ -5,7 +5,9 @@
 replaced, whole, once a second: a kill costs no more than what came since.
 """
 
+import textwrap
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +57,8 @@ class Recorder:
                 raise InputError(folder, "", "is not empty", "give a new folder to --record")
         self._folder, self._robot, self._form = folder, robot, form
         self._rows: list[Array] = []
-        self._files: list[tuple[str, int, float, float]] = []  # name, readings, first and last time
+        self._newest: _File | None = None
+        self._finished = _Finished()
         self._segment = 0
         self._saved = time.monotonic()
         self._failed = False
@@ -135,15 +138,18 @@ class Recorder:
                     np.array([reading.statistic for reading in readings]),
                     flags,
                 )
-        self._files = [one for one in self._files if one[0] != name]
-        self._files.append((name, len(rows), float(t[0]), float(t[-1])))
+        newest = _File(name, len(rows), float(t[0]), float(t[-1]))
+        if self._newest is not None and self._newest.name != name:
+            self._finished.add(self._newest)
+        self._newest = newest
         if self._form == "mcap":
-            self._write_metadata()
+            self._write_metadata(newest)
 
-    def _write_metadata(self) -> None:
-        """What makes a ROS 2 bag of the folder."""
-        first, last = min(f[2] for f in self._files), max(f[3] for f in self._files)
-        count = sum(readings for _, readings, _, _ in self._files)
+    def _write_metadata(self, newest: "_File") -> None:
+        """What makes a ROS 2 bag of the folder; what is said of finished files is kept as text."""
+        done = self._finished
+        first, last = min(done.first, newest.first), max(done.last, newest.last)
+        count = done.readings + newest.readings
         topics = [
             {
                 "topic_metadata": {
@@ -164,16 +170,65 @@ class Recorder:
             "topics_with_message_count": topics,
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [name for name, *_ in self._files],
-            "files": [
-                {"path": name, **_span(begin, end), "message_count": len(_TOPICS) * readings}
-                for name, readings, begin, end in self._files
-            ],
         }
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+        text += f"  relative_file_paths:\n{done.paths}{newest.path()}"
+        text += f"  files:\n{done.entries}{newest.entry()}"
         path = self._folder / "metadata.yaml"
         with whole_file(path) as partial, writing_to(path):
             partial.write_text(text, encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class _File:
+    """One of a recording.
+
+    Attributes:
+        readings: in it.
+        first, last: their times, s.
+    """
+
+    name: str
+    readings: int
+    first: float
+    last: float
+
+    def path(self) -> str:
+        """Its line in metadata.yaml's list of paths."""
+        return f"  - {self.name}\n"
+
+    def entry(self) -> str:
+        """Its lines in metadata.yaml's list of files."""
+        entry = {
+            "path": self.name,
+            **_span(self.first, self.last),
+            "message_count": len(_TOPICS) * self.readings,
+        }
+        return textwrap.indent(yaml.safe_dump([entry], sort_keys=False), "  ")
+
+
+@dataclass
+class _Finished:
+    """What metadata.yaml says of the files that no longer change: a long recording has thousands.
+
+    Attributes:
+        paths, entries: as text.
+        readings: in them.
+        first, last: their times, s.
+    """
+
+    paths: str = ""
+    entries: str = ""
+    readings: int = 0
+    first: float = np.inf
+    last: float = -np.inf
+
+    def add(self, file: _File) -> None:
+        """One more."""
+        self.paths += file.path()
+        self.entries += file.entry()
+        self.readings += file.readings
+        self.first, self.last = min(self.first, file.first), max(self.last, file.last)
 
 
 def _span(first: float, last: float) -> dict[str, dict[str, int]]:

@@ -61,6 +61,31 @@ def test_a_recording_is_what_estimate_writes(ur10e, tmp_path):
     assert (tmp_path / "rec/wrench_00000.mcap").read_bytes() == alone.read_bytes()
 
 
+def test_a_long_recording_is_saved_as_quickly_as_a_short_one(ur10e, tmp_path, monkeypatch):
+    """Each second writes the newest file; what it says of thousands of others is not done anew."""
+    recorder = Recorder(tmp_path / "rec", ur10e)
+    taken = rows(ur10e, 40, step=1.0)  # each in a file of its own
+    made: list[object] = []
+    dump = module.yaml.safe_dump
+    monkeypatch.setattr(
+        module.yaml, "safe_dump", lambda x, **more: made.append(x) or dump(x, **more)
+    )
+    counts = []
+    for row in taken:
+        before = len(made)
+        recorder.take([row])
+        counts.append(len(made) - before)
+    assert len(list((tmp_path / "rec").glob("*.mcap"))) == 40
+    assert max(counts) <= 6
+    monkeypatch.undo()
+    information = module.yaml.safe_load((tmp_path / "rec/metadata.yaml").read_text())
+    found = information["rosbag2_bagfile_information"]
+    assert [file["path"] for file in found["files"]] == found["relative_file_paths"]
+    assert [file["message_count"] for file in found["files"]] == [3] * 40
+    assert found["message_count"] == 120
+    assert found["duration"]["nanoseconds"] == 39 * 10**9
+
+
 def test_parquet_has_the_columns_of_estimate(ur10e, tmp_path):
     from pyarrow import parquet
 
