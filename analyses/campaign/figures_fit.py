@@ -313,9 +313,3 @@ def _write(
             "parameters", parameters_figure(names, ranges, parameters, posterior, arms)
         )
         folder.write_figure("rows", rows_figure(fit.rows, figures.settles))
-
-
-def narrowed(fit: FiguresFit, figures: Figures) -> Figures:
-    """The same figures with ranges as the fit has found them: for another, closer round."""
-    ranges = replace(figures.source.ranges, **fit.ranges)
-    return replace(figures, source=replace(figures.source, ranges=ranges))

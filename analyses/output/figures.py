@@ -155,18 +155,15 @@ def legend_on_top(figure: "Figure", *panels: Any, ncols: int | None = None) -> N
     figure.legend(handles, labels, loc="outside upper center", ncols=ncols or len(labels))
 
 
-def draw_bars(
-    panel: Any, series: Mapping[str, Any], names: Sequence[Any], width: float = 0.8
-) -> None:
+def draw_bars(panel: Any, series: Mapping[str, Any], names: Sequence[Any]) -> None:
     """Bars side by side, a group for each of `names`.
 
     Args:
         panel: to draw in.
         series: heights (N,) of one colour's bars, by label.
         names: of the N groups.
-        width: of a group.
     """
-    places, each = np.arange(len(names)), width / len(series)
+    places, each = np.arange(len(names)), 0.8 / len(series)
     for k, (label, values) in enumerate(series.items()):
         at = places + each * (k - 0.5 * (len(series) - 1))
         panel.bar(at, values, each, color=SERIES[k % len(SERIES)], label=label)

@@ -32,10 +32,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `jcn-map` of `study`."""
     robot = Robot.load("sts_sre4_600")
     num_samples = NUM_SAMPLES_QUICK if context.quick else NUM_SAMPLES
-    full = sample(robot, num_samples, context.seed, progress=context.progress)
+    full = sample(robot, num_samples, context.seed, progress=context.part(0.0, 0.5))
     limited = sample(robot, num_samples, context.seed, within_limits=True)
     plane = SliceConfig(num_points=21 if context.quick else 41)
-    cut = slice_plane(robot, plane, np.max(np.abs(full.p_WE), axis=0), context.progress)
+    cut = slice_plane(robot, plane, np.max(np.abs(full.p_WE), axis=0), context.part(0.5, 1.0))
     metrics = {
         **full.metrics(),
         "seed": context.seed,

@@ -274,7 +274,7 @@ def _refined(
     result = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
     if local is not None and problem.violation(local.q) <= 1e-7:
         result.append(
-            refine(problem, local.q, progress=lambda f: progress(0.9 + 0.1 * f, "refinement"))
+            refine(problem, local.q, progress=lambda f: progress(0.9 + 0.05 * f, "refinement"))
         )
     best = result[int(first_of_least([problem.cost(trajectory.q) for trajectory in result]))]
     if local is None or problem.violation(local.q) > 1e-7:

@@ -7,7 +7,7 @@ Either gives friction samples over velocity, on which `analyses.methods.learning
 trains the networks, and the asymmetric part that eq. 15 neglects.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -164,8 +164,6 @@ def reversal_figure(
     separated: SeparatedFriction,
     law: CoulombViscous,
     title: str,
-    other: Callable[[Array], Array] | None = None,
-    other_name: str = "semi-parametric",
 ) -> Figure:
     """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
     n = len(separated.joint_names)
@@ -178,8 +176,6 @@ def reversal_figure(
         axis.plot(
             line[:, j], law.torque(line)[:, j], color=COLOUR["before"], label="Coulomb-viscous"
         )
-        if other is not None:
-            axis.plot(line[:, j], other(line)[:, j], color=COLOUR["estimate"], label=other_name)
         share = separated.metrics()["asymmetric_pct"][j]
         axis.set_title(f"{separated.joint_names[j]}: asymmetric part {share:.0f} %")
     legend_below(figure, panels[0], 3)

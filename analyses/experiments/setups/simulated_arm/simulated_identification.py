@@ -81,12 +81,12 @@ def _identify(
     return result, (logs[0], logs[1])
 
 
-def inertial_error(robot: Robot, model: IdentifiedModel, number: int = 2) -> tuple[Array, Array]:
+def inertial_error(robot: Robot, model: IdentifiedModel) -> tuple[Array, Array]:
     """RMS error (n,) of the identified rigid-body torque along an excitation, and RMS of the true.
 
     Both in N m; measured on the planned motion, free of noise and filters.
     """
-    trajectory = stored_excitation(robot, number)
+    trajectory = stored_excitation(robot, 2)
     motion = trajectory.sample(np.arange(1000) * trajectory.period / 1000)
     true = robot.chain.inverse_dynamics(*motion)
     result = model.chain(robot).inverse_dynamics(*motion)

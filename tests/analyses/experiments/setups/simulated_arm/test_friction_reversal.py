@@ -64,7 +64,7 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated, tmp_path):
 
     filled = np.nan_to_num(v)
     assert (rms(both.torque(filled)) < 0.4 * rms(law.torque(filled))).all()
-    path = save_figure(reversal_figure(separated, law, "test", both.torque), tmp_path / "x.png")
+    path = save_figure(reversal_figure(separated, law, "test"), tmp_path / "x.png")
     assert path.is_file()
 
 
