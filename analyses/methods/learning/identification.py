@@ -60,6 +60,7 @@ from wrenchsight.analyses.methods.learning.repeated_motion import (
     repeated_motion_notes,
 )
 from wrenchsight.analyses.methods.learning.torque_error_learning import (
+    gravity_spread,
     held_out_readings,
     learn_torque_error,
 )
@@ -290,10 +291,12 @@ def _identify(
     model = _model_of(choice, robot, fitted, config)
     if config.cross_validate:
         progress(0.95, "the observer's error")
-        readings = held_out_readings(
-            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
-        )
-        model = replace(model, torque_error=learn_torque_error(readings, robot))
+        held_out = fits.held_out_models(chosen)
+        readings = held_out_readings(recordings, fitted, given.regressions, held_out, robot, model)
+        error = learn_torque_error(readings, robot)
+        if error is not None and len(held_out) > 1:
+            error = gravity_spread(held_out, robot, error, readings)
+        model = replace(model, torque_error=error)
         if contact_noise:
             model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
     of_torque = all(recording.tau_J is not None for recording in recordings)

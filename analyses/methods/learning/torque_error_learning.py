@@ -14,6 +14,9 @@ from wrenchsight.analyses.methods.learning.law_fits import HeldOutModel
 from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.identification.gravity_spread import jackknife, largest_spread, strongest
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
@@ -110,6 +113,37 @@ def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
                 change = np.asarray(robot.chain.gravity_torque(moved)) - gravity
                 slope = np.maximum(slope, np.abs(change).max(axis=0, initial=0.0))
     return np.asarray(np.hypot(step, slope) / np.sqrt(12.0))
+
+
+def gravity_spread(
+    held_out: Sequence[HeldOutModel],
+    robot: Robot,
+    error: TorqueErrorModel,
+    readings: Sequence[HeldOutReading],
+) -> TorqueErrorModel:
+    """Returns the error with what the folds' models disagree on of gravity, posture by posture.
+
+    Args:
+        held_out: a model for each fold.
+        error: as `learn_torque_error` finds it.
+        readings: of all folds, for the postures that the logs went through.
+    """
+    parameters = np.stack(
+        [
+            np.hstack([entry.chain.inertial_parameters[:, :4], _offset(entry.friction)[:, None]])
+            for entry in held_out
+        ]
+    )
+    spread = strongest(robot.chain, jackknife(parameters), error.constant)
+    fitted = [largest_spread(robot.chain, spread, entry.q) for entry in readings]
+    return replace(error, spread=spread, fitted_spread=np.max(fitted, axis=0))
+
+
+def _offset(friction: FrictionLaw) -> Array:
+    """(n,) N m at the joints."""
+    if isinstance(friction, CoupledFriction):
+        return np.asarray(friction.motor_rates.T @ _offset(friction.law))
+    return np.asarray(friction.feedforward.coulomb_viscous.offset)
 
 
 def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> TorqueErrorModel | None:

@@ -107,9 +107,7 @@ class DataSet:
         """
         size = self.features[feature].size
         rows = [one.get(feature) for one in _statistics(self)]
-        ends = [
-            _row(row.get(end), size) for row in rows if isinstance(row, dict) for end in _ENDS
-        ]
+        ends = [_row(row.get(end), size) for row in rows if isinstance(row, dict) for end in _ENDS]
         told = [np.abs(end) for end in ends if end is not None]
         if not told or len(told) < len(ends):
             return None

@@ -64,7 +64,6 @@ class Ending:
             return "a warning of Python's"
         return None
 
-
     @property
     def _lines(self) -> int:
         """How many were printed, without the one of a kernel that this machine had not compiled."""
