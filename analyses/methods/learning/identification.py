@@ -291,11 +291,12 @@ def _identify(
     model = _model_of(choice, robot, fitted, config)
     if config.cross_validate:
         progress(0.95, "the observer's error")
-        held_out = fits.held_out_models(chosen)
-        readings = held_out_readings(recordings, fitted, given.regressions, held_out, robot, model)
+        readings = held_out_readings(
+            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
+        )
         error = learn_torque_error(readings, robot)
-        if error is not None and len(held_out) > 1:
-            error = gravity_spread(held_out, robot, error, readings)
+        if error is not None:
+            error = gravity_spread(fits.gravity_without_a_fold(chosen), robot, error, readings)
         model = replace(model, torque_error=error)
         if contact_noise:
             model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))

@@ -14,8 +14,6 @@ from wrenchsight.analyses.methods.learning.law_fits import HeldOutModel
 from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.friction.coupled_friction import CoupledFriction
-from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.gravity_spread import jackknife, largest_spread, strongest
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
@@ -116,34 +114,21 @@ def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
 
 
 def gravity_spread(
-    held_out: Sequence[HeldOutModel],
+    parameters: Array,
     robot: Robot,
     error: TorqueErrorModel,
     readings: Sequence[HeldOutReading],
 ) -> TorqueErrorModel:
-    """Returns the error with what the folds' models disagree on of gravity, posture by posture.
+    """Returns the error with what fits without a fold disagree on of gravity, by posture.
 
     Args:
-        held_out: a model for each fold.
+        parameters: (K, n, 5) of `LawFits.gravity_without_a_fold`.
         error: as `learn_torque_error` finds it.
         readings: of all folds, for the postures that the logs went through.
     """
-    parameters = np.stack(
-        [
-            np.hstack([entry.chain.inertial_parameters[:, :4], _offset(entry.friction)[:, None]])
-            for entry in held_out
-        ]
-    )
     spread = strongest(robot.chain, jackknife(parameters), error.constant)
     fitted = [largest_spread(robot.chain, spread, entry.q) for entry in readings]
     return replace(error, spread=spread, fitted_spread=np.max(fitted, axis=0))
-
-
-def _offset(friction: FrictionLaw) -> Array:
-    """(n,) N m at the joints."""
-    if isinstance(friction, CoupledFriction):
-        return np.asarray(friction.motor_rates.T @ _offset(friction.law))
-    return np.asarray(friction.feedforward.coulomb_viscous.offset)
 
 
 def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> TorqueErrorModel | None:
