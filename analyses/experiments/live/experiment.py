@@ -200,12 +200,16 @@ def sources(log: Path, model: Path, robot: Robot, seconds: float) -> dict[str, A
 
 
 def source_metrics(url: str, model: Path, seconds: float) -> dict[str, Any]:
-    """What comes of a source within the first seconds of its clock."""
-    times, latencies = [], []
+    """What comes of a source within the first seconds of its clock.
+
+    A sample that was bridged is lost, too.
+    """
+    times, latencies, bridged = [], [], 0
     with live(url, "ur10e", model) as session:
         for reading in session:
             times.append(reading.t)
             latencies.append(reading.latency)
+            bridged += reading.dropout and not reading.fault
             if reading.t - times[0] > seconds:
                 break
     t = np.array(times)
@@ -214,7 +218,7 @@ def source_metrics(url: str, model: Path, seconds: float) -> dict[str, Any]:
     p50, p99 = 1e3 * np.percentile(np.array(latencies)[t > t[0] + SETTLED], [50, 99])
     return {
         "rate_hz": 1.0 / step,
-        "lost": int(np.round(steps / step - 1.0).clip(0.0).sum()),
+        "lost": bridged + int(np.round(steps / step - 1.0).clip(0.0).sum()),
         "latency_p50_ms": float(p50),
         "latency_p99_ms": float(p99),
     }
