@@ -57,7 +57,7 @@ class Recorder:
         folder: Path,
         robot: Robot,
         form: str = "mcap",
-        begin: Callable[[], None] = lambda: None,
+        begin: Callable[[], object] = lambda: None,
     ) -> None:
         with writing_to(folder):
             folder.mkdir(parents=True, exist_ok=True)
