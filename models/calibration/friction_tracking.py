@@ -15,14 +15,20 @@ Learnt is every PERIOD seconds, from joints that move, where nothing touches the
 since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within `bound`
 of its prior's sds; where that is reached, the model is of another state than today's.
 
-The correction S x is that of the sample, so that tau_ext + S x has no delay of its own.
+The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. What is not
+friction may look like it for seconds; so of S x that share a joint is applied that what was read
+over FORCE_TIME bears out: between 0 and 1, the least squares of
+
+    sum (tau_ext + share S x)^2 / N + (1 - share)^2,    N = sd^2 times the samples that err alike
+
+with J^T F taken off tau_ext where F is told from zero: a load's torque says nothing about friction.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
@@ -39,6 +45,7 @@ from wrenchsight.models.signals.first_order import low_pass
 PERIOD = 0.1  # s between two steps of the filter
 MARGIN = 0.5  # s after a contact that are not learnt from
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
+FORCE_TOLD = 12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
 LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
@@ -133,6 +140,9 @@ class FrictionTracker:
         fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
         self._spread, self._fade = spread**2, fade
         self._advance = self._spread * (1.0 - fade**2)
+        # An error that fades within a time is seen anew every two of it.
+        self._alike = sd**2 * max(1.0, 2.0 * noise.correlation_time / period)
+        self._share_fade = float(np.exp(-period / FORCE_TIME))
         self.reset()
         self.learning = True
 
@@ -142,6 +152,7 @@ class FrictionTracker:
         self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
         self._blocks = self._own_blocks()
         self._surprise = np.ones(n)
+        self._borne_out, self._applied = np.zeros((2, n))  # sums of -tau_ext S x and (S x)^2, by N
         self.seconds = 0.0
         self.restart()
 
@@ -170,6 +181,11 @@ class FrictionTracker:
     def standard_deviation(self) -> Array:
         """(n, 3) of `change`."""
         return np.asarray(np.sqrt(np.diag(self._P)[: 3 * self._n]).reshape(-1, 3))
+
+    @property
+    def share(self) -> Array:
+        """(n,) of the correction that is applied, 0 to 1."""
+        return np.asarray(np.clip((1.0 + self._borne_out) / (1.0 + self._applied), 0.0, 1.0))
 
     @property
     def until_step(self) -> int:
@@ -201,7 +217,7 @@ class FrictionTracker:
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
         x = self._x[: 3 * self._n].reshape(-1, 3)
         variance = ((columns[:, :, None] @ self._blocks)[:, :, 0] * columns).sum(axis=2)
-        return (columns * x).sum(axis=2), variance
+        return (columns * x).sum(axis=2) * self.share, variance
 
     def learn(self, tau_ext: Array, J_seen: Array, free: Flags) -> None:
         """Takes what was read of the samples of `correction`.
@@ -241,6 +257,9 @@ class FrictionTracker:
         if not len(moving):
             return
         columns = self._seen
+        force = self._x[4 * n :]
+        told = force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_TOLD
+        self._judge(tau_ext - J.T @ force if told else tau_ext, moving)
         slow = (noise.slow * sd) ** 2 + (noise.coulomb * self._coulomb * columns[:, 0]) ** 2
         slow += (noise.viscous * self._viscous * columns[:, 1]) ** 2
         turning = 1.0 + noise.reversal * np.exp(-((self._v / noise.reversal_velocity) ** 2))
@@ -264,11 +283,18 @@ class FrictionTracker:
         self._surprise[moving] += share * (surprise**2 / np.diag(S) - self._surprise[moving])
         self.seconds += step
 
+    def _judge(self, tau_ext: Array, moving: NDArray[np.int64]) -> None:
+        """Adds one sample, less a slow force, to what tells the share of the joints that move."""
+        own = (self._seen * self._x[: 3 * self._n].reshape(-1, 3)).sum(axis=1)[moving]
+        seen, alike = tau_ext[moving], self._alike[moving]
+        for total, new in ((self._borne_out, -seen * own), (self._applied, own**2)):
+            total[moving] = self._share_fade * total[moving] + new / alike
+
     def metrics(self) -> dict[str, object]:
         """What has been learnt; lists per joint."""
         change, sd = self.change, self.standard_deviation
         units = ("nm", "nms_per_rad", "nm")
-        found: dict[str, object] = {"seconds": self.seconds}
+        found: dict[str, object] = {"seconds": self.seconds, "share": self.share}
         for k, (term, unit) in enumerate(zip(TERMS, units, strict=True)):
             found[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
         return found

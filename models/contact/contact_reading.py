@@ -19,9 +19,9 @@ from wrenchsight.models.contact.contact_filter import (
     ContactFrame,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
-from wrenchsight.models.estimation.wrench import TRUSTED_SHARE
+from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
@@ -80,7 +80,7 @@ class _Samples:
 class ContactReader:
     """Reads a log that comes in parts; each sample some blocks later.
 
-        reader = ContactReader(chain, K_0, time_step, force_sd, config)
+        reader = ContactReader(robot, K_0, time_step, config)
         for part in log:
             ready = reader.take(q, v, known, batch)   # of samples before; may be none
         rest = reader.finish()
@@ -90,12 +90,11 @@ class ContactReader:
     the axis is at most `largest_sd`.
 
     Args:
-        chain: with E.
+        robot: with E, its payload and the friction that its joints keep at rest.
         K_0: (n,) 1/s, of the observer that read tau_ext; None for one without such a lag.
         time_step: s between samples.
-        force_sd: N, of a force of which nothing is known.
         config: what is known of the contact.
-        largest_sd: N; None: a third of force_sd.
+        largest_sd: N; None: a third of that of a force of which nothing is known.
 
     Raises:
         InputError: an axis or a point that is none, an observer without a K_0.
@@ -103,21 +102,22 @@ class ContactReader:
 
     def __init__(
         self,
-        chain: SerialChain,
+        robot: Robot,
         K_0: Array | None,
         time_step: float,
-        force_sd: float,
         config: ContactConfig,
         largest_sd: float | None = None,
     ) -> None:
         if K_0 is None:
             problem = "needs the momentum observer's reading of the torque"
             raise InputError("estimate", "--contact-axis", problem, "give --observer momentum")
-        self._chain, self._frame = chain, ContactFrame.of(config)
+        self._chain, self._frame = robot.chain, ContactFrame.of(config)
         self._pole = np.exp(-np.asarray(K_0, float) * time_step)
-        self._rest_speed, self._kept = config.rest_speed, config.rest_share
+        self._rest_speed, self._kept = config.rest_speed, robot.rest_friction_share
+        self._friction = np.zeros(robot.num_joints)  # N m, as each joint last moved; 0: not known
         self._size = max(round(config.block / time_step), 1)
         period = self._size * time_step
+        force_sd, _ = live_prior(robot.payload)
         self._filter = ContactFilter(config, force_sd, len(self._pole), period)
         self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
         self._last: tuple[Array, bool] = (np.zeros(len(self._pole)), False)
@@ -154,9 +154,11 @@ class ContactReader:
         )
         raw, pair = raw[1:], both[1:]
         self._last = (tau_ext[-1], bool(known[-1])) if len(known) else self._last
-        # Whatever the law remembers, a joint at rest may carry any friction: none is expected.
-        resting = pair[:, None] & (np.abs(v) < self._rest_speed)
-        raw = raw - np.where(resting, (1.0 - self._kept) * (tau_J - batch.transmitted), 0.0)
+        # A joint at rest may carry any friction: a share of what it had as it moved is expected.
+        moves = np.abs(v) >= self._rest_speed
+        tau_f = tau_J - batch.transmitted
+        expected = self._kept * self._friction_before_rest(tau_f, moves, known)
+        raw = raw + np.where(pair[:, None] & ~moves, expected - tau_f, 0.0)
         R_WE, _ = self._chain.pose(np.where(finite[:, None], q, 0.0))
         J = np.where(pair[:, None, None], batch.J, 0.0)
         speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(finite[:, None], v, 0.0))
@@ -164,6 +166,17 @@ class ContactReader:
             batch, self._frame.wrench_map(R_WE), raw, J, np.linalg.norm(speed, axis=1), pair
         )
         self._waiting = new if self._waiting is None else self._waiting.joined(new)
+
+    def _friction_before_rest(self, tau_f: Array, moves: Flags, known: Flags) -> Array:
+        """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
+        tau_f = np.where(known[:, None], tau_f, 0.0)
+        told = np.concatenate([self._friction[None], tau_f])
+        rows = np.arange(len(told))[:, None]
+        own = np.concatenate([np.ones_like(moves[:1]), moves | ~known[:, None]])
+        latest = np.maximum.accumulate(np.where(own, rows, 0), axis=0)
+        friction = np.take_along_axis(told, latest, axis=0)
+        self._friction = friction[-1]
+        return np.asarray(friction[1:])
 
     def _read(self, last: bool) -> EstimateBatch:
         """Filters all whole blocks, at the end a shorter one too, and returns what is read."""

@@ -439,7 +439,7 @@ class WrenchEstimator:
             q, v, current = (np.asarray(part, float) for part in checked)
         if tau_f is not None:
             current = np.asarray(current - self._current_of(tau_f))
-        values, layout, observer = self.packed
+        values, layout, _ = self.packed
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, condition = np.empty((N, 6, 6)), np.empty(N)
         valid, counts = np.empty(N, np.bool_), np.empty(N, np.bool_)
@@ -453,7 +453,7 @@ class WrenchEstimator:
             own = observed[: rows.stop - start]
             terms_log(values, layout, q[rows], v[rows], current[rows], known[rows], part, J[rows])
             memory_log(
-                *(self.choice, values, layout, observer, state, known[rows], part, J[rows]),
+                *(self.choice, self.packed, state, known[rows], part, J[rows]),
                 *(error.J_seen[rows], error.rows[rows], tau_ext[rows], counts[rows], own),
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
@@ -516,13 +516,13 @@ class WrenchEstimator:
         """
         q, v, current = contiguous(q, v, current)
         N, n = q.shape
-        values, layout, observer = self.packed
+        values, layout, _ = self.packed
         known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
         J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
         error = TorqueError.empty(N, n)
         terms_log(values, layout, q, v, current, known, signals, J)
         memory_log(
-            *(self.choice, values, layout, observer, self.initial_state(), known, signals, J),
+            *(self.choice, self.packed, self.initial_state(), known, signals, J),
             *(error.J_seen, error.rows, tau_ext, fresh, np.empty((N, 0))),
         )
         tau_J, tau_f = signals[:, TAU_J].copy(), signals[:, TAU_F].copy()

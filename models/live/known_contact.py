@@ -11,7 +11,6 @@ from wrenchsight.models.contact.contact_reading import ContactReader
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.contact_estimator import Reader
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
-from wrenchsight.models.estimation.wrench import live_prior
 
 
 class KnownContactEstimator:
@@ -34,10 +33,9 @@ class KnownContactEstimator:
     def restart(self) -> None:
         """As the protocol."""
         self._inner.restart()
-        own, robot = self._estimator, self._estimator.robot
-        force_sd, _ = live_prior(robot.payload)
+        own = self._estimator
         self._contact = ContactReader(
-            *(robot.chain, own.observer.pole, own.observer.time_step, force_sd, self._config),
+            *(own.robot, own.observer.pole, own.observer.time_step, self._config),
             own.config.reconstruction.max_force_sd,
         )
         self._held: list[tuple[Array, Array, Array, EstimateBatch]] = []

@@ -62,4 +62,6 @@ class SampleGrid:
             offset = min(t - last.t, sample.t - t)
             bridged = step > DROPOUT_STEPS * h and offset > UNIFORM_TOLERANCE * h
             dropout = bridged or sample.dropout or (last.dropout and weight < 1.0)
-            yield GridSample(t, last.x + weight * (sample.x - last.x), dropout)
+            # At the sample itself, what the last one lacked does not count.
+            x = last.x + weight * (sample.x - last.x) if weight < 1.0 else sample.x
+            yield GridSample(t, x, dropout)

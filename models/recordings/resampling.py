@@ -190,8 +190,10 @@ class _Grid:
 
 
 def _between(signal: Array, left: NDArray[np.int64], weight: Array) -> Array:
+    """At the right sample itself, what the left one lacks (NaN) does not count."""
     weight = weight.reshape(-1, *[1] * (signal.ndim - 1))
-    return signal[left] + weight * (signal[left + 1] - signal[left])
+    right = signal[left + 1]
+    return np.where(weight < 1.0, signal[left] + weight * (right - signal[left]), right)
 
 
 def time_error(recording: Recording, sample: int) -> InputError:

@@ -82,6 +82,7 @@ class Robot:
             self.notices += (coupling_notice(self.coupling, self.joint_names),)
         self.current_resolution = _frozen([d.current_resolution for d in drives])
         self.current_noise_sd = _frozen([d.current_noise_sd for d in drives])
+        self.rest_friction_share = _frozen([d.rest_friction_share for d in drives])
         self.position_resolution = _frozen(  # nan: not known
             [math.nan if d.position_resolution is None else d.position_resolution for d in drives]
         )
@@ -409,6 +410,7 @@ def _ordered_drives(
             ),
             "current_resolution": (0 <= drive.current_resolution <= _FAR, "expected A"),
             "current_noise_sd": (0 <= drive.current_noise_sd <= _FAR, "expected A"),
+            "rest_friction_share": (0 <= drive.rest_friction_share <= 1, "expected 0 to 1"),
             "position_resolution": (
                 drive.position_resolution is None or 0 <= drive.position_resolution < 0.1,
                 "expected rad (m) below 0.1, the step of the encoder at the joint",

@@ -60,6 +60,7 @@ class DriveConfig:
     # rad (m), step of the measured position, seen from the joint; without it: the log's
     current_bandwidth: float | None = None  # Hz, of the measurement; without it: not limited
     effort_limit: float | None = None  # N m; without it: the URDF's
+    rest_friction_share: float = 0.25  # of its friction that a joint keeps once it rests
 
 
 @dataclass

@@ -5,8 +5,9 @@
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
+    gravity     K i less the torque of the rigid body, of joints 2 and 3 likewise
 
-Only the last two read the target currents.
+Only by_hand and two_joints read the target currents.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +31,7 @@ from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.contact.contact_filter import SIGMA_95, ContactConfig
 from wrenchsight.models.contact.contact_reading import ContactReader
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -55,6 +56,7 @@ class PreparedRun:
         normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
         R_WE: (T, 3, 3).
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
+        excess: (T, 6) N m, torque of the rigid body less the motors': friction is still in it.
         rows: what the run says of friction.
         truth: (N,) N, the sensor's force, mean over each block.
     """
@@ -65,6 +67,7 @@ class PreparedRun:
     normal: Array
     R_WE: Array
     J: Array
+    excess: Array
     rows: FrictionRows
     truth: Array
 
@@ -100,7 +103,8 @@ def prepare(
     terms = joint_torques(run.log, robot, model)
     rows = friction_rows(run, terms, normal, known)
     truth = block_mean(run.sensor_force)
-    return PreparedRun(run, robot, model, normal, R_WE, J, rows, truth)
+    excess = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
+    return PreparedRun(run, robot, model, normal, R_WE, J, excess, rows, truth)
 
 
 def block_mean(signal: Array) -> Array:
@@ -140,9 +144,8 @@ def read_ours(
         robot = robot.with_torque_per_ampere(list(robot.torque_per_ampere * (1.0 + gain)))
     estimator = _estimator(prepared, robot, replace(prepared.model, friction=law))
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current, conditions=False)
-    force_sd, _ = live_prior(robot.payload)
     K_0 = np.full(robot.num_joints, OBSERVER_GAIN)
-    reader = ContactReader(robot.chain, K_0, log.time_step, force_sd, ContactConfig(axis=AXIS))
+    reader = ContactReader(robot, K_0, log.time_step, ContactConfig(axis=AXIS))
     measured = np.ones(log.num_samples, np.bool_)
     tau_J = robot.joint_torque(log.current)
     parts = [reader.take(log.q, log.v, tau_J, measured, batch), reader.finish()]
@@ -185,10 +188,19 @@ def read_by_hand(prepared: PreparedRun) -> ForceReading:
 
 def read_two_joints(prepared: PreparedRun) -> ForceReading:
     """K (i - i_target) of joints 2 and 3 by least squares on the force along the tool."""
-    tau_ext = _excess_torque(prepared)[:, _TWO_JOINTS]
+    return _of_two_joints(prepared, _excess_torque(prepared))
+
+
+def read_gravity(prepared: PreparedRun) -> ForceReading:
+    """K i less the torque of the rigid body, of joints 2 and 3 by least squares on the force."""
+    return _of_two_joints(prepared, prepared.excess)
+
+
+def _of_two_joints(prepared: PreparedRun, tau_ext: Array) -> ForceReading:
     known = np.isfinite(prepared.J[:, 0, :1])
     h = np.where(known, prepared.normal[:, _TWO_JOINTS], np.nan)
-    return ForceReading(block_mean(np.sum(h * tau_ext, axis=1) / np.sum(h**2, axis=1)))
+    own = np.sum(h * tau_ext[:, _TWO_JOINTS], axis=1)
+    return ForceReading(block_mean(own / np.sum(h**2, axis=1)))
 
 
 def read_command(

@@ -5,7 +5,10 @@
 replaced, whole, once a second: a kill costs no more than what came since.
 """
 
+import textwrap
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +41,7 @@ class Recorder:
         folder: a new one, or an empty one.
         robot: whose readings they are.
         form: "mcap" or "parquet".
+        begin: what is done once, before the first reading is written.
 
     Attributes:
         lost: readings that no disk took.
@@ -48,14 +52,21 @@ class Recorder:
 
     period = 0.25  # s between two calls of `take`
 
-    def __init__(self, folder: Path, robot: Robot, form: str = "mcap") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        robot: Robot,
+        form: str = "mcap",
+        begin: Callable[[], object] = lambda: None,
+    ) -> None:
         with writing_to(folder):
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
                 raise InputError(folder, "", "is not empty", "give a new folder to --record")
-        self._folder, self._robot, self._form = folder, robot, form
+        self._folder, self._robot, self._form, self._begin = folder, robot, form, begin
         self._rows: list[Array] = []
-        self._files: list[tuple[str, int, float, float]] = []  # name, readings, first and last time
+        self._newest: _File | None = None
+        self._finished = _Finished()
         self._segment = 0
         self._saved = time.monotonic()
         self._failed = False
@@ -93,26 +104,38 @@ class Recorder:
     def close(self) -> str:
         """Writes what is left; returns a sentence where something is to be said."""
         said = self._save()
-        self.lost += len(self._rows) if self._failed else 0
-        return said
+        self.lost += self._not_saved() if self._failed else 0
+        return f"{self.lost} readings are not in the recording" if self.lost else said
 
     def _save(self) -> str:
         self._saved = time.monotonic()
         if not self._rows:
             return ""
         try:
+            if self._newest is None:
+                self._begin()
             self._write(np.array(self._rows))
         except InputError as error:
             first, self._failed = not self._failed, True
             if len(self._rows) > MOST_ROWS:
-                self.lost += len(self._rows)
+                self.lost += self._not_saved()
+                self._segment += 1
                 self._rows.clear()
             return f"{error}; it is tried again" if first else ""
         again, self._failed = self._failed, False
         return "the recording goes on" if again else ""
 
+    def _name(self) -> str:
+        return f"wrench_{self._segment:05d}.{self._form}"
+
+    def _not_saved(self) -> int:
+        """Of the rows that are held, those that no file has."""
+        newest = self._newest
+        saved = newest.readings if newest is not None and newest.name == self._name() else 0
+        return len(self._rows) - saved
+
     def _write(self, rows: Array) -> None:
-        name = f"wrench_{self._segment:05d}.{self._form}"
+        name = self._name()
         path = self._folder / name
         readings = [Reading(row) for row in rows]
         wrench = np.array([reading.wrench for reading in readings])
@@ -135,15 +158,18 @@ class Recorder:
                     np.array([reading.statistic for reading in readings]),
                     flags,
                 )
-        self._files = [one for one in self._files if one[0] != name]
-        self._files.append((name, len(rows), float(t[0]), float(t[-1])))
+        newest = _File(name, len(rows), float(t[0]), float(t[-1]))
+        if self._newest is not None and self._newest.name != name:
+            self._finished.add(self._newest)
+        self._newest = newest
         if self._form == "mcap":
-            self._write_metadata()
+            self._write_metadata(newest)
 
-    def _write_metadata(self) -> None:
-        """What makes a ROS 2 bag of the folder."""
-        first, last = min(f[2] for f in self._files), max(f[3] for f in self._files)
-        count = sum(readings for _, readings, _, _ in self._files)
+    def _write_metadata(self, newest: "_File") -> None:
+        """What makes a ROS 2 bag of the folder; what is said of finished files is kept as text."""
+        done = self._finished
+        first, last = min(done.first, newest.first), max(done.last, newest.last)
+        count = done.readings + newest.readings
         topics = [
             {
                 "topic_metadata": {
@@ -164,16 +190,65 @@ class Recorder:
             "topics_with_message_count": topics,
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [name for name, *_ in self._files],
-            "files": [
-                {"path": name, **_span(begin, end), "message_count": len(_TOPICS) * readings}
-                for name, readings, begin, end in self._files
-            ],
         }
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+        text += f"  relative_file_paths:\n{done.paths}{newest.path()}"
+        text += f"  files:\n{done.entries}{newest.entry()}"
         path = self._folder / "metadata.yaml"
         with whole_file(path) as partial, writing_to(path):
             partial.write_text(text, encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class _File:
+    """One of a recording.
+
+    Attributes:
+        readings: in it.
+        first, last: their times, s.
+    """
+
+    name: str
+    readings: int
+    first: float
+    last: float
+
+    def path(self) -> str:
+        """Its line in metadata.yaml's list of paths."""
+        return f"  - {self.name}\n"
+
+    def entry(self) -> str:
+        """Its lines in metadata.yaml's list of files."""
+        entry = {
+            "path": self.name,
+            **_span(self.first, self.last),
+            "message_count": len(_TOPICS) * self.readings,
+        }
+        return textwrap.indent(yaml.safe_dump([entry], sort_keys=False), "  ")
+
+
+@dataclass
+class _Finished:
+    """What metadata.yaml says of the files that no longer change: a long recording has thousands.
+
+    Attributes:
+        paths, entries: as text.
+        readings: in them.
+        first, last: their times, s.
+    """
+
+    paths: str = ""
+    entries: str = ""
+    readings: int = 0
+    first: float = np.inf
+    last: float = -np.inf
+
+    def add(self, file: _File) -> None:
+        """One more."""
+        self.paths += file.path()
+        self.entries += file.entry()
+        self.readings += file.readings
+        self.first, self.last = min(self.first, file.first), max(self.last, file.last)
 
 
 def _span(first: float, last: float) -> dict[str, dict[str, int]]:

@@ -12,7 +12,6 @@ from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.contact.contact_reading import ContactReader
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.observer_kinds import make_observer
@@ -91,12 +90,10 @@ def read_contact(
         is_known: (N,) samples that were measured.
     """
     observer = make_observer(config.observer, robot.num_joints)
-    force_sd, _ = live_prior(robot.payload)
     reader = ContactReader(
-        robot.chain,
+        robot,
         observer.pole,
         config.observer.time_step,
-        force_sd,
         settings.contact,
         config.reconstruction.max_force_sd,
     )

@@ -217,3 +217,53 @@ def test_what_cannot_be_tracked_is_refused(sts, model, coupled_wrist):
     tracker = tracker_of(model)
     with pytest.raises(ValueError, match="10 samples at most"):
         tracker.correction(np.zeros((11, 6)), np.zeros((11, 6)))
+
+
+class Whole(FrictionTracker):
+    """Applies all that it has learnt."""
+
+    share = np.ones(6)
+
+
+def test_what_was_friction_for_seconds_alone_is_applied_no_longer(sts, model):
+    """Of a joint whose error looks like friction for 4 s, and then is gone."""
+    t, q, v = motion(sts)
+    change = np.zeros((6, 3))
+    change[1, 1] = 6.0
+    quiet = reading(v, np.zeros((6, 3)))
+    tau_ext = np.where(t[:, None] < 4.0, reading(v, change), quiet)
+    size = []
+    for kind in (FrictionTracker, Whole):
+        tracker = kind(model, np.full(6, K_0), T, FORCE_SD)
+        track(tracker, sts, q[:400], v[:400], tau_ext[:400])
+        assert tracker.share[1] > 0.9
+        after, _ = track(tracker, sts, q[400:1000], v[400:1000], tau_ext[400:1000])
+        size.append(np.sqrt(np.mean((quiet[400:1000] + after)[:, 1] ** 2)))
+    assert size[0] < 0.9 * size[1]
+
+
+def test_the_share_is_of_what_is_borne_out(sts, model):
+    _, q, v = motion(sts)
+    change = np.zeros((6, 3))
+    change[:, 1] = 3.0
+    tracker = tracker_of(model)
+    track(tracker, sts, q, v, reading(v, change))
+    assert (tracker.share > 0.8).all()
+    tracker.freeze()
+    before = tracker.share
+    track(tracker, sts, q, v, -reading(v, change))
+    np.testing.assert_array_equal(tracker.share, before)  # frozen, it keeps that, too
+    tracker.reset()
+    np.testing.assert_array_equal(tracker.share, 1.0)
+
+
+def test_a_load_says_nothing_about_the_share(sts, model):
+    """An unknown load, whose torque may rise and fall with a joint's velocity."""
+    _, q, v = motion(sts)
+    change = np.zeros((6, 3))
+    change[:, 1] = 3.0
+    J = sts.chain.jacobian(q)
+    load = np.einsum("kij,i->kj", J[:, 3:], np.array([0.0, 0.0, -25.0]))
+    tracker = tracker_of(model)
+    track(tracker, sts, q, v, reading(v, change) + slowed(load))
+    assert (tracker.share > 0.8).all()

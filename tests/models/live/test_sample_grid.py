@@ -19,6 +19,7 @@ def test_it_is_the_grid_of_a_log_bit_by_bit(jitter, lost):
     t = t[there]
     signals = rng.normal(size=(3, len(t), 2))
     dropout = rng.uniform(size=len(t)) < 0.05
+    signals[:, dropout] = np.nan
     log = Recording(t=t, q=signals[0], v=signals[1], current=signals[2], source="", dropout=dropout)
     expected = resampled(log, h)
 
@@ -33,3 +34,4 @@ def test_it_is_the_grid_of_a_log_bit_by_bit(jitter, lost):
     np.testing.assert_array_equal([one.dropout for one in found], expected.dropout)
     together = np.hstack([expected.q, expected.v, expected.current])
     np.testing.assert_array_equal([one.x for one in found], together)
+    assert np.isfinite(together[~expected.dropout]).all()

@@ -1,6 +1,7 @@
 """The uniform grid: identity on uniform logs, exact on linear signals, the same in any chunks."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,6 +108,13 @@ def test_a_short_dropout_is_bridged_and_flagged() -> None:
     np.testing.assert_allclose(result.q, 1 + result.t[:, None] * _SLOPE, atol=1e-12)
     again = resampled(result)  # a flag in the log itself is kept
     np.testing.assert_array_equal(again.dropout, result.dropout)
+
+
+def test_a_sample_after_one_that_lacks_a_number_is_whole() -> None:
+    log = _linear(np.delete(np.arange(300) * 0.01, 20))  # interpolated from there on
+    log.q[100::10] = np.nan
+    result = resampled(replace(log, dropout=np.isnan(log.q[:, 0])))
+    np.testing.assert_array_equal(np.isnan(result.q).any(axis=1), result.dropout & (result.t > 0.5))
 
 
 def test_jitter_is_no_dropout() -> None:

@@ -61,6 +61,31 @@ def test_a_recording_is_what_estimate_writes(ur10e, tmp_path):
     assert (tmp_path / "rec/wrench_00000.mcap").read_bytes() == alone.read_bytes()
 
 
+def test_a_long_recording_is_saved_as_quickly_as_a_short_one(ur10e, tmp_path, monkeypatch):
+    """Each second writes the newest file; what it says of thousands of others is not done anew."""
+    recorder = Recorder(tmp_path / "rec", ur10e)
+    taken = rows(ur10e, 40, step=1.0)  # each in a file of its own
+    made: list[object] = []
+    dump = module.yaml.safe_dump
+    monkeypatch.setattr(
+        module.yaml, "safe_dump", lambda x, **more: made.append(x) or dump(x, **more)
+    )
+    counts = []
+    for row in taken:
+        before = len(made)
+        recorder.take([row])
+        counts.append(len(made) - before)
+    assert len(list((tmp_path / "rec").glob("*.mcap"))) == 40
+    assert max(counts) <= 6
+    monkeypatch.undo()
+    information = module.yaml.safe_load((tmp_path / "rec/metadata.yaml").read_text())
+    found = information["rosbag2_bagfile_information"]
+    assert [file["path"] for file in found["files"]] == found["relative_file_paths"]
+    assert [file["message_count"] for file in found["files"]] == [3] * 40
+    assert found["message_count"] == 120
+    assert found["duration"]["nanoseconds"] == 39 * 10**9
+
+
 def test_parquet_has_the_columns_of_estimate(ur10e, tmp_path):
     from pyarrow import parquet
 
@@ -94,6 +119,43 @@ def test_a_full_disk_is_said_once_and_nothing_is_lost(ur10e, tmp_path, monkeypat
     t, _ = read_wrench_bag(tmp_path)
     assert len(t) == 600
     assert recorder.lost == 0
+
+
+def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeypatch):
+    recorder = Recorder(tmp_path, ur10e)
+    taken = rows(ur10e, 600)
+    recorder.take(taken[:250])
+    full = InputError("x", "", "cannot be written (No space left on device)")
+
+    def write(self, *given):
+        raise full
+
+    monkeypatch.setattr(WrenchBagWriter, "write", write)
+    recorder.take(taken[250:])
+    assert recorder.close() == "350 readings are not in the recording"
+    assert len(read_wrench_bag(tmp_path)[0]) == 250
+
+
+def test_after_a_disk_was_full_for_long_what_had_been_recorded_is_still_there(
+    ur10e, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(module, "MOST_ROWS", 300)
+    recorder = Recorder(tmp_path, ur10e)
+    taken = rows(ur10e, 900)
+    recorder.take(taken[:200])
+    full = InputError("x", "", "cannot be written (No space left on device)")
+
+    def write(self, *given):
+        raise full
+
+    with monkeypatch.context() as patch:
+        patch.setattr(WrenchBagWriter, "write", write)
+        recorder.take(taken[200:700])  # more than is held
+    recorder.take(taken[700:])
+    assert recorder.close() == "500 readings are not in the recording"
+    t, _ = read_wrench_bag(tmp_path)
+    kept = [row[0] for row in (*taken[:200], *taken[700:])]
+    np.testing.assert_allclose(t, kept, atol=1e-9)
 
 
 def test_times_that_ros_cannot_stamp_are_left_out(ur10e, tmp_path):

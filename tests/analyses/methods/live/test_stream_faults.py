@@ -1,4 +1,4 @@
-"""Faults at random moments: nothing wrong is valid, and readings are back in time.
+"""Faults at random moments: nothing wrong is valid, readings are back in time, none is lost.
 
 Nothing touches the arm, and the model is the arm's own: what is read is error, and a valid reading
 beyond MOST_SD of its stated deviation is wrong.
@@ -6,7 +6,7 @@ beyond MOST_SD of its stated deviation is wrong.
 
 import random
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -22,13 +22,16 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.rtde import PacketType, packet
-from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.live.samples import EventKind, Sample
+from wrenchsight.models.live.stream_order import BEHIND, SAY_AGAIN
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 
 H = 0.002
 MOST_SD = 3.0
 BACK = 1.0  # s, and the settling time
+STEADY = 50  # valid readings in a row: the reading is back
+CHAIN = 25  # faults of one stream
 CONFIG = LiveConfig(WrenchEstimatorConfig(MomentumObserverConfig(time_step=H)))
 
 
@@ -51,7 +54,16 @@ def model(ur10e):
 
 @pytest.fixture(scope="module")
 def recording(ur10e, model):
-    t = H * np.arange(3000)
+    return motion(ur10e, model, 3000)
+
+
+@pytest.fixture(scope="module")
+def long_recording(ur10e, model):
+    return motion(ur10e, model, 20000)
+
+
+def motion(ur10e, model, count):
+    t = H * np.arange(count)
     q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.3)
     q += ur10e.home
     tau = model.chain(ur10e).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
@@ -60,7 +72,12 @@ def recording(ur10e, model):
 
 def wrong(readings):
     """Valid readings beyond what they state."""
-    return [r for r in readings if r.valid and (np.abs(r.wrench) > MOST_SD * r.sd).any()]
+    return [r for r in readings if r.valid and not share_of_band(r) <= MOST_SD]
+
+
+def share_of_band(reading):
+    """What is read, in its own standard deviations."""
+    return np.abs(reading.wrench / reading.sd).max()
 
 
 def test_without_a_fault_nothing_is_wrong(ur10e, model, recording):
@@ -72,21 +89,22 @@ def test_without_a_fault_nothing_is_wrong(ur10e, model, recording):
 
 
 def spoilt(samples, kind, at, rng):
-    """The samples with one fault from number `at` on."""
+    """The samples with one fault from number `at` on, and the first number that it leaves alone."""
     out = list(samples)
-    length = rng.randint(1, 60)
+    length, last = rng.randint(1, 60), at + 1
     if kind == "doubled":
         out[at:at] = out[at - 1 : at]
     elif kind == "disordered":
-        j = at + rng.randint(1, 5)
-        out[at], out[j] = out[j], out[at]
+        last += rng.randint(1, 5)
+        out[at], out[last - 1] = out[last - 1], out[at]
     elif kind == "lost":
-        del out[at : at + length]
+        last = at + length
+        del out[at:last]
     elif kind == "late":
         by = rng.uniform(0.06, 0.5)
-        out[at:] = [
-            replace(s, received=s.received + by * (k < length)) for k, s in enumerate(out[at:])
-        ]
+        held = out[at + length - 1].received + by  # none overtakes another
+        last = at + next(k for k, s in enumerate(out[at:]) if s.received > held)
+        out[at:last] = [replace(s, received=min(s.received + by, held)) for s in out[at:last]]
     elif kind == "clock":
         by = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-0.5, 6.0)
         out[at:] = [replace(s, t=s.t + by) for s in out[at:]]
@@ -100,49 +118,102 @@ def spoilt(samples, kind, at, rng):
             values[joint] = bad
             out[at] = replace(out[at], **{field: values})
     else:
-        out[at : at + length] = [
-            replace(s, running=False, effort=0.0 * s.effort) for s in out[at : at + length]
-        ]
-    return out
+        last = at + length
+        out[at:last] = [replace(s, running=False, effort=0.0 * s.effort) for s in out[at:last]]
+    return out, last
 
 
 KINDS = ("doubled", "disordered", "lost", "late", "clock", "absurd", "stopped")
+ALWAYS_SAID = ("clock", "stopped", "late")  # but once a second at most
+LONGEST_FAULT = 0.7  # s
 
 
-def check_faults(robot, model, recording, count):
-    rng = random.Random(7)
-    samples = [
-        Sample(float(t), 100.0 + float(t), q, v, i)
-        for t, q, v, i in zip(recording.t, recording.q, recording.v, recording.current, strict=True)
-    ]
+@dataclass
+class Found:
+    """Of all faults of one kind.
+
+    Attributes:
+        faults: how many there were.
+        largest: in its own standard deviations, of what was valid.
+        back: s, the longest from a fault's end to readings that stay valid.
+        lost: samples that no fault touched, and of which there is no reading.
+    """
+
+    faults: int = 0
+    largest: float = 0.0
+    back: float = 0.0
+    lost: int = 0
+
+
+def check_faults(robot, model, recording, kind, count, seed=0):
+    """One stream with that many faults, each some time after the last one is over."""
+    rng = random.Random(f"{kind} {seed}")
+    rows = (recording.t, recording.q, recording.v, recording.current)
+    samples = [Sample(float(t), 100.0 + float(t), *rest) for t, *rest in zip(*rows, strict=True)]
+    live = LiveEstimator(robot, model, CONFIG)
+    settling = live.estimator.observer.settling_time
+    tail = round((BACK + settling) / H) + STEADY
+    begin, shift, found, told = rng.randrange(0, 1800), 0.0, Found(count), -np.inf
     for number in range(count):
-        kind = KINDS[number % len(KINDS)]
-        begin, at = rng.randrange(0, 1800), rng.randrange(1, 350)
-        live = LiveEstimator(robot, model, CONFIG)
-        out = [
-            item
-            for sample in spoilt(samples[begin : begin + 1100], kind, at, rng)
-            for item in live.take(sample)
-        ]
-        readings = [item for item in out if isinstance(item, Reading)]
-        assert not wrong(readings), (number, kind)
-        for r in readings:
-            assert np.isfinite(r.row[14:]).all(), (number, kind)  # the condition number may be inf
-            assert not (r.valid and not np.isfinite(r.row).all()), (number, kind)
-        settled = 0.2 + live.estimator.observer.settling_time
-        assert settled < 1.2
-        assert readings[-1].valid, (number, kind)
-        if kind in ("clock", "stopped", "late"):
-            assert any(isinstance(item, StreamEvent) for item in out), (number, kind)
+        where = f"seed {seed}, fault {number} ({kind})"
+        at = rng.randrange(1, 350)
+        own = [replace(s, t=s.t + shift) for s in samples[begin : begin + at + 400 + tail]]
+        stream, last = spoilt(own, kind, at, rng)
+        first = len(stream) - (len(own) - last)  # of the stream, that is as it should be again
+        shift += stream[-1].t - own[-1].t
+        over = max((s.received for s in stream[at:first]), default=own[last - 1].received)
+        events, read, steady, since = [], [], 0, np.inf
+        for fed, sample in enumerate(stream, 1):
+            for item in live.take(sample):
+                if not isinstance(item, Reading):
+                    events.append(item)
+                    continue
+                assert not wrong([item]), (where, item.t, share_of_band(item))
+                assert np.isfinite(item.row[14:]).all(), where  # the condition number may be inf
+                read.append(item.t)
+                steady = steady + 1 if item.valid and fed > first else 0
+                if item.valid:
+                    assert np.isfinite(item.row).all(), where
+                    found.largest = max(found.largest, share_of_band(item))
+                    since = item.received if steady == 1 else since
+            if steady >= STEADY:
+                break
+        assert steady >= STEADY, f"{where}: not valid again"
+        found.back = max(found.back, since - over)
+        assert since - over <= BACK + settling, f"{where}: valid again after {since - over:.2f} s"
+        clean = [*stream[:at], *stream[first:fed]]
+        missing = sum(np.min(np.abs(np.array(read) - s.t)) > H / 4 for s in clean)
+        # That a clock went back is known by the third sample.
+        assert missing < BEHIND, f"{where}: {missing} samples have no reading"
+        found.lost += missing
+        told = events[-1].received if events else told
+        assert kind not in ALWAYS_SAID or told > over - SAY_AGAIN - LONGEST_FAULT, where
+        begin += fed - first + last
+    return found
 
 
-def test_faults_at_random_moments(ur10e, model, recording):
-    check_faults(ur10e, model, recording, 42)
+@pytest.mark.parametrize("kind", KINDS)
+def test_faults_at_random_moments(ur10e, model, long_recording, kind):
+    check_faults(ur10e, model, long_recording, kind, 6)
 
 
 @pytest.mark.slow
-def test_a_thousand_faults_of_each_kind(ur10e, model, recording):
-    check_faults(ur10e, model, recording, 1000 * len(KINDS))
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_thousand_faults_of_each_kind(ur10e, model, long_recording, kind):
+    found = [
+        check_faults(ur10e, model, long_recording, kind, CHAIN, seed)
+        for seed in range(1000 // CHAIN)
+    ]
+    print(
+        f"{sum(one.faults for one in found)} {kind}: largest valid "
+        f"{max(one.largest for one in found):.2f} sd, longest back "
+        f"{max(one.back for one in found):.3f} s, {sum(one.lost for one in found)} samples lost"
+    )
+
+
+STORM = 1800  # samples
+# What is late is judged above: on a busy computer all comes late, and is rightly not valid.
+STORM_CONFIG = replace(CONFIG, late=10.0)
 
 
 class Mischief:
@@ -157,7 +228,7 @@ class Mischief:
         if self.held is not None:
             held, self.held = self.held, None
             return (data, held)  # in the wrong order
-        if count > 2200 or self.rng.random() > 0.01:
+        if count > STORM or self.rng.random() > 0.01:
             return (data,)
         kind = self.rng.choice(["lost", "twice", "swap", "cut", "recipe", "garbage", "end", "wait"])
         self.kinds.add(kind)
@@ -195,7 +266,7 @@ def test_a_stormy_connection_reads_nothing_wrong(ur10e, model, recording, seed):
 
     with RtdeController([recording], port=0, tamper=mischief) as controller:
         source = open_source(f"rtde://127.0.0.1:{controller.port}", ur10e)
-        live = LiveEstimator(ur10e, model, CONFIG, source.step, source.rate)
+        live = LiveEstimator(ur10e, model, STORM_CONFIG, source.step, source.rate)
         end = time.monotonic() + 30.0
 
         def go_on():
@@ -210,7 +281,7 @@ def test_a_stormy_connection_reads_nothing_wrong(ur10e, model, recording, seed):
     rows = {t: k for k, t in enumerate(recording.t.tolist())}
     fresh = [r for r in readings if r.t in rows and r.valid]
     assert all(np.array_equal(r.q, recording.q[rows[r.t]]) for r in fresh)
-    # The storm ends 1.6 s before the recording does: then all is well again, until it is over.
+    # The storm ends 2.4 s before the recording does: then all is well again, until it is over.
     last = [r for r in readings if r.t > recording.t[-1] - 0.3 and r.t < recording.t[-1]]
     assert last
     assert any(r.valid for r in last)
