@@ -456,10 +456,11 @@ class RecordingReader:
 
     def _in_asked_angle(self, form: RecordingFormat) -> RecordingFormat:
         """In degrees where `--log-format` says so; a program's own unit stays."""
-        if self._words.angle != "deg" or form.position.unit:
+        position = form.position
+        if self._words.angle != "deg" or position is None or position.unit:
             return form
         self._notices.append("positions and velocities read in degrees, as asked for")
-        position = replace(form.position, unit="deg")
+        position = replace(position, unit="deg")
         velocity = form.velocity and replace(form.velocity, unit="deg/s")
         return replace(form, position=position, velocity=velocity)
 
