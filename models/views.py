@@ -1,11 +1,27 @@
-"""Two-dimensional views of flat memory, for kernels that name the parts of what they are given."""
+"""Arrays in one stretch of memory, for kernels that name the parts of what they are given."""
 
+from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 from numba.core import types
 from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 from numba.np import arrayobj
+from numpy.typing import ArrayLike, NDArray
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.kernel import kernel
+
+Layout = NDArray[np.int64]  # (parts, 3): first entry, rows and columns of each
+
+
+def joined(parts: Iterable[ArrayLike]) -> tuple[Array, Layout]:
+    """One- and two-dimensional arrays, numbers too, as one: all entries, and where each lies."""
+    arrays = [np.atleast_2d(np.asarray(part, float)) for part in parts]
+    starts = np.cumsum([0] + [part.size for part in arrays]).tolist()
+    layout = [[start, *part.shape] for start, part in zip(starts, arrays, strict=False)]
+    return np.concatenate([part.ravel() for part in arrays]), np.array(layout, np.int64)
 
 
 @intrinsic
@@ -34,3 +50,10 @@ def view_2d(context: Any, flat: Any, start: Any, rows: Any, columns: Any) -> Any
         return impl_ret_borrowed(context, builder, kind, view._getvalue())
 
     return kind(flat, types.intp, types.intp, types.intp), code
+
+
+@kernel(forceinline=True)
+def part(values: Array, layout: Layout, k: int) -> Array:
+    """One of the arrays that were `joined`, (rows, columns)."""
+    own: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
+    return own

@@ -21,7 +21,11 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.signals.low_pass import LowPass
-from wrenchsight.models.signals.tool_wrench import measure_contact_wrench, tool_table
+from wrenchsight.models.signals.tool_wrench import (
+    ToolSensor,
+    measure_contact_wrench,
+    tool_table,
+)
 from wrenchsight.systems.gaussian_noise_source import tick_of
 
 
@@ -132,17 +136,16 @@ class ForceTorqueSensor(LeafSystem):
         elif self._noise.HasValue(context):
             noise = self._noise.Eval(context)
         measure_contact_wrench(
-            self._tool,
-            self._filter.A,
-            self._filter.B,
-            self._filter.C,
+            ToolSensor(
+                *(self._tool, self._filter.A, self._filter.B, self._filter.C),
+                context.get_numeric_parameter(self._noise_sd).value(),
+            ),
             terms.J,
             terms.R_WE,
             terms.V_WE,
             terms.v,
             self._vdot.Eval(context),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
-            context.get_numeric_parameter(self._noise_sd).value(),
             noise,
             discrete_state.get_mutable_value(0),
             discrete_state.get_mutable_value(1),

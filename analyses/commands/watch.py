@@ -49,5 +49,5 @@ def command(settings: WatchSettings) -> None:
     console = new_console()
     count = watch(settings, console)
     say(console, f"{count} readings")
-    if settings.record is not None:
+    if settings.record is not None and count:
         say(console, f"recorded in {settings.record}")

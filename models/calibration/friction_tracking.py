@@ -20,6 +20,8 @@ friction may look like it for seconds; so of S x that share a joint is applied t
 over FORCE_TIME bears out: between 0 and 1, the least squares of
 
     sum (tau_ext + share S x)^2 / N + (1 - share)^2,    N = sd^2 times the samples that err alike
+
+with J^T F taken off tau_ext where F is told from zero: a load's torque says nothing about friction.
 """
 
 from collections.abc import Sequence
@@ -43,6 +45,7 @@ from wrenchsight.models.signals.first_order import low_pass
 PERIOD = 0.1  # s between two steps of the filter
 MARGIN = 0.5  # s after a contact that are not learnt from
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
+FORCE_TOLD = 12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
 LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
@@ -254,7 +257,9 @@ class FrictionTracker:
         if not len(moving):
             return
         columns = self._seen
-        self._judge(tau_ext, moving)
+        force = self._x[4 * n :]
+        told = force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_TOLD
+        self._judge(tau_ext - J.T @ force if told else tau_ext, moving)
         slow = (noise.slow * sd) ** 2 + (noise.coulomb * self._coulomb * columns[:, 0]) ** 2
         slow += (noise.viscous * self._viscous * columns[:, 1]) ** 2
         turning = 1.0 + noise.reversal * np.exp(-((self._v / noise.reversal_velocity) ** 2))
@@ -279,7 +284,7 @@ class FrictionTracker:
         self.seconds += step
 
     def _judge(self, tau_ext: Array, moving: NDArray[np.int64]) -> None:
-        """Adds one sample to what tells the share, of the joints that move."""
+        """Adds one sample, less a slow force, to what tells the share of the joints that move."""
         own = (self._seen * self._x[: 3 * self._n].reshape(-1, 3)).sum(axis=1)[moving]
         seen, alike = tau_ext[moving], self._alike[moving]
         for total, new in ((self._borne_out, -seen * own), (self._applied, own**2)):

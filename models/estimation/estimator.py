@@ -262,7 +262,8 @@ class WrenchEstimator:
         )
         if isinstance(self.observer, InformedObserver):
             self.observer = self.observer.informed(self.knowledge)
-        self.error = TorqueErrorStage(error, self.friction, self.observer.pole, T, resolution)
+        own = self.friction, self.observer.pole, T, resolution, self.chain
+        self.error = TorqueErrorStage(error, *own)
         self.reading = WrenchReading(
             error,
             reading if self.learnt else self.config.reconstruction,
@@ -301,7 +302,8 @@ class WrenchEstimator:
         """Returns the constants of this estimator with other parts, (n,) N m/A among them."""
         robot = self.robot
         period = self.observer.time_step
-        error = TorqueErrorStage(reading.error, friction, observer.pole, period, self.resolution)
+        own = friction, observer.pole, period, self.resolution, self.chain
+        error = TorqueErrorStage(reading.error, *own)
         gain = motor_gain(torque_per_ampere, robot.current_sign)
         parameters = Parameters(
             chain=self.chain.table,
@@ -437,7 +439,7 @@ class WrenchEstimator:
             q, v, current = (np.asarray(part, float) for part in checked)
         if tau_f is not None:
             current = np.asarray(current - self._current_of(tau_f))
-        values, layout, observer = self.packed
+        values, layout, _ = self.packed
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, condition = np.empty((N, 6, 6)), np.empty(N)
         valid, counts = np.empty(N, np.bool_), np.empty(N, np.bool_)
@@ -451,7 +453,7 @@ class WrenchEstimator:
             own = observed[: rows.stop - start]
             terms_log(values, layout, q[rows], v[rows], current[rows], known[rows], part, J[rows])
             memory_log(
-                *(self.choice, values, layout, observer, state, known[rows], part, J[rows]),
+                *(self.choice, self.packed, state, known[rows], part, J[rows]),
                 *(error.J_seen[rows], error.rows[rows], tau_ext[rows], counts[rows], own),
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
@@ -514,13 +516,13 @@ class WrenchEstimator:
         """
         q, v, current = contiguous(q, v, current)
         N, n = q.shape
-        values, layout, observer = self.packed
+        values, layout, _ = self.packed
         known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
         J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
         error = TorqueError.empty(N, n)
         terms_log(values, layout, q, v, current, known, signals, J)
         memory_log(
-            *(self.choice, values, layout, observer, self.initial_state(), known, signals, J),
+            *(self.choice, self.packed, self.initial_state(), known, signals, J),
             *(error.J_seen, error.rows, tau_ext, fresh, np.empty((N, 0))),
         )
         tau_J, tau_f = signals[:, TAU_J].copy(), signals[:, TAU_F].copy()

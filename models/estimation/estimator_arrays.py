@@ -8,7 +8,6 @@ their names, as pinocchio's Model and Data do.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import (
@@ -28,9 +27,7 @@ from wrenchsight.models.kernel import kernel
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TORQUE_SD
 from wrenchsight.models.observers.sample_check import CHECK_ROWS
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from wrenchsight.models.views import view_2d
-
-Layout = NDArray[np.int64]
+from wrenchsight.models.views import Layout, joined, part, view_2d
 
 
 class Parameters(NamedTuple):
@@ -86,37 +83,28 @@ def packed(
     parameters: Parameters, observer: Array, observer_rows: int, friction_rows: int
 ) -> Packed:
     """Returns parameters as kernels take them, with what else a tick's memory asks for."""
-    parts = [np.atleast_2d(np.asarray(part, float)) for part in parameters]
-    starts = np.cumsum([0] + [part.size for part in parts]).tolist()
-    layout = [[start, *part.shape] for start, part in zip(starts, parts, strict=False)]
-    layout.append([observer_rows, friction_rows, 0])
-    values = np.concatenate([part.ravel() for part in parts])
-    return Packed(values, np.array(layout, np.int64), np.ascontiguousarray(observer))
-
-
-@kernel(forceinline=True)
-def _part(values: Array, layout: Layout, k: int) -> Array:
-    part: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
-    return part
+    values, layout = joined(parameters)
+    layout = np.vstack([layout, [observer_rows, friction_rows, 0]])
+    return Packed(values, layout, np.ascontiguousarray(observer))
 
 
 @kernel(forceinline=True)
 def parameters_of(values: Array, layout: Layout) -> Parameters:
     """The parts of `packed`."""
     return Parameters(
-        _part(values, layout, 0),
-        _part(values, layout, 1),
-        _part(values, layout, 2),
-        _part(values, layout, 3),
-        _part(values, layout, 4),
-        _part(values, layout, 5),
-        _part(values, layout, 6),
-        _part(values, layout, 7),
-        _part(values, layout, 8),
-        _part(values, layout, 9),
-        _part(values, layout, 10),
-        _part(values, layout, 11),
-        _part(values, layout, 12),
+        part(values, layout, 0),
+        part(values, layout, 1),
+        part(values, layout, 2),
+        part(values, layout, 3),
+        part(values, layout, 4),
+        part(values, layout, 5),
+        part(values, layout, 6),
+        part(values, layout, 7),
+        part(values, layout, 8),
+        part(values, layout, 9),
+        part(values, layout, 10),
+        part(values, layout, 11),
+        part(values, layout, 12),
     )
 
 

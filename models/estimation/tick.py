@@ -23,7 +23,7 @@ from numba.extending import overload
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator_arrays import (
-    Layout,
+    Packed,
     Parameters,
     State,
     parameters_of,
@@ -58,7 +58,7 @@ from wrenchsight.models.observers.sample_check import (
 )
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
-from wrenchsight.models.views import view_2d
+from wrenchsight.models.views import Layout, view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
@@ -426,9 +426,7 @@ def _terms_block(
 @kernel
 def memory_log(
     choice: KernelChoice,
-    values: Array,
-    layout: Layout,
-    observer: Array,
+    packed: Packed,
     state: Array,
     known: Array,
     signals: Array,
@@ -447,8 +445,8 @@ def memory_log(
         tau_ext, counts: (N, n), (N,), written: N m, and which of them count.
         observed: (N, OBSERVED), written by an observer that reads the wrench itself; else (N, 0).
     """
-    n = signals.shape[2]
-    p, s = parameters_of(values, layout), state_of(state, layout, n)
+    n, observer = signals.shape[2], packed.observer
+    p, s = parameters_of(packed.values, packed.layout), state_of(state, packed.layout, n)
     for k in range(signals.shape[0]):
         own = signals[k]
         error = TorqueError(own[TORQUE_SD], own[STICTION], own[DRIFT], seen[k], rows[k])

@@ -5,6 +5,8 @@ tool's axis from where it is: the approach from where the run starts, lift and r
 they are decided. That place is the anchor, (15,): R_WD row by row, p_WD and the outward direction.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array
@@ -26,9 +28,57 @@ from wrenchsight.models.motion.paths import quintic_at
 from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.views import Layout, joined, part
 
 _POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
+
+
+class Plan(NamedTuple):
+    """What is settled before a pass.
+
+    Attributes:
+        phases: table of PhasesConfig.
+        chain: table of SerialChain, of the model.
+        limits: (2, n) rad, lower and upper, of the joints.
+        t, q, v, vdot: the planned JointTrajectory, (T,) s evenly spaced and (T, n).
+        place, force: (T,) place on the path and N to press with, at these times.
+        trusted: (T,) 1 where the force feedback can be used at work, else 0.
+        numbers: `pushes_on`, m/s, and the time step, s. Above 0 where the feedback is wrong at
+            rest, as an estimate is. In the touch v_d is then that of going on into the surface at
+            this speed, so that the friction of the joints at rest is fed forward together with the
+            contact force.
+    """
+
+    phases: Array
+    chain: Array
+    limits: Array
+    t: Array
+    q: Array
+    v: Array
+    vdot: Array
+    place: Array
+    force: Array
+    trusted: Array
+    numbers: Array
+
+
+@kernel(forceinline=True)
+def plan_of(values: Array, layout: Layout) -> Plan:
+    """The parts of a Plan that were `joined`."""
+    return Plan(
+        part(values, layout, 0)[0],
+        part(values, layout, 1),
+        part(values, layout, 2),
+        part(values, layout, 3)[0],
+        part(values, layout, 4),
+        part(values, layout, 5),
+        part(values, layout, 6),
+        part(values, layout, 7)[0],
+        part(values, layout, 8)[0],
+        part(values, layout, 9)[0],
+        part(values, layout, 10)[0],
+    )
 
 
 class MachiningReference:
@@ -43,8 +93,7 @@ class MachiningReference:
             feedback_valid, 1 where the force feedback can be used, else 0: always with a sensor,
             with an estimate while the feed is steady.
         initial_state: (7 + 15,) of the phases, and the anchor, before the first tick.
-        leading: what `machining_reference` reads besides time, memory and motion, in its order.
-        advancing: the same of `advance_reference`, up to its time step.
+        plan: a Plan, `joined`.
 
     Args:
         robot: its joint limits.
@@ -72,28 +121,18 @@ class MachiningReference:
         R_WD, p_WD = chain.pose(plan.q_start)
         self.initial_state = np.concatenate([initial_state(), R_WD.ravel(), p_WD, -R_WD[:, 2]])
         path, pushes_on = plan.trajectory, 0.0 if reads_at_rest else config.approach_speed
-        self.leading = (
-            *(config.table, np.ascontiguousarray(chain.table), path.t, path.q, path.v, path.vdot),
-            *(plan.s, plan.setpoint, plan.steady, pushes_on),
-        )
-        self.advancing = (
-            *(config.table, robot.position_lower, robot.position_upper, path.t, plan.setpoint),
-            *(plan.steady, pushes_on, time_step),
+        limits = np.array([robot.position_lower, robot.position_upper])
+        self.plan = joined(
+            Plan(
+                *(config.table, chain.table, limits, path.t, path.q, path.v, path.vdot),
+                *(plan.s, plan.setpoint, plan.steady, np.array([pushes_on, time_step])),
+            )
         )
 
 
 @kernel
 def machining_reference(
-    phases: Array,
-    chain: Array,
-    t_path: Array,
-    q_path: Array,
-    v_path: Array,
-    vdot_path: Array,
-    place: Array,
-    force: Array,
-    trusted: Array,
-    pushes_on: float,
+    plan: Plan,
     t: float,
     state: Array,
     anchor: Array,
@@ -105,14 +144,7 @@ def machining_reference(
     """Writes the reference (18 + 3n + 7,) of MachiningReference at time t.
 
     Args:
-        phases: table of PhasesConfig.
-        chain: table of SerialChain, of the model.
-        t_path, q_path, v_path, vdot_path: the planned JointTrajectory, its times evenly spaced.
-        place, force: (T,) place on the path and N to press with, at these times.
-        trusted: (T,) 1 where the force feedback can be used at work, else 0.
-        pushes_on: m/s; above 0 where the feedback is wrong at rest, as an estimate is. In the touch
-            v_d is then that of going on into the surface at this speed, so that the friction of the
-            joints at rest is fed forward together with the contact force.
+        plan: what is settled before.
         t: s.
         state: (7,) of wrenchsight.models.machining.machining_phases.
         anchor: (15,).
@@ -120,15 +152,15 @@ def machining_reference(
         J: (6, n) there.
         scratch: (n, SCRATCH_COLUMNS) to work in.
     """
-    n = q.shape[0]
+    n, pushes_on = q.shape[0], plan.numbers[0]
     phase = int(state[PHASE])
     presses = force_controlled(phase)
     pose, reference = out[:_POSE], out[_POSE : _POSE + 3 * n]
-    time = work_time(state, t, t_path[-1] - t_path[0])
+    time = work_time(state, t, plan.t[-1] - plan.t[0])
     if presses:
-        quintic_at(t_path, q_path, v_path, vdot_path, time, reference.reshape(3, n))
+        quintic_at(plan.t, plan.q, plan.v, plan.vdot, time, reference.reshape(3, n))
         R_WD, J_D = np.empty((3, 3)), np.empty((6, n))
-        pose_and_jacobian(chain, reference[:n], R_WD, pose[9:12], J_D, scratch)
+        pose_and_jacobian(plan.chain, reference[:n], R_WD, pose[9:12], J_D, scratch)
         pose[:9] = R_WD.ravel()
         for i in range(6):
             pose[12 + i] = 0.0
@@ -140,7 +172,7 @@ def machining_reference(
                 into[3 + i] = pushes_on * R_WD[i, 2]
             _joint_velocity(J_D, into, reference[n : 2 * n])
     else:
-        distance, speed = outward_travel(phases, state, t)
+        distance, speed = outward_travel(plan.phases, state, t)
         pose[:9] = anchor[:9]
         for i in range(3):
             pose[9 + i] = anchor[9 + i] + distance * anchor[12 + i]
@@ -149,24 +181,17 @@ def machining_reference(
         reference[:n] = q
         _joint_velocity(J, pose[12:], reference[n : 2 * n])
         reference[2 * n :] = 0.0
-    out[-7] = _setpoint_now(phases, t_path, force, state, t)
+    out[-7] = _setpoint_now(plan, state, t)
     out[-6] = 1.0 if presses else 0.0
     out[-5], out[-4] = state[PHASE], state[FAULT]
-    out[-3] = _on_path(t_path, place, time)
+    out[-3] = _on_path(plan.t, plan.place, time)
     out[-2] = time if phase == Phase.WORK else -1.0
-    out[-1] = 1.0 if _trusts(t_path, trusted, pushes_on, state, t) else 0.0
+    out[-1] = 1.0 if _trusts(plan, state, t) else 0.0
 
 
 @kernel
 def advance_reference(
-    phases: Array,
-    lower: Array,
-    upper: Array,
-    t_path: Array,
-    force: Array,
-    trusted: Array,
-    pushes_on: float,
-    time_step: float,
+    plan: Plan,
     t: float,
     q: Array,
     R_WE: Array,
@@ -178,8 +203,6 @@ def advance_reference(
     """Takes one tick: changes `state` and `anchor` in place.
 
     Args:
-        lower, upper: (n,) rad, limits of the joints.
-        time_step: s.
         t: s, the beginning of the tick.
         q, R_WE, p_WE: joints and pose of E now.
         wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
@@ -187,14 +210,14 @@ def advance_reference(
     """
     room = np.inf
     for j in range(q.shape[0]):
-        room = min(room, q[j] - lower[j], upper[j] - q[j])
+        room = min(room, q[j] - plan.limits[0, j], plan.limits[1, j] - q[j])
     push = 0.0
     for i in range(3):
         push -= R_WE[i, 2] * wrench[3 + i]
-    wanted = _setpoint_now(phases, t_path, force, state, t)
-    duration = t_path[-1] - t_path[0]
-    trusts = _trusts(t_path, trusted, pushes_on, state, t)
-    changed = advance(phases, state, time_step, t + time_step, push, wanted, duration, room, trusts)
+    wanted, trusts = _setpoint_now(plan, state, t), _trusts(plan, state, t)
+    duration, time_step = plan.t[-1] - plan.t[0], plan.numbers[1]
+    then = t + time_step
+    changed = advance(plan.phases, state, time_step, then, push, wanted, duration, room, trusts)
     phase = int(state[PHASE])
     if changed and phase in (Phase.LIFT, Phase.RETREAT):
         anchor[:9] = R_WE.ravel()
@@ -203,18 +226,18 @@ def advance_reference(
 
 
 @kernel
-def _trusts(t_path: Array, trusted: Array, pushes_on: float, state: Array, t: float) -> bool:
+def _trusts(plan: Plan, state: Array, t: float) -> bool:
     """Whether the force feedback can be used now."""
-    if pushes_on <= 0.0:
+    if plan.numbers[0] <= 0.0:
         return True
-    time = work_time(state, t, t_path[-1] - t_path[0])
-    return int(state[PHASE]) == Phase.WORK and _on_path(t_path, trusted, time) == 1.0
+    time = work_time(state, t, plan.t[-1] - plan.t[0])
+    return int(state[PHASE]) == Phase.WORK and _on_path(plan.t, plan.trusted, time) == 1.0
 
 
 @kernel
-def _setpoint_now(phases: Array, t_path: Array, force: Array, state: Array, t: float) -> float:
-    here = _on_path(t_path, force, work_time(state, t, t_path[-1] - t_path[0]))
-    return setpoint(phases, state, t, force[0], here, force[-1])
+def _setpoint_now(plan: Plan, state: Array, t: float) -> float:
+    here = _on_path(plan.t, plan.force, work_time(state, t, plan.t[-1] - plan.t[0]))
+    return setpoint(plan.phases, state, t, plan.force[0], here, plan.force[-1])
 
 
 @kernel

@@ -5,6 +5,8 @@ has the parts of `models.observers.kalman_observer`, and beta. Where F is though
 noise grows, and the adjoint tells what speaks for such a change (`models.observers.force_changes`).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array, Flags
@@ -34,6 +36,36 @@ _SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
 # Log of how many times likelier all is that was seen, if F changes by its live prior, and at best:
 # by any change of F that this prior bounds, by any change of the momentum.
 LIKELIER, FORCE_GAIN, BLOW_GAIN, NUM_EVIDENCE = range(4)
+
+
+class FilterState(NamedTuple):
+    """Where the forward pass stands.
+
+    Attributes:
+        z, P: (M,), (M, M).
+        running: (1,) whether there was a sample before.
+        before: (n,) s of the sample before.
+    """
+
+    z: Array
+    P: Array
+    running: Flags
+    before: Array
+
+
+class FilterLog(NamedTuple):
+    """What the forward pass leaves of N samples.
+
+    Attributes:
+        z, P: (N, M), (N, M, M) before a sample is measured.
+        period: (N, NUM_PERIOD, n).
+        kinds: (N, NUM_KINDS).
+    """
+
+    z: Array
+    P: Array
+    period: Array
+    kinds: Flags
 
 
 @kernel
@@ -81,28 +113,24 @@ def _step_matrix(
 def forward_log(
     table: Array,
     kept_drift: float,
-    z: Array,
-    P: Array,
-    running: Flags,
-    before: Array,
+    state: FilterState,
     signals: Array,
     J: Array,
     changes: Array,
-    z_log: Array,
-    P_log: Array,
-    period: Array,
-    kinds: Flags,
+    log: FilterLog,
 ) -> None:
-    """The filter over N samples; z (M,), P (M, M), running (1,) and before go on from it.
+    """The filter over N samples.
 
     Args:
         table: KalmanObserver.table.
-        before: (n,) s of the sample before.
+        kept_drift: share of the slow part of the torque error that outlasts a period.
+        state: goes on from it.
         signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
-        z_log, P_log, period, kinds: written, (N, M), (N, M, M) before a sample is measured,
-            (N, NUM_PERIOD, n), (N, NUM_KINDS).
+        log: written.
     """
+    z, P, running, before = state
+    z_log, P_log, period, kinds = log
     N, _, n = signals.shape
     M = 3 * n + 6
     numbers, sixes, joints, mixing = split_table(table, n)
@@ -233,10 +261,7 @@ def _congruent(
 def backward_log(
     table: Array,
     kept_drift: float,
-    z_log: Array,
-    P_log: Array,
-    period: Array,
-    kinds: Flags,
+    log: FilterLog,
     J: Array,
     evidence: Array,
     wrench: Array,
@@ -249,6 +274,7 @@ def backward_log(
         wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
         others: as `forward_log`.
     """
+    z_log, P_log, period, kinds = log
     N, _, n = period.shape
     M = 3 * n + 6
     numbers, sixes, joints, _ = split_table(table, n)

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.observers.fixed_interval import (
     BLOW_GAIN,
     FORCE_GAIN,
@@ -39,6 +39,8 @@ from wrenchsight.models.observers.fixed_interval import (
     NUM_EVIDENCE,
     NUM_KINDS,
     NUM_PERIOD,
+    FilterLog,
+    FilterState,
     backward_log,
     forward_log,
 )
@@ -75,17 +77,10 @@ class ChangesSought(NamedTuple):
     more_numbers: int
 
 
-class _State(NamedTuple):
-    """Where the forward pass stands: arguments of `fixed_interval.forward_log`."""
-
-    z: Array
-    P: Array
-    running: Flags
-    before: Array
-
-    def copied(self) -> "_State":
-        """The same state, which the next sample leaves as it is."""
-        return _State(self.z.copy(), self.P.copy(), self.running.copy(), self.before.copy())
+def _copied(state: FilterState) -> FilterState:
+    """The same state, which the next sample leaves as it is."""
+    z, P, running, before = state
+    return FilterState(z.copy(), P.copy(), running.copy(), before.copy())
 
 
 class IntervalSmoother:
@@ -108,7 +103,7 @@ class IntervalSmoother:
         self._sought = ChangesSought(
             round(max(CHANGE_TIMES) / T), round(min(CHANGE_TIMES) / T), n - size
         )
-        self._start = _State(z, P, np.zeros(1, np.bool_), np.zeros(n))
+        self._start = FilterState(z, P, np.zeros(1, np.bool_), np.zeros(n))
 
     def read(self, signals: Array, J: Array, ready: int) -> tuple[Array, Array]:
         """Wrench (ready, 6) and covariance (ready, 6, 6) of the first samples, given all.
@@ -132,7 +127,7 @@ class IntervalSmoother:
 
     def smoothed(
         self, signals: Array, J: Array, changes: Array, ready: int
-    ) -> tuple[IntervalReading, _State]:
+    ) -> tuple[IntervalReading, FilterState]:
         """One pass, and where its forward part stood before the first sample that is not ready.
 
         Args:
@@ -141,25 +136,24 @@ class IntervalSmoother:
         """
         N, _, n = signals.shape
         M = 3 * n + 6
-        z, P = np.empty((N, M)), np.empty((N, M, M))
-        period, kinds = np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)
-        state = self._start.copied()
+        log = FilterLog(
+            *(np.empty((N, M)), np.empty((N, M, M))),
+            *(np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)),
+        )
+        state = _copied(self._start)
 
         def forward(rows: slice) -> None:
             forward_log(
-                *(self._table, self._kept_drift, *state, signals[rows], J[rows], changes[rows]),
-                *(z[rows], P[rows], period[rows], kinds[rows]),
+                *(self._table, self._kept_drift, state, signals[rows], J[rows], changes[rows]),
+                FilterLog(log.z[rows], log.P[rows], log.period[rows], log.kinds[rows]),
             )
 
         forward(slice(0, ready))
-        after = state.copied()
+        after = _copied(state)
         forward(slice(ready, N))
         evidence = np.empty((N, NUM_EVIDENCE))
         wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
-        backward_log(
-            *(self._table, self._kept_drift, z, P, period, kinds, J),
-            *(evidence, wrench, covariance),
-        )
+        backward_log(self._table, self._kept_drift, log, J, evidence, wrench, covariance)
         return IntervalReading(wrench, covariance, evidence), after
 
 

@@ -323,7 +323,8 @@ def _robot_file(name_or_path: "str | Path") -> Path:
         remedy = nearest(text, names) or f"give the path of a robot.yaml or one of {names}"
         raise InputError(text, "", "no such robot", remedy)
     if path.suffix in {".urdf", ".xacro", ".sdf", ".xml"}:
-        raise InputError(path, "", "is no robot.yaml", "write one that names this file as its urdf")
+        draft = f"draft one: wrenchsight robot {path} --out robot.yaml"
+        raise InputError(path, "", "describes the robot's links, and is no robot.yaml", draft)
     return path
 
 

@@ -1,5 +1,7 @@
 """From the reaction at the tool's mount to the wrench that the environment applies at E."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array
@@ -124,19 +126,31 @@ def contact_wrench(
     _turn(R_WE, force, out[3:])
 
 
+class ToolSensor(NamedTuple):
+    """A force/torque sensor behind the tool.
+
+    Attributes:
+        table: as in `contact_wrench`.
+        A, B, C: of its LowPass.
+        noise_sd: (6,) N m, N.
+    """
+
+    table: Array
+    A: Array
+    B: Array
+    C: Array
+    noise_sd: Array
+
+
 @kernel
 def measure_contact_wrench(
-    table: Array,
-    A: Array,
-    B: Array,
-    C: Array,
+    sensor: ToolSensor,
     J: Array,
     R_WE: Array,
     V_WE: Array,
     v: Array,
     vdot: Array,
     reaction: Array,
-    noise_sd: Array,
     noise: Array,
     wrench: Array,
     state: Array,
@@ -144,18 +158,16 @@ def measure_contact_wrench(
     """Takes a sample of the contact's wrench: `wrench` (6,) is written, `state` moved on.
 
     Args:
-        table, reaction: as in `contact_wrench`.
-        A, B, C: of the sensor's LowPass.
+        reaction: as in `contact_wrench`.
         J, R_WE, V_WE, v: (6, n), (3, 3), (6,) rad/s and m/s, (n,) rad/s: of E and the joints.
         vdot: (n,) rad/s^2.
-        noise_sd: (6,) N m, N.
         noise: (6,) unit Gaussian draws.
         wrench: (6,) N m, N, at E in axes of W, rotation first; written.
         state: (6 order,) of the filter, changed.
     """
     A_WE = np.empty(6)
     tool_acceleration(J, v, vdot, A_WE)
-    contact_wrench(table, R_WE, V_WE[:3], A_WE, reaction, wrench)
+    contact_wrench(sensor.table, R_WE, V_WE[:3], A_WE, reaction, wrench)
     for i in range(6):
-        wrench[i] += noise_sd[i] * noise[i]
-    low_pass_update(A, B, C, wrench, state)
+        wrench[i] += sensor.noise_sd[i] * noise[i]
+    low_pass_update(sensor.A, sensor.B, sensor.C, wrench, state)

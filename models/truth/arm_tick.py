@@ -29,11 +29,12 @@ from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.signals.tool_contact import CONTACT_SIZE, add_contact, sum_with_contact
-from wrenchsight.models.signals.tool_wrench import measure_contact_wrench
+from wrenchsight.models.signals.tool_wrench import ToolSensor, measure_contact_wrench
 from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     MOTOR_CURRENT,
     SIGNALS,
+    Links,
     encoder_reading,
     joint_tick,
     mixed_currents,
@@ -240,11 +241,7 @@ def arm_drives(
     joint_tick(
         of.joints,
         time_step,
-        at.M,
-        at.Cv,
-        at.G,
-        at.q,
-        at.v,
+        Links(at.M, at.Cv, at.G, at.q, at.v),
         asked,
         # A view: on Python 3.12 numba does not join an array with a record's entry.
         rows[EXTERNAL] if of.in_contact else at.torque[:],
@@ -339,6 +336,7 @@ def arm_memory(
         if of.noise_seed >= 0:
             gaussian_noise(of.noise_seed, _tick_of(t, time_step), noise)
         measure_contact_wrench(
-            *(of.tool, of.A, of.B, of.C, at.J, at.R_WE, at.V_WE, at.v, vdot, reaction),
-            *(of.noise_sd, noise, state[own + 6 : own + 12], state[own + 12 :]),
+            ToolSensor(of.tool, of.A, of.B, of.C, of.noise_sd),
+            *(at.J, at.R_WE, at.V_WE, at.v, vdot, reaction),
+            *(noise, state[own + 6 : own + 12], state[own + 12 :]),
         )

@@ -10,6 +10,7 @@ as a time-stepping plant takes it. At each tick all see the state before it.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +44,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TAU_F,
     TAU_J,
     TORQUE,
+    Links,
     encoder_reading,
     joint_tick,
     mixed_currents,
@@ -161,34 +163,16 @@ def simulate_free_arm(
         friction_velocity=servo.friction_velocity,
         time_step=time_step,
     )
-    seen, wrenches = np.empty((4, rows, n)), np.zeros((rows, 6))
     inner = np.empty((4, rows if whole else 0, n))
+    log = _Rows(np.empty((4, rows, n)), inner, np.zeros((rows, 6)))
+    arm = _Arm(joints.table, joints.motors, joints.on_motor, chain.table, time_step, seed, every)
+    control = _Control(servo.chain.table, law, gain, sensor)
+    pushes = _Script(script.table, script.tones, float(trajectory.t[0]))
     memory = np.stack([q, v, np.zeros(n), np.full(n, np.nan)])
     for first in range(0, ticks, _CHUNK):
-        _run(
-            joints.table,
-            joints.motors,
-            joints.on_motor,
-            chain.table,
-            servo.chain.table,
-            law,
-            gain,
-            sensor,
-            time_step,
-            seed,
-            every,
-            first,
-            np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1),
-            script.table,
-            script.tones,
-            float(trajectory.t[0]),
-            state,
-            memory,
-            seen,
-            inner,
-            wrenches,
-        )
-    q_read, v_read, current, tau_f = seen
+        wanted = np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1)
+        _run(arm, control, pushes, first, wanted, state, memory, log)
+    q_read, v_read, current, tau_f = log.seen
     q_true, v_true, tau_J, rise = inner
     return FreeLog(
         times[::every].copy(),
@@ -200,39 +184,66 @@ def simulate_free_arm(
         tau_J,
         tau_f,
         rise,
-        wrenches,
+        log.wrenches,
     )
+
+
+class _Arm(NamedTuple):
+    """The true arm: table, motors and on_motor of TrueJoints, its chain's table; h, seed, every."""
+
+    table: Array
+    motors: Array
+    on_motor: bool
+    chain: Array
+    time_step: float
+    seed: int
+    every: int
+
+
+class _Control(NamedTuple):
+    """The controller's model and `tracking_law`, its motor gains and the current sensor (3, n)."""
+
+    model: Array
+    law: Record
+    gain: Array
+    sensor: Array
+
+
+class _Script(NamedTuple):
+    """A WrenchScript's table and tones, and the time of the first tick, s."""
+
+    table: Array
+    tones: Array
+    start: float
+
+
+class _Rows(NamedTuple):
+    """What is logged: (4, rows, n) of FreeLog's columns each, and (rows, 6) wrenches."""
+
+    seen: Array
+    inner: Array
+    wrenches: Array
 
 
 @kernel
 def _run(
-    table: Array,
-    motors: Array,
-    on_motor: bool,
-    chain: Array,
-    model: Array,
-    law: Record,
-    gain: Array,
-    sensor: Array,
-    time_step: float,
-    seed: int,
-    every: int,
+    arm: _Arm,
+    control: _Control,
+    script: _Script,
     first: int,
     reference: Array,
-    script: Array,
-    tones: Array,
-    start: float,
     state: Array,
     memory: Array,
-    seen: Array,
-    inner: Array,
-    wrenches: Array,
+    log: _Rows,
 ) -> None:
     """Ticks `first`, `first` + 1, ... as `reference` (ticks, 3n) has rows.
 
     Goes on from `state`, and from q, v, the controller's integral and the sensor's lagged current
     in the rows of `memory`; both are changed. `inner` may have no rows.
     """
+    table, motors, on_motor, chain, time_step, seed, every = arm
+    model, law, gain, sensor = control
+    seen, inner, wrenches = log
     n = memory.shape[1]
     q, v, integral, lagged = memory[0], memory[1], memory[2], memory[3]
     Cv, G = np.empty(n), np.empty(n)
@@ -252,8 +263,8 @@ def _run(
     for k in range(reference.shape[0]):
         tick, wanted = first + k, reference[k]
         dynamics_terms(chain, q, v, Cv, G, M, scratch)
-        if script.shape[0] > 0:
-            sample_script(script, tones, start + tick * time_step, wrench)
+        if script.table.shape[0] > 0:
+            sample_script(script.table, script.tones, script.start + tick * time_step, wrench)
             tool_pose(chain, scratch, R_WE, p_WE)
             tool_jacobian(scratch, p_WE, J)
             for i in range(n):
@@ -268,9 +279,8 @@ def _run(
         for i in range(n):
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, draws)
-        joint_tick(
-            table, time_step, M, Cv, G, q, v, command, tau_ext, draws, state, after, signals, work
-        )
+        links = Links(M, Cv, G, q, v)
+        joint_tick(table, time_step, links, command, tau_ext, draws, state, after, signals, work)
         if motors.shape[0] > 0:
             current[:] = motor_current
             mixed_currents(motors[1], current, motor_current)

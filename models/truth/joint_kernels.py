@@ -59,6 +59,7 @@ against link, tens of Hz, is left out. Sources: `wrenchsight.models.robot.truth_
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,6 +98,21 @@ SIGNALS = 4
 FORCE, DAMPER, END, STEP, TRIAL, GRADIENT, CURVATURE, RIGHT, MATRIX = range(9)
 
 
+class Links(NamedTuple):
+    """The rigid bodies at a tick's beginning.
+
+    Attributes:
+        M, Cv, G: (n, n) kg m^2, (n,) and (n,) N m, true terms at q, v.
+        q, v: (n,) rad, rad/s.
+    """
+
+    M: Array
+    Cv: Array
+    G: Array
+    q: Array
+    v: Array
+
+
 @kernel
 def tick_work(state: Array) -> Array:
     """What `joint_tick` overwrites: made once, as memory that is come by takes time."""
@@ -109,11 +125,7 @@ def tick_work(state: Array) -> Array:
 def joint_tick(
     table: Array,
     time_step: float,
-    M: Array,
-    Cv: Array,
-    G: Array,
-    q: Array,
-    v: Array,
+    links: Links,
     command: Array,
     tau_ext: Array,
     noise: Array,
@@ -127,8 +139,7 @@ def joint_tick(
     Args:
         table: (n, ELEMENTS + 3 K + 3 H), see the columns above; H stands in HARMONICS.
         time_step: h, s.
-        M, Cv, G: true rigid-body terms at q, v: kg m^2, N m, N m.
-        q, v: (n,) of the links at the tick's beginning, rad, rad/s.
+        links: at the tick's beginning.
         command: (n,) A, commanded current.
         tau_ext: (n,) N m, of the environment during the tick.
         noise: (2n,) unit Gaussian draws of the tick: of what wanders, and of the currents.
@@ -139,19 +150,13 @@ def joint_tick(
             the noise of its motion, A.
         work: of `tick_work`, overwritten.
     """
-    n = q.shape[0]
+    n = state.shape[1]
     K = (state.shape[0] - SLIPS) // 3
     # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
     if n == 6 and K == 3:
-        _tick(
-            6, 3, table, time_step, M, Cv, G, q, v, command, tau_ext, noise,
-            state, after, signals, work,
-        )  # fmt: skip
+        _tick(6, 3, table, time_step, links, command, tau_ext, noise, state, after, signals, work)
     else:
-        _tick(
-            n, K, table, time_step, M, Cv, G, q, v, command, tau_ext, noise,
-            state, after, signals, work,
-        )  # fmt: skip
+        _tick(n, K, table, time_step, links, command, tau_ext, noise, state, after, signals, work)
 
 
 @kernel(forceinline=True)
@@ -160,11 +165,7 @@ def _tick(
     K: int,
     table: Array,
     time_step: float,
-    M: Array,
-    Cv: Array,
-    G: Array,
-    q: Array,
-    v: Array,
+    links: Links,
     command: Array,
     tau_ext: Array,
     noise: Array,
@@ -174,6 +175,7 @@ def _tick(
     work: Array,
 ) -> None:
     """`joint_tick` of n joints with K slip elements each."""
+    M, Cv, G, q, v = links
     stiff = MATRIX + 2 * n
     before, low, high = stiff + K, stiff + 2 * K, stiff + 3 * K
     for i in range(n):

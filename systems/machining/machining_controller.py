@@ -6,9 +6,10 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.impedance_tick import impedance_tick
+from wrenchsight.models.estimation.tick import tick_update
 from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
 from wrenchsight.models.machining.machining_reference import MachiningReference
-from wrenchsight.models.machining.machining_tick import lead_tick, take_tick
+from wrenchsight.models.machining.machining_tick import follow_tick, lead_tick
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -107,10 +108,11 @@ class MachiningController(LeafSystem):
             "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
         )
         # Memory that is settled once; nothing in it outlives a call.
-        self._leading = (*reference.leading, np.ascontiguousarray(self._chain.table))
+        self._plan_values = reference.plan
+        self._leading = (*reference.plan, np.ascontiguousarray(self._chain.table))
         self._impedance = controller.law
-        choice, packed, given, scratch = estimator.taking
-        self._taking = (choice, *packed, given, scratch, *reference.advancing)
+        choice, packed, self._given, self._estimator_scratch = estimator.taking
+        self._taking = (choice, *packed)
         self._model_terms = RigidBodyTerms.zeros(n).record
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
         self._lesson = np.zeros(n + 1)
@@ -165,17 +167,15 @@ class MachiningController(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         action, state = self._action.Eval(context), discrete_state.get_mutable_value(0)
         self._last.take(context, discrete_state, action)
-        take_tick(
-            *self._taking,
-            context.get_time(),
-            self._q.Eval(context),
-            self._v.Eval(context),
-            self._current.Eval(context),
+        q, end = self._q.Eval(context), self._estimator_end
+        tick_update(
+            *(*self._taking, state[:end], q, self._v.Eval(context), self._current.Eval(context)),
+            *(self._given, action[self._reading_at], self._estimator_scratch),
+        )
+        follow_tick(
+            *(*self._plan_values, context.get_time(), q, action[self._pose_at :]),
             action[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
-            action[self._reading_at],
-            action[self._pose_at :],
-            self._estimator_end,
-            state,
+            state[end:],
         )
         state[-1] = action[self._integral_at]
 

@@ -164,7 +164,7 @@ def main(seconds: float, logs: list[Path]) -> None:
         config = WatchConfig(live=LiveConfig(estimator=estimator(logs)))
         process, port = controller(seconds, logs)
         rows = np.full((round(seconds / H) + 1000, 14), np.nan)  # held from the start on
-        count, look = 0, LOOK
+        count, bridged, look = 0, 0, LOOK
         source = f"rtde://127.0.0.1:{port}"
         with live(source, robot.source, folder / "model.yaml", config) as session:
             sinks = [partial(Recorder, folder / "rec", robot), partial(MeshcatView, robot)]
@@ -174,7 +174,7 @@ def main(seconds: float, logs: list[Path]) -> None:
                     (reading.t, reading.latency),
                     reading.force_first,
                 )
-                count += 1
+                count, bridged = count + 1, bridged + (reading.dropout and not reading.fault)
                 if reading.t - BEGIN > look:
                     look += LOOK
                     sizes = f"{memory_of(session._process.pid):.1f} and {memory_of('self'):.1f} MB"
@@ -191,8 +191,8 @@ def main(seconds: float, logs: list[Path]) -> None:
         steps = np.round(np.diff(since) / H)
         lost = sum(thread.reader.dropped for thread in threads)
         print(
-            f"{count} readings, {int((steps - 1).sum())} missing, dropped {session.dropped} here, "
-            f"{lost} by recorder and Meshcat"
+            f"{count} readings, {int((steps - 1).sum())} missing, {bridged} bridged, "
+            f"dropped {session.dropped} here, {lost} by recorder and Meshcat"
         )
         for begin in np.arange(0.0, seconds, PART):
             inside = (since > max(begin, SETTLED)) & (since <= begin + PART)

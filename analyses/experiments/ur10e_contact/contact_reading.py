@@ -5,8 +5,9 @@
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
+    gravity     K i less the torque of the rigid body, of joints 2 and 3 likewise
 
-Only the last two read the target currents.
+Only by_hand and two_joints read the target currents.
 """
 
 from dataclasses import dataclass, replace
@@ -55,6 +56,7 @@ class PreparedRun:
         normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
         R_WE: (T, 3, 3).
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
+        excess: (T, 6) N m, torque of the rigid body less the motors': friction is still in it.
         rows: what the run says of friction.
         truth: (N,) N, the sensor's force, mean over each block.
     """
@@ -65,6 +67,7 @@ class PreparedRun:
     normal: Array
     R_WE: Array
     J: Array
+    excess: Array
     rows: FrictionRows
     truth: Array
 
@@ -100,7 +103,8 @@ def prepare(
     terms = joint_torques(run.log, robot, model)
     rows = friction_rows(run, terms, normal, known)
     truth = block_mean(run.sensor_force)
-    return PreparedRun(run, robot, model, normal, R_WE, J, rows, truth)
+    excess = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
+    return PreparedRun(run, robot, model, normal, R_WE, J, excess, rows, truth)
 
 
 def block_mean(signal: Array) -> Array:
@@ -184,10 +188,19 @@ def read_by_hand(prepared: PreparedRun) -> ForceReading:
 
 def read_two_joints(prepared: PreparedRun) -> ForceReading:
     """K (i - i_target) of joints 2 and 3 by least squares on the force along the tool."""
-    tau_ext = _excess_torque(prepared)[:, _TWO_JOINTS]
+    return _of_two_joints(prepared, _excess_torque(prepared))
+
+
+def read_gravity(prepared: PreparedRun) -> ForceReading:
+    """K i less the torque of the rigid body, of joints 2 and 3 by least squares on the force."""
+    return _of_two_joints(prepared, prepared.excess)
+
+
+def _of_two_joints(prepared: PreparedRun, tau_ext: Array) -> ForceReading:
     known = np.isfinite(prepared.J[:, 0, :1])
     h = np.where(known, prepared.normal[:, _TWO_JOINTS], np.nan)
-    return ForceReading(block_mean(np.sum(h * tau_ext, axis=1) / np.sum(h**2, axis=1)))
+    own = np.sum(h * tau_ext[:, _TWO_JOINTS], axis=1)
+    return ForceReading(block_mean(own / np.sum(h**2, axis=1)))
 
 
 def read_command(

@@ -29,6 +29,7 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     read_article,
     read_by_hand,
     read_command,
+    read_gravity,
     read_ours,
     read_two_joints,
 )
@@ -45,7 +46,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
 METHODS: Final = (
-    *("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints", "carried_over"),
+    *("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints", "gravity"),
+    "carried_over",
 )
 SPEEDS: Final = ("v10", "v25", "v90")
 _UNKNOWN_SCATTER = 2.0  # N m, of a joint that does not move in the air, for the article's band
@@ -171,6 +173,7 @@ def read_runs(
                 "article": read_article(run, plain.law, torque_sd),
                 "by_hand": read_by_hand(run),
                 "two_joints": read_two_joints(run),
+                "gravity": read_gravity(run),
                 "carried_over": read_ours(run, known),
             }
             runs.append(ReadRun(run, readings))

@@ -142,6 +142,11 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
             if look_up(metrics, key) is not None:
                 text = f"RMSE of the force, {kind}, {label}"
                 rows.append(ComparisonRow(text, key, value, "K (i - i_target)", _CHECK))
+    for method, label in _SHOWN.items():
+        plain = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
+        text = f"RMSE of the force at rest, {label}"
+        key = f"summary.{method}.rest.rmse_n"
+        rows.append(ComparisonRow(text, key, plain, "K i - gravity", "plain subtraction"))
     states = (("rest", "at rest"), ("slide", "sliding"))
     methods = (("no_sensor", "never a sensor"), ("command", "by the command alone"))
     for method, how, state, label in ((*m, *s) for m in methods for s in states):
@@ -165,7 +170,7 @@ NOTES = (
     "At rest: <summary.no_sensor.rest.rmse_n:.1f> N without a sensor, "
     "<summary.command.rest.rmse_n:.1f> N by the command, "
     "<summary.calibrated.rest.rmse_n:.1f> N calibrated, <summary.article.rest.rmse_n:.1f> N by the "
-    "article's method.",
+    "article's method, <summary.gravity.rest.rmse_n:.1f> N by currents less gravity.",
     "Inside the 95 % band at rest and sliding: <summary.no_sensor.rest.inside_95_pct:.0f> and "
     "<summary.no_sensor.slide.inside_95_pct:.0f> % without a sensor, "
     "<summary.command.rest.inside_95_pct:.0f> and <summary.command.slide.inside_95_pct:.0f> % by "
@@ -195,9 +200,11 @@ EXPERIMENT = Experiment(
     order=165,
     seconds=150.0,
     readme=(
-        "summary.no_sensor.straight_slide_v10.rmse_n",
-        "ramp_acf.v10.slide.no_sensor.rmse_n",
-        "ramp_ur.v10.slide.no_sensor.rmse_n",
+        "summary.command.straight_slide_v10.rmse_n",
         "summary.command.straight_slide_v90.rmse_n",
+        "ramp_acf.v10.slide.command.rmse_n",
+        "ramp_ur.v10.slide.command.rmse_n",
+        "summary.command.rest.rmse_n",
+        "summary.command.slide.inside_95_pct",
     ),
 )

@@ -7,6 +7,7 @@ replaced, whole, once a second: a kill costs no more than what came since.
 
 import textwrap
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,7 @@ class Recorder:
         folder: a new one, or an empty one.
         robot: whose readings they are.
         form: "mcap" or "parquet".
+        begin: what is done once, before the first reading is written.
 
     Attributes:
         lost: readings that no disk took.
@@ -50,12 +52,18 @@ class Recorder:
 
     period = 0.25  # s between two calls of `take`
 
-    def __init__(self, folder: Path, robot: Robot, form: str = "mcap") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        robot: Robot,
+        form: str = "mcap",
+        begin: Callable[[], object] = lambda: None,
+    ) -> None:
         with writing_to(folder):
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
                 raise InputError(folder, "", "is not empty", "give a new folder to --record")
-        self._folder, self._robot, self._form = folder, robot, form
+        self._folder, self._robot, self._form, self._begin = folder, robot, form, begin
         self._rows: list[Array] = []
         self._newest: _File | None = None
         self._finished = _Finished()
@@ -96,26 +104,38 @@ class Recorder:
     def close(self) -> str:
         """Writes what is left; returns a sentence where something is to be said."""
         said = self._save()
-        self.lost += len(self._rows) if self._failed else 0
-        return said
+        self.lost += self._not_saved() if self._failed else 0
+        return f"{self.lost} readings are not in the recording" if self.lost else said
 
     def _save(self) -> str:
         self._saved = time.monotonic()
         if not self._rows:
             return ""
         try:
+            if self._newest is None:
+                self._begin()
             self._write(np.array(self._rows))
         except InputError as error:
             first, self._failed = not self._failed, True
             if len(self._rows) > MOST_ROWS:
-                self.lost += len(self._rows)
+                self.lost += self._not_saved()
+                self._segment += 1
                 self._rows.clear()
             return f"{error}; it is tried again" if first else ""
         again, self._failed = self._failed, False
         return "the recording goes on" if again else ""
 
+    def _name(self) -> str:
+        return f"wrench_{self._segment:05d}.{self._form}"
+
+    def _not_saved(self) -> int:
+        """Of the rows that are held, those that no file has."""
+        newest = self._newest
+        saved = newest.readings if newest is not None and newest.name == self._name() else 0
+        return len(self._rows) - saved
+
     def _write(self, rows: Array) -> None:
-        name = f"wrench_{self._segment:05d}.{self._form}"
+        name = self._name()
         path = self._folder / name
         readings = [Reading(row) for row in rows]
         wrench = np.array([reading.wrench for reading in readings])

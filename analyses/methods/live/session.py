@@ -25,6 +25,7 @@ from wrenchsight.models.robot.robot import Robot
 
 _MODULE = "wrenchsight.analyses.methods.live.reader_process"
 _EVENTS_HELD = 100
+_REFUSED = 2  # exit code of a reading process that refused what it was given
 _END_TIME = 3.0  # s that the reading process has to end by itself
 
 
@@ -120,6 +121,14 @@ class LiveSession:
                 if not os.read(self._wake, 1 << 16):  # the other end is gone
                     time.sleep(0.01)
 
+    def is_refusal(self, event: StreamEvent) -> bool:
+        """Whether an event is what `check` raises."""
+        if event.kind is not EventKind.ENDED:
+            return False
+        with suppress(subprocess.TimeoutExpired):  # it was the process's last word
+            self._process.wait(_END_TIME)
+        return self._process.poll() == _REFUSED
+
     def check(self) -> None:
         """Tells how the reading process ended.
 
@@ -129,7 +138,7 @@ class LiveSession:
         """
         code = self._process.poll()
         self.new_events()
-        if code == 2:
+        if code == _REFUSED:
             said = [event.text for event in self.events if event.kind is EventKind.ENDED]
             raise InputError("watch", "", said[-1] if said else "the source cannot be read")
         if code:

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -151,9 +152,9 @@ def watch(settings: WatchSettings, console: Console) -> int:
         def recorder() -> Sink:
             assert settings.record is not None
             folder = Path(settings.record)
-            made = Recorder(folder, session.robot, settings.record_format)
-            OutputFolder(folder).write_settings("config.yaml", settings)
-            return made
+            # Of a source that is refused nothing stays: the same folder will do again.
+            config = partial(OutputFolder(folder).write_settings, "config.yaml", settings)
+            return Recorder(folder, session.robot, settings.record_format, config)
 
         def view() -> Sink:
             made = SERVED_VIEWS[settings.view](session.robot)
@@ -174,7 +175,8 @@ def watch(settings: WatchSettings, console: Console) -> int:
             summary.dropped = sum(thread.reader.dropped for thread in threads) + reader.dropped
             if plain and settings.view != "none":
                 for event in events:
-                    say_event(console, event)
+                    if not session.is_refusal(event):
+                        say_event(console, event)
             return not over
 
         try:

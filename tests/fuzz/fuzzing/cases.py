@@ -11,6 +11,10 @@ from fuzzing.mutators import BINARY, NUMBERS, TABLE, WORDS, XML, YAML, Mutator, 
 
 _ESTIMATE = ("estimate", "log.csv", "--robot", "robot", "--prior", "30,2", "--out", "out")
 _DATA_SET = ("estimate", "set", *_ESTIMATE[2:])
+_WATCH = (
+    *("watch", "replay://log.csv?rate=0", "--robot", "robot", "--model", "model.yaml"),
+    *("--view", "lines", "--record", "out"),
+)
 _SHOW = ("robot", "show", "robot", "--out", "arm.html")
 
 
@@ -63,6 +67,8 @@ _KINDS = {
     "data set": _Kind("set/meta/info.json", tuple(YAML), (_DATA_SET,), 2),
     "episodes": _Kind("set/meta/episodes.jsonl", tuple(YAML), (_DATA_SET,), 1),
     "frames": _Kind("set/data/chunk-000/episode_000001.parquet", tuple(BINARY), (_DATA_SET,), 1),
+    "watched log": _Kind("log.csv", tuple(TABLE), (_WATCH,), 1),
+    "watched robot": _Kind("robot/robot.yaml", tuple(YAML), (_WATCH,), 1),
     "map": _Kind("jcn-map.yaml", tuple(YAML), (("jcn-map", "--config", "jcn-map.yaml"),), 1),
 }
 

@@ -2,15 +2,20 @@
 
 import json
 import os
+import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from wrenchsight.analyses.campaign.campaign_store import read_table
+from wrenchsight.analyses.methods.live.recorder import SAVE_TIME, Recorder
 from wrenchsight.analyses.output.marked_page import refuse_unmarked
 from wrenchsight.analyses.output.result_folder import STAGING, ResultFolder, recover
 from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files
 from wrenchsight.analyses.study.stored_result import read_result
+from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
 from wrenchsight.models.files.input_error import InputError
 
 
@@ -19,10 +24,14 @@ class Results(ABC):
 
     Args:
         path: that the command is told as `--out`.
+
+    Attributes:
+        ended: s of the clock, when the last run was told to end, or did.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.ended = 0.0
         self._older: dict[str, bytes] = {}
         self._tidy_end = self._had_part = False
 
@@ -166,6 +175,33 @@ class Draft(Page):
             return "half a draft"
         if self._tidy_end and not self._had_part and self.hidden():
             return "the part that was written is left behind"
+        return None
+
+
+class WatchRecording(Results):
+    """What `watch` records of the log of 1 kHz: new each time, and whole at any moment."""
+
+    def make_room(self) -> None:
+        shutil.rmtree(self.path, ignore_errors=True)
+
+    def before(self, tidy_end: bool) -> None:
+        self._tidy_end = tidy_end
+
+    def fault(self) -> str | None:
+        if not (self.path / "metadata.yaml").exists():
+            return None  # no reading had come
+        try:
+            t, _ = read_wrench_bag(self.path)
+        except InputError as error:
+            return str(error)
+        if np.diff(t).max(initial=0.0) > 1.5e-3:
+            return "readings are missing in between"
+        saved = max(file.stat().st_mtime for file in self.path.glob("*.mcap"))
+        # Saved each second, looked at each quarter; the rest is a busy computer's.
+        if self.ended - saved > SAVE_TIME + Recorder.period + 1.0:
+            return f"nothing was saved in the last {self.ended - saved:.1f} s"
+        if self._tidy_end and self.hidden():
+            return f"left behind: {self.hidden()}"
         return None
 
 

@@ -20,7 +20,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fuzzing.clean_inputs import make_clean_inputs, motion
-from fuzzing.killed_results import CampaignFolder, Draft, Folder, Page, Results, StudyResults
+from fuzzing.killed_results import (
+    CampaignFolder,
+    Draft,
+    Folder,
+    Page,
+    Results,
+    StudyResults,
+    WatchRecording,
+)
 from fuzzing.sandbox import Ending, Sandbox
 from wrenchsight.models.recordings.recording_writer import write_recording
 
@@ -53,9 +61,10 @@ COMMANDS = {
     ),
     "robot show": ("robot", "show", "ARM"),
     "robot": ("robot", "robot/robot.urdf"),
+    "watch": ("watch", "replay://long.csv", *_LOG[1:], "--model", "model.yaml", "--view", "none"),
     STARTS: ("jcn-map", "--samples", "50", "--seed", "SEED"),
 }
-WEIGHTS = {"study": 0.5, "campaign": 0.3, "identify": 0.5}  # of the others: 1
+WEIGHTS = {"study": 0.5, "campaign": 0.3, "identify": 0.5, "watch": 0.3}  # of the others: 1
 
 
 def make_kill_inputs(sandbox: Sandbox, folder: Path) -> None:
@@ -65,7 +74,8 @@ def make_kill_inputs(sandbox: Sandbox, folder: Path) -> None:
     (folder / "excite.yaml").write_text("excitation: {num_starts: 2, iterations: 3}\n")
     warm = folder / "warm"
     sandbox.warm_up([(*_words(COMMANDS["identify"], 0), "--out", "identified")], folder)
-    names = [name for name in COMMANDS if name not in ("identify", "study", "campaign", STARTS)]
+    others = ("identify", "study", "campaign", "watch", STARTS)  # watch warms its own process up
+    names = [name for name in COMMANDS if name not in others]
     runs = [(*_words(COMMANDS[name], 0), "--out", str(warm / name)) for name in names]
     sandbox.warm_up(runs, folder)
     shutil.rmtree(warm)
@@ -98,7 +108,9 @@ class Kills:
         # A terminal tells all processes, `kill` one.
         group = number in (signal.SIGINT, signal.SIGHUP) and rng.random() < 0.5
         self.results.before(tidy_end=number != signal.SIGKILL)
+        end = time.time() + after
         ending = self._run(seed + 2, (after, number, group))
+        self.results.ended = min(end, time.time())
         what = f"{number.name}{' of all' if group else ''}"
         if "Traceback" in ending.stderr and "frozen" not in ending.stderr:
             return what, ending.stderr[-600:]
@@ -117,7 +129,8 @@ class Kills:
 
     def _run(self, seed: int, end: tuple[float, int, bool] | None = None) -> Ending:
         self.results.make_room()
-        arguments = (*_words(COMMANDS[self._name], seed), "--out", str(self.results.path))
+        option = "--record" if self._name == "watch" else "--out"
+        arguments = (*_words(COMMANDS[self._name], seed), option, str(self.results.path))
         if self._name == STARTS:
             return self._started(arguments, end)
         return self._sandbox.run(arguments, self._folder, SECONDS, end=end)
@@ -144,6 +157,8 @@ def _results(name: str, folder: Path) -> Results:
         return StudyResults(out, _EXPERIMENT)
     if name == "campaign":
         return CampaignFolder(out)
+    if name == "watch":
+        return WatchRecording(out)
     if name == "robot show":
         return Page(out / "arm.html")
     if name == "robot":

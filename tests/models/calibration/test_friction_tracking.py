@@ -255,3 +255,15 @@ def test_the_share_is_of_what_is_borne_out(sts, model):
     np.testing.assert_array_equal(tracker.share, before)  # frozen, it keeps that, too
     tracker.reset()
     np.testing.assert_array_equal(tracker.share, 1.0)
+
+
+def test_a_load_says_nothing_about_the_share(sts, model):
+    """An unknown load, whose torque may rise and fall with a joint's velocity."""
+    _, q, v = motion(sts)
+    change = np.zeros((6, 3))
+    change[:, 1] = 3.0
+    J = sts.chain.jacobian(q)
+    load = np.einsum("kij,i->kj", J[:, 3:], np.array([0.0, 0.0, -25.0]))
+    tracker = tracker_of(model)
+    track(tracker, sts, q, v, reading(v, change) + slowed(load))
+    assert (tracker.share > 0.8).all()

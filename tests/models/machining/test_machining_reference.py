@@ -12,7 +12,11 @@ from wrenchsight.models.machining.machining_phases import (
     PhasesConfig,
     initial_state,
 )
-from wrenchsight.models.machining.machining_reference import advance_reference, machining_reference
+from wrenchsight.models.machining.machining_reference import (
+    Plan,
+    advance_reference,
+    machining_reference,
+)
 from wrenchsight.models.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 
@@ -29,21 +33,22 @@ def path(sts):
     return JointTrajectory.from_positions(t, q), t / 2.0, 30.0 + 5.0 * t
 
 
-def reference(robot, path, t, state, anchor, pushes_on=0.0):
+def plan(robot, path, pushes_on):
     trajectory, place, force = path
+    return Plan(
+        PHASES.table,
+        np.ascontiguousarray(robot.chain.table),
+        np.array([robot.position_lower, robot.position_upper]),
+        *(trajectory.t, trajectory.q, trajectory.v, trajectory.vdot, place, force, TRUSTED),
+        np.array([pushes_on, T]),
+    )
+
+
+def reference(robot, path, t, state, anchor, pushes_on=0.0):
     terms = robot.chain.terms(robot.home, np.zeros(6))
     out = np.empty(18 + 18 + 7)
     machining_reference(
-        PHASES.table,
-        np.ascontiguousarray(robot.chain.table),
-        trajectory.t,
-        trajectory.q,
-        trajectory.v,
-        trajectory.vdot,
-        place,
-        force,
-        TRUSTED,
-        pushes_on,
+        plan(robot, path, pushes_on),
         t,
         state,
         anchor,
@@ -103,14 +108,7 @@ def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
     terms = robot.chain.terms(robot.home if q is None else q, np.zeros(6))
     wrench = np.concatenate([[7.0, 8.0, 9.0], -push * terms.R_WE[:, 2]])
     advance_reference(
-        PHASES.table,
-        np.asarray(robot.position_lower),
-        np.asarray(robot.position_upper),
-        path[0].t,
-        path[2],
-        TRUSTED,
-        pushes_on,
-        T,
+        plan(robot, path, pushes_on),
         t,
         terms.q,
         terms.R_WE,

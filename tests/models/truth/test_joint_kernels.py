@@ -27,6 +27,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TRANSMITTED,
     WANDER_KEPT,
     WANDER_SD,
+    Links,
     encoder_reading,
     joint_tick,
     spring_torque,
@@ -79,7 +80,7 @@ class Bench:
         after = np.empty_like(self.state)
         zero = np.zeros(1)
         joint_tick(
-            self.joints.table, H, self.M, zero, self.G, self.q, self.v,
+            self.joints.table, H, Links(self.M, zero, self.G, self.q, self.v),
             np.array([float(command)]), np.array([float(tau_ext)]), self.noise(),
             self.state, after, self.signals, tick_work(self.state),
         )  # fmt: skip

@@ -37,6 +37,7 @@ from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     SIGNALS,
+    Links,
     encoder_reading,
     joint_tick,
     tick_work,
@@ -112,7 +113,7 @@ def by_kernel(joints, terms, state, tau_ext, tick=0):
     after, signals, noise = np.empty_like(state), np.empty((SIGNALS, 6)), np.empty(12)
     gaussian_noise(SEED + WANDER_STREAM, tick, noise)
     joint_tick(
-        *(joints.table, T, terms.M, terms.Cv, terms.G, terms.q, terms.v, COMMAND),
+        *(joints.table, T, Links(terms.M, terms.Cv, terms.G, terms.q, terms.v), COMMAND),
         *(tau_ext, noise, state, after, signals, tick_work(state)),
     )
     return after, signals

@@ -121,6 +121,43 @@ def test_a_full_disk_is_said_once_and_nothing_is_lost(ur10e, tmp_path, monkeypat
     assert recorder.lost == 0
 
 
+def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeypatch):
+    recorder = Recorder(tmp_path, ur10e)
+    taken = rows(ur10e, 600)
+    recorder.take(taken[:250])
+    full = InputError("x", "", "cannot be written (No space left on device)")
+
+    def write(self, *given):
+        raise full
+
+    monkeypatch.setattr(WrenchBagWriter, "write", write)
+    recorder.take(taken[250:])
+    assert recorder.close() == "350 readings are not in the recording"
+    assert len(read_wrench_bag(tmp_path)[0]) == 250
+
+
+def test_after_a_disk_was_full_for_long_what_had_been_recorded_is_still_there(
+    ur10e, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(module, "MOST_ROWS", 300)
+    recorder = Recorder(tmp_path, ur10e)
+    taken = rows(ur10e, 900)
+    recorder.take(taken[:200])
+    full = InputError("x", "", "cannot be written (No space left on device)")
+
+    def write(self, *given):
+        raise full
+
+    with monkeypatch.context() as patch:
+        patch.setattr(WrenchBagWriter, "write", write)
+        recorder.take(taken[200:700])  # more than is held
+    recorder.take(taken[700:])
+    assert recorder.close() == "500 readings are not in the recording"
+    t, _ = read_wrench_bag(tmp_path)
+    kept = [row[0] for row in (*taken[:200], *taken[700:])]
+    np.testing.assert_allclose(t, kept, atol=1e-9)
+
+
 def test_times_that_ros_cannot_stamp_are_left_out(ur10e, tmp_path):
     recorder = Recorder(tmp_path, ur10e)
     assert "stamp" in recorder.take(rows(ur10e, 100, start=-0.1))

@@ -122,6 +122,18 @@ def test_the_command_prints_lines_and_records(ur10e, model_file, recording, tmp_
     assert "fx" in done.stdout
     t, _ = read_wrench_bag(tmp_path / "rec")
     np.testing.assert_allclose(t, recording.t, atol=1e-6)
+    assert f"replay://{log}" in (tmp_path / "rec/config.yaml").read_text()
+
+
+def test_a_refused_source_is_said_once_and_its_folder_will_do_again(model_file, tmp_path):
+    command = [sys.executable, "-m", "wrenchsight", "watch", f"replay://{tmp_path}/none.csv"]
+    command += ["--robot", "ur10e", "--model", str(model_file), "--record", str(tmp_path / "rec")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert "none.csv: no such file" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == ""
+    assert list((tmp_path / "rec").iterdir()) == []
 
 
 @pytest.mark.parametrize(

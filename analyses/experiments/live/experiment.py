@@ -1,0 +1,288 @@
+"""Experiment `live`: what a controller reads of a UR10e by `watch --track`, and how quickly.
+
+The model is fitted on the three unloaded runs. Every other contact-free log of the same arm that
+moves, and the two with a known load, are read as `watch replay://LOG?rate=0 --track` reads them,
+sample by sample, with all its defaults. Judged are all samples from FROM on, valid or not; below
+`valid` those that a controller may use, below `untracked` the same without `--track`. Where nothing
+touches the arm the truth is zero; a load's truth is its weight and inertia at its point of action,
+which the first 10 s of the untracked reading tell.
+
+Below `replay` and `rtde`: one log at real time, from its file and from a controller of ours on this
+computer that plays it at 500 Hz, read by the process that `watch` starts. Latency is from a
+sample's coming to its reading's going and depends on the computer, and on what else it does.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numba
+import numpy as np
+
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
+    REFERENCE_CUTOFF,
+    payload_reference,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    FREE_LOGS,
+    LOADED_LOGS,
+    MORE,
+    identify_ur10e,
+)
+from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.live.reader_process import make_live, read_stream
+from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
+from wrenchsight.analyses.methods.live.session import live
+from wrenchsight.analyses.methods.live.sources import open_source
+from wrenchsight.analyses.methods.live.start_checks import StartChecks
+from wrenchsight.analyses.methods.live.watch_config import WatchConfig, WatchSettings
+from wrenchsight.analyses.methods.live.watched import load_watched
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow,
+    Drawing,
+    Experiment,
+    ExperimentContext,
+    ExperimentResult,
+)
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.estimation.point_of_action import find_point_of_action
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.live_estimator import LiveConfig
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+
+FROM = 5.0  # s
+MARGIN = 1.0  # s at the end, in which the reference's filter has an edge
+LEARNING = slice(100, 1000, 5)  # samples of a loaded log that tell the point of action
+QUICK_TIME = 12.0  # s of a log, in a shortened run
+BAND = 1.96  # sds: 95 %
+PLAYED = "ur-20_02_19_14harm50sec"
+PLAYED_TIME = 15.0, 6.0  # s; in a shortened run
+STEP = 0.002  # s, of the controller
+SETTLED = 2.0  # s, after which latency counts
+STATIC = "ur-20_01_17-p"  # begins the names of the postures at rest: there nothing is learnt
+
+
+def run(context: ExperimentContext) -> ExperimentResult:
+    """Identifies, reads every log with and without tracking, and two sources at real time."""
+    robot = Robot.load("ur10e")
+    model = identify_ur10e(
+        context.data, robot, IdentificationConfig(friction="presliding"), context.part(0.0, 0.3)
+    ).model
+    masses = {name: 0.0 for names in FREE_LOGS.values() for name in names if _moves(name)}
+    masses |= {name: mass for own in LOADED_LOGS.values() for name, mass in own.items()}
+    metrics: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "model.yaml"
+        model.save(path)
+        for k, (log, mass) in enumerate(masses.items()):
+            context.progress(0.3 + 0.6 * k / len(masses), log)
+            seconds = QUICK_TIME if context.quick else np.inf
+            plain, tracked = (
+                read_log(_path(context.data, log), path, track, seconds) for track in (False, True)
+            )
+            truth = truth_of(plain, robot, model, mass)
+            metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
+        context.progress(0.9, "at real time")
+        seconds = PLAYED_TIME[context.quick]
+        metrics |= sources(_path(context.data, PLAYED), path, robot, seconds)
+    return ExperimentResult(
+        metrics=metrics,
+        figures=[_drawn({log: metrics[log] for log in masses})],
+        comparison=_comparison(),
+        notes=NOTES,
+        configuration={"loads_kg": masses},
+    )
+
+
+def _moves(name: str) -> bool:
+    return not (name.startswith(STATIC) and name[len(STATIC) :].isdigit())
+
+
+def _path(data: Path, log: str) -> Path:
+    (folder,) = (
+        folder
+        for logs in (FREE_LOGS, LOADED_LOGS)
+        for folder, names in logs.items()
+        if log in names
+    )
+    return data / folder / f"{log}.csv"
+
+
+def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:
+    """What `watch` reads of a log's first seconds, without its processes and views."""
+    settings, robot, known = load_watched(
+        WatchSettings(
+            source=f"replay://{quote(str(log))}?rate=0",
+            robot="ur10e",
+            model=str(model),
+            watch=WatchConfig(live=LiveConfig(track=track)),
+        )
+    )
+    source = open_source(settings.source, robot)
+    reader = make_live(settings, robot, known, source)
+    readings: list[Reading] = []
+
+    def go_on() -> bool:
+        return not readings or readings[-1].t - readings[0].t < seconds
+
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)  # as the process that reads does: samples come one by one
+    try:
+        checks = StartChecks(robot, known, settings.watch)
+        read_stream(
+            source,
+            reader,
+            lambda item: readings.append(item) if isinstance(item, Reading) else None,
+            checks,
+            go_on,
+        )
+    finally:
+        numba.set_num_threads(threads)
+        source.close()
+    return readings
+
+
+def truth_of(readings: list[Reading], robot: Robot, model: IdentifiedModel, mass: float) -> Array:
+    """(N, 3) N, the force at E in axes of W that a load of `mass` kg exerts; zero without one."""
+    if mass == 0.0:
+        return np.zeros((len(readings), 3))
+    q, tau_ext = (np.array([getattr(r, name) for r in readings]) for name in ("q", "tau_ext"))
+    R_WE, _ = robot.chain.pose(q)
+    J = robot.chain.jacobian(q)
+    place = find_point_of_action(
+        J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING], model.residual_covariance
+    ).p_EP
+    t, none = np.array([r.t for r in readings]), np.zeros_like(q)
+    motion = Recording(t=t, q=q, v=none, current=none, source="")
+    return mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place).direction
+
+
+def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
+    """What the force says of the truth (N, 3), N, by axis."""
+    t = np.array([r.t for r in readings])
+    kept = (t >= t[0] + FROM) & (t <= t[-1] - MARGIN)
+    kept &= np.array([not r.dropout for r in readings])
+    valid = np.array([r.valid for r in readings])
+    error = np.array([r.wrench[3:] for r in readings]) - truth
+    sd = np.array([r.sd[3:] for r in readings])
+
+    def counted(rows: Flags) -> dict[str, Any]:
+        if not rows.any():
+            return {"inside_95_pct": [None] * 3, "rmse_n": [None] * 3}
+        return {
+            "inside_95_pct": 100.0 * np.mean(np.abs(error[rows]) <= BAND * sd[rows], axis=0),
+            "rmse_n": np.sqrt(np.mean(error[rows] ** 2, axis=0)),
+        }
+
+    share = 100.0 * float(valid[kept].mean())
+    return {**counted(kept), "share_valid_pct": share, "valid": counted(kept & valid)}
+
+
+def sources(log: Path, model: Path, robot: Robot, seconds: float) -> dict[str, Any]:
+    """Rate, loss and latency of a log at real time, from its file and from a controller."""
+    recording = read_recording(log, robot=robot)
+    recording = recording[recording.t < recording.t[0] + seconds + 1.0]
+    found = {"replay": source_metrics(f"replay://{quote(str(log))}", model, seconds)}
+    uniform = resampled(recording, STEP)
+    with RtdeController([uniform], port=0) as controller:
+        url = f"rtde://127.0.0.1:{controller.port}"
+        found["rtde"] = source_metrics(url, model, seconds)
+    return found
+
+
+def source_metrics(url: str, model: Path, seconds: float) -> dict[str, Any]:
+    """What comes of a source within the first seconds of its clock.
+
+    A sample that was bridged is lost, too.
+    """
+    times, latencies, bridged = [], [], 0
+    with live(url, "ur10e", model) as session:
+        for reading in session:
+            times.append(reading.t)
+            latencies.append(reading.latency)
+            bridged += reading.dropout and not reading.fault
+            if reading.t - times[0] > seconds:
+                break
+    t = np.array(times)
+    steps = np.diff(t)
+    step = float(np.median(steps))
+    p50, p99 = 1e3 * np.percentile(np.array(latencies)[t > t[0] + SETTLED], [50, 99])
+    return {
+        "rate_hz": 1.0 / step,
+        "lost": bridged + int(np.round(steps / step - 1.0).clip(0.0).sum()),
+        "latency_p50_ms": float(p50),
+        "latency_p99_ms": float(p99),
+    }
+
+
+def _comparison() -> list[ComparisonRow]:
+    inside = (
+        f"Inside the stated 95 % band, x y z, read live with friction followed, after {FROM:g} s"
+    )
+    rows = {
+        "a week after the fit": "ur-20_02_19_15harm50sec.inside_95_pct",
+        "seven weeks before it": "ur-19_12_23_free.inside_95_pct",
+        "the same without following": "ur-19_12_23_free.untracked.inside_95_pct",
+        "seven weeks before it, with a load of 1.069 kg": "ur-19_12_23_load.inside_95_pct",
+    }
+    return [ComparisonRow(f"{inside}, {words}", key) for words, key in rows.items()]
+
+
+def _drawn(metrics: dict[str, Any]) -> Drawing:
+    figure, axes = new_figure(1, 1, height=5.0)
+    panel: Any = axes[0, 0]
+    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
+    places = np.arange(len(metrics))
+    for i, axis in enumerate("xyz"):
+        level = places + 0.25 * (i - 1)
+        shares = [own["inside_95_pct"][i] for own in metrics.values()]
+        before = [own["untracked"]["inside_95_pct"][i] for own in metrics.values()]
+        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
+        panel.plot(
+            before,
+            level,
+            "D",
+            color=COLOUR["truth"],
+            markerfacecolor="white",
+            ms=3.5,
+            label="without --track" if i == 0 else None,
+            zorder=3,
+        )
+    panel.set_yticks(places, list(metrics))
+    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
+    panel.set_xlim(60.0, 100.5)
+    panel.invert_yaxis()
+    figure.legend(loc="outside upper center", ncols=4)
+    caption = (
+        f"Share of the samples inside the stated 95 % band, log by log, as `watch --track` reads "
+        f"them after {FROM:g} s."
+    )
+    return "live", figure, caption
+
+
+NOTES = (
+    "Seven weeks before the fit, friction followed: RMSE <ur-19_12_23_free.rmse_n:.2f> N, without "
+    "<ur-19_12_23_free.untracked.rmse_n:.2f> N, x y z.",
+    "At real time, a sample's coming to its reading's going: a log from its file "
+    "<replay.latency_p50_ms:.2f> ms (99 %: <replay.latency_p99_ms:.2f> ms), 500 Hz from a "
+    "controller <rtde.latency_p50_ms:.2f> ms (99 %: <rtde.latency_p99_ms:.2f> ms), "
+    "<rtde.lost:d> samples lost; they depend on the computer.",
+)
+
+
+EXPERIMENT = Experiment(
+    name="live",
+    title="What a controller reads while the robot runs, and how quickly",
+    section="recordings of a UR10e",
+    run=run,
+    needs=(FOLDER, MORE),
+    order=157,
+    seconds=120,
+)
