@@ -8,6 +8,7 @@ import errno
 import signal
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from typing import Annotated, Any
 
 import typer
@@ -37,6 +38,10 @@ class _Commands(TyperGroup):
         return None if entry is None else TyperCommand(cmd_name, help=entry.summary)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and not args[0].startswith("-") and args[0] not in find_commands():
+            near = get_close_matches(args[0], find_commands(), n=1)
+            hint = f'; did you mean "{near[0]}"?' if near else ""
+            ctx.fail(f'there is no command "{args[0]}"{hint}')
         name, command, rest = super().resolve_command(ctx, args)
         return name, command and load_command(find_commands()[str(command.name)]), rest
 

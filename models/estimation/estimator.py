@@ -262,7 +262,8 @@ class WrenchEstimator:
         )
         if isinstance(self.observer, InformedObserver):
             self.observer = self.observer.informed(self.knowledge)
-        self.error = TorqueErrorStage(error, self.friction, self.observer.pole, T, resolution)
+        own = self.friction, self.observer.pole, T, resolution, self.chain
+        self.error = TorqueErrorStage(error, *own)
         self.reading = WrenchReading(
             error,
             reading if self.learnt else self.config.reconstruction,
@@ -301,7 +302,8 @@ class WrenchEstimator:
         """Returns the constants of this estimator with other parts, (n,) N m/A among them."""
         robot = self.robot
         period = self.observer.time_step
-        error = TorqueErrorStage(reading.error, friction, observer.pole, period, self.resolution)
+        own = friction, observer.pole, period, self.resolution, self.chain
+        error = TorqueErrorStage(reading.error, *own)
         gain = motor_gain(torque_per_ampere, robot.current_sign)
         parameters = Parameters(
             chain=self.chain.table,

@@ -27,6 +27,7 @@ from wrenchsight.models.observers.lag import (
     see_jacobian,
     take_jacobian,
 )
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.views import view_2d
 
 STAGE_ROWS = TORQUE_ERROR_ROWS + JACOBIAN_ROWS  # of the state, (STAGE_ROWS, n)
@@ -67,6 +68,7 @@ class TorqueErrorStage:
         K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
+        chain: of the robot; None: gravity is taken as known in all postures.
 
     Attributes:
         table: of `torque_sd_tick`.
@@ -82,19 +84,21 @@ class TorqueErrorStage:
         K_0: ArrayLike | None,
         time_step: float,
         resolution: ArrayLike | None,
+        chain: SerialChain | None = None,
     ) -> None:
         self.error = error
         self.num_joints = n = error.num_joints
         self._friction, self._K_0 = friction, K_0
-        self._time_step, self._resolution = time_step, resolution
+        self._time_step, self._resolution, self._chain = time_step, resolution, chain
         self.rates = np.broadcast_to(np.asarray(error.K_0 if K_0 is None else K_0, float), (n,))
-        self.table = error.table(friction, time_step, self.rates, resolution)
+        self.table = error.table(friction, time_step, self.rates, resolution, chain)
         learnt = not isinstance(error, ConstantTorqueError)
         self.poles = observer_poles(K_0 if learnt else None, n, time_step)
 
     def retuned(self, friction: FrictionLaw, K_0: ArrayLike | None) -> "TorqueErrorStage":
         """Returns the stage with friction and an observer that were changed while they run."""
-        return TorqueErrorStage(self.error, friction, K_0, self._time_step, self._resolution)
+        fixed = self._time_step, self._resolution, self._chain
+        return TorqueErrorStage(self.error, friction, K_0, *fixed)
 
     def initial_state(self) -> Array:
         """Returns the (STAGE_ROWS, n) state before the first sample."""

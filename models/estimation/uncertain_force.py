@@ -86,6 +86,6 @@ class UncertainForce:
         if self.assumed:
             return why + ", which is assumed: give --model of an identified model"
         return why + (
-            ": identify from logs that hold motion as slow and as fast as this one, find a posture "
-            "that reads better with `place`, or allow more with `estimate --max-force-sd`"
+            ": identify from logs that hold these postures and motion as slow and as fast, find a "
+            "posture that reads better with `place`, or allow more with `estimate --max-force-sd`"
         )

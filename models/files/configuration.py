@@ -124,7 +124,9 @@ def nearest(word: str, known: typing.Iterable[str]) -> str:
 
 def _read_text(path: Path) -> str:
     if path.is_dir():
-        raise InputError(path, "", "is a directory", "expected a YAML file")
+        inside = sorted(path.glob("*.yaml"))[:3]
+        remedy = f"name a file in it: {', '.join(map(str, inside))}" if inside else ""
+        raise InputError(path, "", "is a directory, expected a YAML file", remedy)
     about_to_read(path)
     try:
         with path.open("rb") as file:

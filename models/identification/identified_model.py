@@ -28,6 +28,7 @@ from wrenchsight.models.friction.velocity_friction import (
 )
 from wrenchsight.models.identification.contact_noise import ContactNoise, check_contact_noise
 from wrenchsight.models.identification.fitted_robot import FittedRobot
+from wrenchsight.models.identification.gravity_spread import PARAMETERS
 from wrenchsight.models.identification.torque_error_model import (
     BEYOND_LOAD,
     BEYOND_SPEED,
@@ -155,6 +156,8 @@ class _TorqueErrorBlock:
     read_load: float = 0.0
     resting_only: float = 0.0
     drift_shown: list[float] = field(default_factory=list)
+    spread: list[list[list[float]]] = field(default_factory=list)
+    fitted_spread: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -536,12 +539,13 @@ def _read_torque_error(
 ) -> TorqueErrorModel | None:
     if block is None:
         return None
+    shapes = {"correlation": (n, n), "spread": (-1, n, PARAMETERS)}
     values: dict[str, Any] = {}
     for own in fields(block):
         value = getattr(block, own.name)
-        if own.name == "drift_shown" and not value:  # of a model that no log was read by
-            continue
-        shape = (n, n) if own.name == "correlation" else (n,) if isinstance(value, list) else ()
+        if own.name in ("drift_shown", "spread", "fitted_spread") and not value:
+            continue  # of a model that no log was read by, or of an earlier version
+        shape = shapes.get(own.name, (n,) if isinstance(value, list) else ())
         values[own.name] = _numbers(path, f"torque_error.{own.name}", value, shape)
     try:
         return TorqueErrorModel(**values)

@@ -7,6 +7,7 @@ carries any torque within its stiction band, whatever the environment does. Per 
     sd^2 = constant^2 + (speed v)^2 + (load L)^2 + (acceleration a)^2    what held-out motion shows
          + unknown^2 + reversal^2 turning^2                              stiction
          + (drift tau_v)^2 + (beyond_speed e_v)^2 + (beyond_load e_L)^2  stated assumptions
+         + s(q)^2 beyond the largest fitted      gravity (`models.identification.gravity_spread`)
 
     level   = C + S exp(-(v / v_s)^2) + l |L|       the friction law's own: half the stiction band,
                                                     with S >= -C / 2, as logs hardly show a crawl
@@ -61,7 +62,13 @@ from wrenchsight.models.friction.slip_elements import (
     held_stribeck,
     within_rounding,
 )
+from wrenchsight.models.identification.gravity_spread import (
+    PARAMETERS,
+    spread_beyond,
+    spread_table,
+)
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 DRIFT = 0.05  # of the viscous torque
 BEYOND_SPEED = 0.3  # of the viscous coefficient
@@ -137,6 +144,8 @@ class TorqueErrorModel:
         resting_only: 1 where w grows at rest alone, 0 where it does at any speed.
         drift_shown: (n,) share of the viscous torque, as `drift`, that a log shows of each joint;
             a number stands for all.
+        spread: (K, n, 5) directions in which gravity and offsets may be off; None: K = 0.
+        fitted_spread: (n,) N m, the largest s(q) of the fitted logs; a number stands for all.
 
     Raises:
         ValueError: shapes that disagree, a number that is negative or not finite, a correlation
@@ -164,19 +173,24 @@ class TorqueErrorModel:
     read_load: float = field(default=0.0)
     resting_only: float = field(default=0.0)
     drift_shown: Array | float = field(default=0.0)
+    spread: Array | None = field(default=None)
+    fitted_spread: Array | float = field(default=0.0)
 
     def __post_init__(self) -> None:
         n = np.size(self.constant)
+        if self.spread is None or np.size(self.spread) == 0:
+            object.__setattr__(self, "spread", np.zeros((0, n, PARAMETERS)))
+        shapes = {"correlation": (n, n), "spread": (len(self._directions), n, PARAMETERS)}
         for own in fields(self):
             value = np.array(getattr(self, own.name), float)
-            if own.name == "drift_shown" and value.shape == ():
+            if own.name in _FOR_ALL and value.shape == ():
                 value = np.full(n, float(value))
-            shape = () if own.name in _NUMBERS else (n, n) if own.name == "correlation" else (n,)
+            shape = () if own.name in _NUMBERS else shapes.get(own.name, (n,))
             if value.shape != shape:
                 raise ValueError(f"{own.name}: expected shape {shape}, found {value.shape}")
             if not np.isfinite(value).all():
                 raise ValueError(f"{own.name}: expected finite numbers")
-            if own.name != "correlation" and (value < 0.0).any():
+            if own.name not in shapes and (value < 0.0).any():
                 raise ValueError(f"{own.name}: expected zero or more")
             object.__setattr__(self, own.name, float(value) if not shape else value)
         for key in ("rest_time", "reach"):
@@ -196,6 +210,14 @@ class TorqueErrorModel:
         """How many joints, n."""
         return int(self.constant.shape[0])
 
+    @property
+    def _directions(self) -> Array:
+        return np.asarray(self.spread, float)
+
+    def spread_table(self, chain: SerialChain) -> Array:
+        """(n, 20 + 5 K), or (n, 0), columns that `table` has for a robot with this chain."""
+        return spread_table(chain, self._directions, self.fitted_spread)
+
     def with_drift(self, drift: float) -> Self:
         """Returns the model with another `drift`, such as that of friction fitted today."""
         return replace(self, drift=drift, drift_shown=0.0)
@@ -211,14 +233,16 @@ class TorqueErrorModel:
         time_step: float,
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
+        chain: SerialChain | None = None,
     ) -> Array:
-        """(n, 25) contiguous: all that `torque_sd_tick` reads.
+        """(n, 25 + k) contiguous: all that `torque_sd_tick` reads; k columns are `spread_table`'s.
 
         Args:
             friction: the model's; its level is the stiction band.
             time_step: s.
             K_0: (n,) or () 1/s, of the observer.
             resolution: (n,) or () rad, of the encoders; None: that of the logs.
+            chain: of the robot; None: gravity is taken as known in all postures.
         """
         n = self.num_joints
         K_0 = np.broadcast_to(np.asarray(K_0, float), (n,))
@@ -249,7 +273,7 @@ class TorqueErrorModel:
         table[:, _FITTED_LOAD] = np.where(known, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
-        return table
+        return table if chain is None else np.hstack([table, self.spread_table(chain)])
 
     def initial_state(self) -> Array:
         """Returns the (TORQUE_ERROR_ROWS, n) state before the first sample: nothing is known."""
@@ -314,7 +338,7 @@ class TorqueErrorModel:
         names = {own.name for own in fields(cls)}
         for name in sorted(set(values) - names):
             raise ValueError(f"{name}: unknown")
-        for name in sorted(names - _NUMBERS - {"drift_shown"} - set(values)):
+        for name in sorted(names - _NUMBERS - _MAY_LACK - set(values)):
             raise ValueError(f"{name}: missing")
         return cls(**values)
 
@@ -368,9 +392,10 @@ class ConstantTorqueError(TorqueErrorModel):
         time_step: float,
         K_0: ArrayLike,
         resolution: ArrayLike | None = None,
+        chain: SerialChain | None = None,
     ) -> Array:
         """As `TorqueErrorModel`'s, without stiction, and the same behind any observer."""
-        table = super().table(friction, time_step, K_0, resolution)
+        table = super().table(friction, time_step, K_0, resolution, chain)
         table[:, :SLIDING_COLUMNS] = 0.0
         table[:, _CONSTANT2] = self.constant**2
         return table
@@ -380,6 +405,8 @@ _NUMBERS = {
     *("rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"),
     *("read_load", "resting_only"),
 }
+_FOR_ALL = {"drift_shown", "fitted_spread"}
+_MAY_LACK = {*_FOR_ALL, "spread"}
 
 
 def averaged_share(x: ArrayLike) -> Array:
@@ -476,6 +503,9 @@ def torque_sd_tick(
         stiction: (n,) N m, written: the part of it that is stiction.
         drift: (n,) N m, written: what a drift of the viscous coefficient is at this speed, signed.
     """
+    posture = np.zeros(table.shape[0])
+    if table.shape[1] > _COLUMNS:
+        spread_beyond(table[:, _COLUMNS:], q, posture)
     for i in range(table.shape[0]):
         row = table[i]
         _advance(table, state, i, q[i], v[i])
@@ -488,7 +518,7 @@ def torque_sd_tick(
         )
         held = state[_UNKNOWN, i] ** 2 + row[_REVERSAL2] * state[_TURNING, i] ** 2
         total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
-        total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2
+        total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + posture[i]
         if fast > row[_FITTED_SPEED]:
             total += row[_BEYOND_SPEED2] * (fast - row[_FITTED_SPEED]) ** 2
         if load > row[_FITTED_LOAD]:

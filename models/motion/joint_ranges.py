@@ -31,8 +31,9 @@ def narrowed_limits(
     for joint, limits in ranges.items():
         place = f"joint_ranges_deg.{joint}"
         if joint not in robot.joint_names:
-            known = "its joints: " + ", ".join(robot.joint_names)
-            raise InputError(source, place, f"{robot.name} has no joint of this name", known)
+            problem = f"{robot.name} has no joint of this name"
+            remedy = "copy the task's file and name this robot's joints there: "
+            raise InputError(source, place, problem, remedy + ", ".join(robot.joint_names))
         if len(limits) != 2 or not limits[0] < limits[1]:
             raise InputError(source, place, f"{list(limits)}, expected [lower, upper] in deg")
         j = robot.joint_names.index(joint)

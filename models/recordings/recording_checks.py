@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.log_words import IN_DEGREES
 from wrenchsight.models.recordings.plausibility.drive_evidence import DriveEvidence, SignEvidence
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_format import ColumnLayout
@@ -144,7 +145,10 @@ class RecordingChecks:
         revolute = not self._is_prismatic(j)
         remedy = "check the column, its unit and its offset, and that the log is of this robot"
         if revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
-            remedy = "if these are degrees, set position: {unit: deg} in a description"
+            remedy = (
+                f"if these are degrees, and the velocities degrees per second, add --log-format "
+                f"{IN_DEGREES}; if not, set position: {{unit: deg}} in a description"
+            )
         unit = "rad" if revolute else "m"
         raise self._error(
             chunk,
@@ -164,7 +168,8 @@ class RecordingChecks:
         unit = "m/s" if self._is_prismatic(j) else "rad/s"
         remedy = "check the column and its unit"
         if not self._is_prismatic(j):
-            remedy = "if these are degrees per second, set velocity: {unit: deg/s} in a description"
+            remedy = "if these are degrees per second, set velocity: {unit: deg/s} "
+            remedy += "in a description (--log-format)"
         raise self._error(
             chunk,
             k,
@@ -206,9 +211,12 @@ class RecordingChecks:
         j = int(wrong[0])
         remedy = "check the column, its unit and the robot's torque_per_ampere"
         if torque[j] / 1000 < limit[j]:
-            remedy = "if these are milliamperes, set current: {unit: mA} in a description"
+            remedy = (
+                "if these are milliamperes, set current: {unit: mA} in a description (--log-format)"
+            )
         if self._has_torque_only(chunk):
-            remedy = "check the column and its unit: motor_torque: {unit: mN m} in a description"
+            remedy = "check the column and its unit: motor_torque: {unit: mN m} in a description "
+            remedy += "(--log-format)"
         elif (np.median(np.abs(chunk.current), axis=0) < limit).all():
             remedy += "; if torques in N m, name the columns tau1.."
         raise self._error(

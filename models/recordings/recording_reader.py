@@ -434,7 +434,7 @@ class RecordingReader:
             layout = known_layout(table.names, table.num_columns, path, joint_names)
             layout = layout or array_layout(table.names)
             if layout is not None:
-                form = self._laid_out(layout)
+                form = self._in_asked_angle(self._laid_out(layout))
                 if form.header:
                     return form, str(path), table
                 return form, str(path), container.open(path, form)
@@ -451,7 +451,18 @@ class RecordingReader:
         # Those are not unknown, however the log calls them; a wrong one is reported first.
         mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
         names = _in_lower_case([name for name in table.names if name not in mine])
-        return header_format(names, path, num_joints), str(path), table
+        form = self._in_asked_angle(header_format(names, path, num_joints))
+        return form, str(path), table
+
+    def _in_asked_angle(self, form: RecordingFormat) -> RecordingFormat:
+        """In degrees where `--log-format` says so; a program's own unit stays."""
+        position = form.position
+        if self._words.angle != "deg" or position is None or position.unit:
+            return form
+        self._notices.append("positions and velocities read in degrees, as asked for")
+        position = replace(position, unit="deg")
+        velocity = form.velocity and replace(form.velocity, unit="deg/s")
+        return replace(form, position=position, velocity=velocity)
 
     def _laid_out(self, layout: KnownLayout) -> RecordingFormat:
         self._notices += layout.notices

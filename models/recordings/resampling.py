@@ -107,7 +107,8 @@ def plausible_step(chunk: Recording) -> float:
     fitting = [name for name, factor in units if shortest <= step * factor <= longest]
     remedy = "check the unit of time"
     if fitting:
-        remedy = f"it looks like {fitting[0]}: set time: {{unit: {fitting[0]}}} in a description"
+        unit = fitting[0]
+        remedy = f"it looks like {unit}: set time: {{unit: {unit}}} in a description (--log-format)"
     raise InputError(
         chunk.source,
         "column t",

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
@@ -25,6 +24,7 @@ from wrenchsight.models.files.configuration import load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
+from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from wrenchsight.models.robot.motors import current_to_torque, torque_to_current
 from wrenchsight.models.robot.robot_config import (
@@ -255,7 +255,7 @@ class Robot:
         """
         text = self._urdf.text(name or self.name, hulls)
         try:
-            (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+            instance = add_model(plant, text, "urdf")
         except (RuntimeError, ValueError) as error:
             raise InputError(self._urdf.source, "", f"Drake cannot take it: {error}") from error
         base = plant.GetFrameByName(self.config.base_link, instance)
@@ -323,7 +323,8 @@ def _robot_file(name_or_path: "str | Path") -> Path:
         remedy = nearest(text, names) or f"give the path of a robot.yaml or one of {names}"
         raise InputError(text, "", "no such robot", remedy)
     if path.suffix in {".urdf", ".xacro", ".sdf", ".xml"}:
-        raise InputError(path, "", "is no robot.yaml", "write one that names this file as its urdf")
+        draft = f"draft one: wrenchsight robot {path} --out robot.yaml"
+        raise InputError(path, "", "describes the robot's links, and is no robot.yaml", draft)
     return path
 
 

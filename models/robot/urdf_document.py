@@ -67,6 +67,10 @@ def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]
     try:
         parser.Parse(data, True)
     except xml.parsers.expat.ExpatError as error:
+        if path.suffix in {".yaml", ".yml"}:
+            problem = "is a YAML file, expected a URDF, xacro or SDF"
+            remedy = f"a robot.yaml is looked at by: wrenchsight robot show {path}"
+            raise InputError(path, "", problem, remedy) from error
         what = xml.parsers.expat.ErrorString(error.code)
         raise InputError(path, f"line {error.lineno}", f"no valid XML: {what}") from error
     except (ValueError, LookupError) as error:  # of the encoding that it states

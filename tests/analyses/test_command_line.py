@@ -146,6 +146,7 @@ def test_version_and_list(invoke):
         (("simulate", "--scenario", "Defalt"), ("Defalt", "Default")),
         (("simulate", "--scenario", "nowhere.yaml"), ("nowhere.yaml",)),
         (("simulate", "--duration", "-1"), ("duration",)),
+        (("estimat", "a.csv"), ('no command "estimat"', 'did you mean "estimate"?', "--help")),
     ],
 )
 def test_one_line_and_exit_code_2(invoke, monkeypatch, arguments, expected):

@@ -149,6 +149,7 @@ class FrictionFit:
         weights: per log (m, n), of the squared residuals; None for one.
         groups: per log, which motion it shows: logs of one motion are held out together; None:
             each log has its own.
+        stretches: in which logs of one motion are held out.
     """
 
     robot: Robot
@@ -161,6 +162,7 @@ class FrictionFit:
     selection: str = SELECTIONS[0]
     weights: Sequence[Array] | None = None
     groups: Sequence[int] | None = None
+    stretches: int = STRETCHES
     _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
 
     @cached_property
@@ -174,11 +176,12 @@ class FrictionFit:
                 for group in dict.fromkeys(groups)
             ]
         edges = [
-            np.linspace(0, len(entry.rows), STRETCHES + 1).astype(int) for entry in self.regressions
+            np.linspace(0, len(entry.rows), self.stretches + 1).astype(int)
+            for entry in self.regressions
         ]
         return [
             [(k, slice(int(entry[i]), int(entry[i + 1]))) for k, entry in enumerate(edges)]
-            for i in range(STRETCHES)
+            for i in range(self.stretches)
         ]
 
     @property

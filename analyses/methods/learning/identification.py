@@ -60,6 +60,7 @@ from wrenchsight.analyses.methods.learning.repeated_motion import (
     repeated_motion_notes,
 )
 from wrenchsight.analyses.methods.learning.torque_error_learning import (
+    gravity_spread,
     held_out_readings,
     learn_torque_error,
 )
@@ -293,7 +294,10 @@ def _identify(
         readings = held_out_readings(
             recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
         )
-        model = replace(model, torque_error=learn_torque_error(readings, robot))
+        error = learn_torque_error(readings, robot)
+        if error is not None:
+            error = gravity_spread(fits.gravity_without_a_fold(chosen), robot, error, readings)
+        model = replace(model, torque_error=error)
         if contact_noise:
             model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
     of_torque = all(recording.tau_J is not None for recording in recordings)

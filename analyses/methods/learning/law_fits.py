@@ -23,6 +23,7 @@ from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
+JACKKNIFE = 9  # stretches of logs of one motion, each left out once
 EXTREME = 0.8  # share of the samples by speed, beyond which a joint's are fast
 
 
@@ -130,6 +131,28 @@ class LawFits:
             others = [k for k in range(len(self._runs)) if k not in away]
             models.append(HeldOutModel(fold, *self._realised(law, solution, others)))
         return models
+
+    def gravity_without_a_fold(self, law: str) -> Array:
+        """Of fits without a fold each, what gravity depends on: (K, n, 5) mass, first moment and
+        offset of each joint.
+
+        Logs of one motion are taken in JACKKNIFE stretches: without a third of a log the postures
+        that remain tell less than all of them, and the fits differ by more than they err.
+        """
+        fit = self._linear_fit(WITH_NETWORK.get(law, law))
+        problem = replace(self._problem, weights=fit.weights, stretches=JACKKNIFE)
+        solutions = shared(
+            "friction_fit_jackknife",
+            (*self._source, fit.structure, fit.weights),
+            lambda: [problem.fit(fit.structure, others) for others in _others(len(problem.folds))],
+        )
+        rates = problem.robot.motor_rates
+        found = []
+        for solution in solutions:
+            inertial, _, coefficients = solution.parts()
+            plain = solution.structure.law(coefficients).feedforward.coulomb_viscous
+            found.append(np.hstack([inertial[:, :4], (rates.T @ plain.offset)[:, None]]))
+        return np.stack(found)
 
     def _linear_fit(self, law: str) -> _LinearFit:
         if law not in self._linear:

@@ -14,6 +14,7 @@ from wrenchsight.analyses.methods.learning.law_fits import HeldOutModel
 from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.identification.gravity_spread import jackknife, largest_spread, strongest
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
@@ -110,6 +111,24 @@ def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
                 change = np.asarray(robot.chain.gravity_torque(moved)) - gravity
                 slope = np.maximum(slope, np.abs(change).max(axis=0, initial=0.0))
     return np.asarray(np.hypot(step, slope) / np.sqrt(12.0))
+
+
+def gravity_spread(
+    parameters: Array,
+    robot: Robot,
+    error: TorqueErrorModel,
+    readings: Sequence[HeldOutReading],
+) -> TorqueErrorModel:
+    """Returns the error with what fits without a fold disagree on of gravity, by posture.
+
+    Args:
+        parameters: (K, n, 5) of `LawFits.gravity_without_a_fold`.
+        error: as `learn_torque_error` finds it.
+        readings: of all folds, for the postures that the logs went through.
+    """
+    spread = strongest(robot.chain, jackknife(parameters), error.constant)
+    fitted = [largest_spread(robot.chain, spread, entry.q) for entry in readings]
+    return replace(error, spread=spread, fitted_spread=np.max(fitted, axis=0))
 
 
 def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> TorqueErrorModel | None:

@@ -401,7 +401,7 @@ def _advance(
         raise InputError(
             "scenario",
             "",
-            f"the motion diverges before {ends[len(passed)]:.1f} s",
+            f"the motion diverges before {ends[len(passed)]:.3g} s",
             "lower the controller's gains, the wrench or the time_step",
         ) from None
     return time.perf_counter() - started

@@ -29,6 +29,7 @@ INFO = "meta/info.json"
 MOST_EPISODES = 100_000
 _LARGEST_META = 256 << 20  # bytes of a file of meta/
 _MOST_FEATURES, _MOST_ENTRIES = 1000, 4096
+_ENDS = ("min", "max")  # of a feature's statistics
 _EPISODE = re.compile(r"episode_(\d{1,9})(?:\.parquet)?")
 _FIELD = re.compile(r"\{(\w+)(?::0?(\d)d)?\}")
 _V3_COLUMNS = ["episode_index", "length", "data/chunk_index", "data/file_index",
@@ -106,12 +107,11 @@ class DataSet:
         """
         size = self.features[feature].size
         rows = [one.get(feature) for one in _statistics(self)]
-        limits = [
-            np.maximum(np.abs(_row(row.get("min"), size)), np.abs(_row(row.get("max"), size)))
-            for row in rows
-            if isinstance(row, dict)
-        ]
-        found = np.max(limits, axis=0) if limits else np.full(size, np.nan)
+        ends = [_row(row.get(end), size) for row in rows if isinstance(row, dict) for end in _ENDS]
+        told = [np.abs(end) for end in ends if end is not None]
+        if not told or len(told) < len(ends):
+            return None
+        found = np.max(told, axis=0)
         return None if np.isnan(found).any() else np.asarray(found)
 
 
@@ -310,9 +310,10 @@ def _statistics(data_set: DataSet) -> list[dict[str, Any]]:
     return []
 
 
-def _row(value: object, size: int) -> Array:
+def _row(value: object, size: int) -> Array | None:
+    """(size,); None where it is no row of so many numbers."""
     try:
         numbers = np.asarray(value, float).ravel()
     except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    return numbers if len(numbers) == size else np.full(size, np.nan)
+        return None
+    return numbers if len(numbers) == size else None

@@ -14,6 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from wrenchsight.analyses.output.compilation import ANNOUNCEMENT
+
 SECONDS = 20.0
 BYTES = 4 << 30
 _PACKAGE = Path(__file__).parents[1]
@@ -49,7 +51,7 @@ class Ending:
         if self.peak_bytes > BYTES or "not enough memory" in self.stderr:
             return "too much memory"
         if self.code == 2:
-            if self.stderr.count("\n") != 1 or not self.stderr.endswith("\n"):
+            if self._lines != 1 or not self.stderr.endswith("\n"):
                 return "not one line"
             if not self.stderr.replace("\n", "").isprintable():
                 return "a line that a terminal would obey"
@@ -61,6 +63,12 @@ class Ending:
         if "Warning" in self.stderr:
             return "a warning of Python's"
         return None
+
+    @property
+    def _lines(self) -> int:
+        """How many were printed, without the one of a kernel that this machine had not compiled."""
+        lines = self.stderr.splitlines()
+        return sum(not line.endswith(ANNOUNCEMENT) for line in lines)
 
 
 class Sandbox:

@@ -1,5 +1,7 @@
 """The torque error of each sample, and J as the observer saw it, computed once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sample_models import knowing_model
@@ -81,3 +83,28 @@ def test_an_error_that_nobody_learnt_is_constant(model: IdentifiedModel, log: Lo
         np.testing.assert_allclose(found.sd, np.tile(np.sqrt(np.diag(Sigma)), (ROWS, 1)))
         assert not found.stiction.any() and not found.drift.any()
         np.testing.assert_array_equal(found.J_seen, log[3])
+
+
+def test_a_posture_in_which_gravity_is_open_has_a_larger_sd(
+    sts: Robot, model: IdentifiedModel, log: Log
+) -> None:
+    """Of a mass on the last link that is known to 0.5 kg: the torque of 0.5 kg, beyond the sd."""
+    assert model.torque_error is not None
+    spread = np.zeros((1, N, 5))
+    spread[0, -1, 0] = 0.5
+    inertial = sts.chain.inertial_parameters.copy()
+    inertial[-1, 0] += 0.5
+    heavier = sts.chain.with_inertial_parameters(inertial, sts.chain.reflected_inertia)
+    more = np.asarray(heavier.gravity_torque(log[0]) - sts.chain.gravity_torque(log[0]))
+    law = model.friction.sampled(T)
+    own = law, np.full(N, 20.0), T, None
+    known = TorqueErrorStage(model.torque_error, *own)
+    error = replace(model.torque_error, spread=spread)
+    open_ = TorqueErrorStage(error, *own, sts.chain)
+    a, b = (stage.run(stage.initial_state(), *log) for stage in (known, open_))
+    np.testing.assert_allclose(b.sd**2, a.sd**2 + more**2, rtol=1e-9)
+    fitted = replace(error, fitted_spread=np.abs(more).max(axis=0) * (1.0 + 1e-9))
+    within = TorqueErrorStage(fitted, *own, sts.chain)
+    np.testing.assert_array_equal(within.run(within.initial_state(), *log).sd, a.sd)
+    kept = within.retuned(law, np.full(N, 20.0))
+    np.testing.assert_array_equal(kept.table, within.table)

@@ -162,6 +162,9 @@ def test_files_that_are_no_text(tmp_path: Path) -> None:
         load_configuration(tmp_path / "absent.yaml", Thing)
     with pytest.raises(InputError, match="is a directory"):
         load_configuration(tmp_path, Thing)
+    (tmp_path / "model.yaml").write_text("")
+    with pytest.raises(InputError, match=r"name a file in it: \S*model\.yaml$"):
+        load_configuration(tmp_path, Thing)
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(InputError, match="no text file"):

@@ -273,6 +273,24 @@ def test_a_file_without_the_drift_of_a_log_loads(model, sts, tmp_path):
     assert not IdentifiedModel.load(path, sts).torque_error.drift_shown.any()
 
 
+def test_a_file_without_the_spread_of_gravity_loads(model, sts, tmp_path):
+    own = with_torque_error(model)
+    spread = np.linspace(-1.0, 1.0, 60).reshape(2, 6, 5)
+    known = replace(own.torque_error, spread=spread, fitted_spread=np.linspace(0.0, 0.5, 6))
+    path = saved(replace(own, torque_error=known), tmp_path)
+    loaded = IdentifiedModel.load(path, sts).torque_error
+    np.testing.assert_array_equal(loaded.spread, spread)
+    np.testing.assert_array_equal(loaded.fitted_spread, known.fitted_spread)
+    content = yaml.safe_load(path.read_text())
+    content["torque_error"]["spread"][0].pop()
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    with pytest.raises(InputError, match=r"torque_error\.spread: expected any x 6 x 5 num"):
+        IdentifiedModel.load(path, sts)
+    del content["torque_error"]["spread"], content["torque_error"]["fitted_spread"]
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    assert IdentifiedModel.load(path, sts).torque_error.spread.shape == (0, 6, 5)
+
+
 def test_the_torque_error_makes_the_round_trip(model, sts, tmp_path):
     own = with_torque_error(model)
     loaded = IdentifiedModel.load(saved(own, tmp_path), sts)

@@ -314,6 +314,8 @@ def test_plain_numbers_and_back(shown: Any) -> None:
         ("correlation_time", [0.0, 1.0]),
         ("reach", 0.0),
         ("drift", -0.1),
+        ("spread", np.zeros((1, 3, 5))),
+        ("fitted_spread", -1.0),
     ],
 )
 def test_what_cannot_be(key: str, value: object) -> None:

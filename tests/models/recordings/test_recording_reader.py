@@ -140,6 +140,19 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     assert "semicolons" in recording.notices[1]
 
 
+def test_positions_in_degrees_by_a_word(tmp_path: Path) -> None:
+    table = _table()
+    columns = slice(1, 5)
+    turned = table.copy()
+    turned[:, columns] = np.degrees(table[:, columns])
+    path = _csv(tmp_path, _HEADER, *_lines(turned))
+    recording = read_recording(path, "positions-in-degrees")
+    np.testing.assert_allclose(recording.q, table[:, 1:3], atol=1e-8)  # six decimals of a degree
+    np.testing.assert_allclose(recording.v, table[:, 3:5], atol=1e-8)
+    np.testing.assert_array_equal(recording.current, table[:, 5:7])
+    assert any("in degrees, as asked for" in text for text in recording.notices)
+
+
 def test_a_description_of_another_layout(tmp_path: Path) -> None:
     table = _table()
     scaled = table * [1e3, 180 / np.pi, 180 / np.pi, *[180 / np.pi] * 2, -1e3, 1e3]

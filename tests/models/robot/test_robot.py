@@ -672,7 +672,8 @@ def test_a_robot_that_is_not_there(name: str, expected: str) -> None:
 
 def test_a_urdf_instead_of_a_robot_yaml(tmp_path: Path) -> None:
     load_small(tmp_path)
-    with pytest.raises(InputError, match=r"is no robot\.yaml"):
+    drafts = r"is no robot\.yaml; draft one: wrenchsight robot \S*robot\.urdf --out robot\.yaml$"
+    with pytest.raises(InputError, match=drafts):
         Robot.load(tmp_path / "robot.urdf")
 
 

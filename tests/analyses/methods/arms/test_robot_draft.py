@@ -90,6 +90,7 @@ def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
         ("a.sdf", "<sdf/>", "holds 0 models, expected one"),
         ("a.xml", "<mujoco/>", "<mujoco> is the root element"),
         ("a.urdf", "<robot>", "no valid XML"),
+        ("robot.yaml", "name: a", "expected a URDF.*wrenchsight robot show .*robot.yaml$"),
         ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links that hang on nothing"),
     ],
 )

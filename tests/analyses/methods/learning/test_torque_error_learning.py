@@ -6,8 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_models import knowing_model
 
-from wrenchsight.analyses.methods.learning.torque_error_learning import FINEST, resolution_floor
+from wrenchsight.analyses.methods.learning.torque_error_learning import (
+    FINEST,
+    gravity_spread,
+    resolution_floor,
+)
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -40,3 +46,22 @@ def test_the_encoders_step_through_gravity(ur10e: Robot) -> None:
     np.testing.assert_allclose(own, moved.max(axis=(0, 1)), atol=1e-6)
     assert own[0] == pytest.approx(0.0, abs=1e-6)
     assert own[1] > 0.05
+
+
+def test_fits_that_disagree_on_a_mass_leave_gravity_open(ur10e: Robot) -> None:
+    """And on an offset: each joint's spread in the logs' postures is that of the fits' torques."""
+    model: IdentifiedModel = knowing_model(ur10e, 5.0, 4.0)
+    assert model.torque_error is not None
+    reading, parameters, torques = _reading(ur10e, 0.0), [], []
+    for more in (-0.2, 0.0, 0.2):
+        inertial = ur10e.chain.inertial_parameters.copy()
+        inertial[3, 0] += more
+        chain = ur10e.chain.with_inertial_parameters(inertial, ur10e.chain.reflected_inertia)
+        offset = 10.0 * more * np.eye(6)[0]
+        parameters.append(np.hstack([inertial[:, :4], offset[:, None]]))
+        torques.append(chain.gravity_torque(reading.q) + offset)
+    error = gravity_spread(np.stack(parameters), ur10e, model.torque_error, [reading])
+    expected = np.sqrt(2.0 * np.var(torques, axis=0)).max(axis=0)
+    np.testing.assert_allclose(error.fitted_spread, expected, rtol=1e-6, atol=1e-9)
+    assert np.shape(error.spread) == (1, 6, 5)  # mass and offset moved together
+    assert expected[1] > 1.0

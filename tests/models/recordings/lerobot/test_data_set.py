@@ -229,6 +229,18 @@ def test_damage_is_one_line(
     assert "\n" not in str(caught.value)
 
 
+def test_a_feature_of_more_entries_than_any_memory(
+    tmp_path: Path, ur10e: Robot, episodes: list[dict[str, np.ndarray]]
+) -> None:
+    """What a shape declares is made nowhere: the columns are those of the tables."""
+    root = write_data_set(tmp_path / "set", "v2.1", episodes[:1], FPS)
+    info = json.loads((root / "meta/info.json").read_text())
+    info["features"]["observation.state"]["shape"] = [1 << 63]
+    (root / "meta/info.json").write_text(json.dumps(info))
+    log = read_recording(root, robot=ur10e)
+    np.testing.assert_allclose(log.q, episodes[0]["observation.state"], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "pattern",
     ["/etc/passwd", "../{episode_index}", "{0.__class__}", "{episode_index:09999999999d}", 7],

@@ -1,0 +1,144 @@
+"""How far a model's gravity may be off, posture by posture.
+
+What logs tell of gravity holds for the postures that they went through. Fitted without one fold of
+them after another, the models differ: little in those postures, and by a newton metre and more in
+others, where the joints that held still, their offsets and the masses behind them come apart. The
+spread of a parameter vector theta over K such fits is that of the grouped jackknife (Efron and
+Stein 1981),
+
+    (K - 1) / K sum_k (theta_k - mean) (theta_k - mean)^T = sum_k d_k d_k^T
+
+and that of the torque which a posture needs, joint by joint, with G linear in d,
+
+    s(q)^2 = sum_k (G(q; d_k) + offset_k)^2
+
+Nine stretches of a log are left out, one by one: three state twice as much on a Tiago, a Talos arm
+and an xArm 7, whose errors were in sight; the other arms of docs/arms.md were not.
+
+Only what s(q) has beyond its largest value in the fitted logs is new: the error of the postures
+within is part of what held-out motion showed (`models.identification.torque_error_model`).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wrenchsight.models.arrays import Array, contiguous
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.rigid_body.chain_kernels import place_links
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+
+PARAMETERS = 5  # of a joint: mass, first moment [kg m], offset [N m (N)]
+MOST_DIRECTIONS = 6  # d_k that a tick can afford; the strongest ones
+
+# Columns of the table, one row a joint: 0-15 of `SerialChain.table`, gravity in W, the square of
+# the largest spread fitted, then PARAMETERS a direction.
+_GRAVITY, _FITTED2, _DIRECTIONS = 16, 19, 20
+_BODY_COLUMNS = 18  # that `place_links` writes
+_ROUNDING = 1e-6  # of `scale`: directions below are none
+_POSTURES = 200  # random ones, in which the directions are weighed
+
+
+def jackknife(parameters: ArrayLike) -> Array:
+    """(K, n, 5) directions d_k from the parameters (K, n, 5) of K fits without a fold each."""
+    found = np.asarray(parameters, float)
+    K = len(found)
+    return np.asarray((found - found.mean(axis=0)) * np.sqrt((K - 1.0) / K))
+
+
+def strongest(chain: SerialChain, spread: Array, scale: ArrayLike) -> Array:
+    """The same spread by fewer directions, the strongest first: (K', n, 5), K' <= K - 1.
+
+    Beyond MOST_DIRECTIONS the weakest are left out.
+
+    Args:
+        chain: whose joints they are.
+        spread: (K, n, 5), of `jackknife`.
+        scale: (n,) N m, the error's sd, by which the joints' torques are compared.
+    """
+    K, n, _ = spread.shape
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, n))
+    torque = np.stack([_torque(chain, one, q) / np.asarray(scale, float) for one in spread])
+    U, s, _ = np.linalg.svd(torque.reshape(K, -1), full_matrices=False)
+    kept = min(K - 1, MOST_DIRECTIONS, int(np.sum(s > _ROUNDING)))
+    return np.asarray(np.tensordot(U[:, :kept].T, spread, axes=1))
+
+
+def _torque(chain: SerialChain, parameters: Array, q: Array) -> Array:
+    """(N, n) N m, of parameters (n, 5) in postures (N, n)."""
+    inertial = np.zeros((chain.num_joints, 10))
+    inertial[:, :4] = parameters[:, :4]
+    own = chain.with_inertial_parameters(inertial, np.zeros(chain.num_joints))
+    return np.asarray(own.gravity_torque(q)) + parameters[:, 4]
+
+
+def spread_table(chain: SerialChain, spread: Array, fitted: ArrayLike) -> Array:
+    """(n, 20 + 5 K) contiguous: all that `spread_beyond` reads; (n, 0) of a spread of none.
+
+    Args:
+        chain: of the robot, whose gravity and frames count.
+        spread: (K, n, 5) directions.
+        fitted: (n,) N m, largest s(q) of the fitted logs.
+    """
+    n = chain.num_joints
+    if len(spread) == 0:
+        return np.zeros((n, 0))
+    table = np.empty((n, _DIRECTIONS + PARAMETERS * len(spread)))
+    table[:, :_GRAVITY] = chain.table[:n, :_GRAVITY]
+    table[:, _GRAVITY:_FITTED2] = chain.gravity
+    table[:, _FITTED2] = np.square(fitted)
+    table[:, _DIRECTIONS:] = np.swapaxes(spread, 0, 1).reshape(n, -1)
+    return table
+
+
+def largest_spread(chain: SerialChain, spread: Array, q: ArrayLike) -> Array:
+    """(n,) N m, the largest s(q) of postures (N, n)."""
+    table = spread_table(chain, spread, np.zeros(chain.num_joints))
+    (rows,) = contiguous(q)
+    largest = np.zeros(chain.num_joints)
+    if table.shape[1] > 0:
+        _largest(table, rows, largest)
+    return np.sqrt(largest)
+
+
+@kernel
+def spread_beyond(table: Array, q: Array, variance: Array) -> None:
+    """Single-sample kernel: what s(q)^2 has beyond that of the fitted logs, 0 within them.
+
+    Args:
+        table: of `spread_table`, with a direction or more.
+        q: (n,) rad (m); where one is not finite the result is 0.
+        variance: (n,) N^2 m^2, written.
+    """
+    n = q.shape[0]
+    variance[:] = 0.0
+    if not np.isfinite(q).all():
+        return
+    bodies = np.empty((n, _BODY_COLUMNS))
+    place_links(table, q, bodies)
+    gx, gy, gz = table[0, _GRAVITY], table[0, _GRAVITY + 1], table[0, _GRAVITY + 2]
+    for column in range(_DIRECTIONS, table.shape[1], PARAMETERS):
+        m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of all that the joint carries, about W's origin
+        for i in range(n - 1, -1, -1):
+            own = table[i, column]
+            x, y, z = table[i, column + 1], table[i, column + 2], table[i, column + 3]
+            m += own
+            hx += bodies[i, 0] * x + bodies[i, 1] * y + bodies[i, 2] * z + own * bodies[i, 9]
+            hy += bodies[i, 3] * x + bodies[i, 4] * y + bodies[i, 5] * z + own * bodies[i, 10]
+            hz += bodies[i, 6] * x + bodies[i, 7] * y + bodies[i, 8] * z + own * bodies[i, 11]
+            moment = bodies[i, 12] * (hy * gz - hz * gy)
+            moment += bodies[i, 13] * (hz * gx - hx * gz)
+            moment += bodies[i, 14] * (hx * gy - hy * gx)
+            force = bodies[i, 15] * gx + bodies[i, 16] * gy + bodies[i, 17] * gz
+            torque = table[i, column + 4] - moment - m * force
+            variance[i] += torque * torque
+    for i in range(n):
+        variance[i] = max(0.0, variance[i] - table[i, _FITTED2])
+
+
+@kernel
+def _largest(table: Array, q: Array, largest: Array) -> None:
+    variance = np.empty(q.shape[1])
+    for k in range(q.shape[0]):
+        spread_beyond(table, q[k], variance)
+        for i in range(q.shape[1]):
+            largest[i] = max(largest[i], variance[i])
