@@ -25,7 +25,7 @@ from wrenchsight.analyses.campaign.distributions import (
     distribution_metrics,
     distributions,
 )
-from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine
+from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine, refuse_silent
 from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask
 from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
 from wrenchsight.analyses.output.outputs import json_text, plain
@@ -124,6 +124,8 @@ def run_campaign(
         # Another machine need not see this folder.
         everywhere = folder.work("everywhere").resolve() if cluster is None else None
         tasks = campaign.tasks(names, modules, everywhere)
+        if cluster is not None and tasks:
+            refuse_silent(cluster)
         outcomes = (
             on_cluster(tasks, cluster)
             if cluster is not None and tasks

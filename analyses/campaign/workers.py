@@ -86,7 +86,6 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
     except ImportError:
         problem, remedy = "needs the package distributed", "pip install 'wrenchsight[cluster]'"
         raise InputError("--cluster", "", problem, remedy) from None
-    _refuse_silent(address)
     for library in ("distributed", "tornado", "asyncio"):
         logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # what fails is said in one line
     try:
@@ -119,7 +118,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
                 client.cancel(list(futures), force=True)
 
 
-def _refuse_silent(address: str) -> None:
+def refuse_silent(address: str) -> None:
     """Refuses an address where nothing listens, at once: the library would go on trying.
 
     Raises:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
@@ -25,6 +24,7 @@ from wrenchsight.models.files.configuration import load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
+from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from wrenchsight.models.robot.motors import current_to_torque, torque_to_current
 from wrenchsight.models.robot.robot_config import (
@@ -255,7 +255,7 @@ class Robot:
         """
         text = self._urdf.text(name or self.name, hulls)
         try:
-            (instance,) = Parser(plant).AddModelsFromString(text, "urdf")
+            instance = add_model(plant, text, "urdf")
         except (RuntimeError, ValueError) as error:
             raise InputError(self._urdf.source, "", f"Drake cannot take it: {error}") from error
         base = plant.GetFrameByName(self.config.base_link, instance)

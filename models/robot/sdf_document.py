@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.drake_parsing import add_model
 
 _SHAPES = ("visual", "collision")
 
@@ -40,7 +40,7 @@ def urdf_of_sdf(root: ET.Element, path: Path) -> ET.Element:
     plant = MultibodyPlant(0.0)
     text = ET.tostring(bare, encoding="unicode")
     try:
-        (instance,) = Parser(plant).AddModelsFromString(text, "sdf")
+        instance = add_model(plant, text, "sdf")
     except (RuntimeError, ValueError) as error:
         problem = " ".join(str(error).replace("<literal-string>.sdf", path.name).split())
         raise InputError(path, "", f"SDF: {problem[:300]}", "correct it, or give a URDF") from error

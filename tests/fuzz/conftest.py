@@ -17,6 +17,9 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanInputs:
 def sandbox(clean: CleanInputs, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
     folder: Path = tmp_path_factory.mktemp("warm")
     estimate = ("estimate", clean.log, "--robot", clean.robot, "--prior", "30,2", "--out", "clean")
+    model = clean.folder / "model.yaml"
+    watch = ("watch", f"replay://{clean.log}?rate=0", "--robot", clean.robot, "--model", model)
+    simulate = ("simulate", "--duration", "0.02", "--no-recording", "--out", "simulated")
     with Sandbox() as sandbox:
-        sandbox.warm_up([estimate], folder)
+        sandbox.warm_up([estimate, watch, simulate], folder)
         yield sandbox

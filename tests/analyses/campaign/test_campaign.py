@@ -259,6 +259,7 @@ def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, said, capfd, monkey
     with socket.create_server(("127.0.0.1", 0)) as silent:  # takes connections, and says nothing
         port = silent.getsockname()[1]
         places = {"SILENT": f"tcp://127.0.0.1:{port}", "SECRET": f"tls://127.0.0.1:{port}"}
+        begins = "SECRET" in words  # the library alone tells that nobody speaks TLS there
         words = [places.get(word, word) for word in words]
         monkeypatch.setattr(
             sys, "argv", ["wrenchsight", "campaign", *words, "--out", f"{tmp_path}/c"]
@@ -268,6 +269,6 @@ def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, said, capfd, monkey
             main()
     assert time.monotonic() - start < 20  # s; the library alone goes on for 43
     assert ended.value.code == 2
-    lines = [line for line in capfd.readouterr().err.splitlines() if "--" in line or ":" in line]
+    lines = capfd.readouterr().err.splitlines()
     assert said in lines[-1]
-    assert len(lines) <= 2  # before it, at most that work began
+    assert len(lines) == 1 or begins

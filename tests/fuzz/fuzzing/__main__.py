@@ -17,6 +17,7 @@ from fuzzing.sandbox import Sandbox
 _DRAWN = 10  # one case of so many draws its figures
 WARM_UP = (
     ("estimate", "log.csv", "--robot", "robot", "--prior", "30,2", "--out", "clean"),
+    ("watch", "replay://log.csv?rate=0", "--robot", "robot", "--model", "model.yaml"),
     ("jcn-map", "--samples", "50", "--out", "warm/map"),
     ("simulate", "--duration", "0.02", "--no-recording", "--out", "warm/simulate"),
     ("redundancy", "--task", "redundancy.yaml", "--out", "warm/redundancy"),
