@@ -32,7 +32,14 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.output.figures import COLOUR, Figure, draw_bars, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    SERIES,
+    Figure,
+    draw_bars,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -157,6 +164,9 @@ def _share_figure(metrics: dict[str, Any]) -> Figure:
             for state, words in (("plain", ""), ("taught", ", taught"))
         }
         draw_bars(panel, series, names)
+        for k, bars in enumerate(panel.containers):  # a law in one colour, pale before it learns
+            for bar in bars:
+                bar.set(facecolor=SERIES[k // 2], alpha=1.0 if k % 2 else 0.45)
         panel.set_ylabel(label)
     legend_on_top(figure, axes[0, 0], ncols=3)
     return figure
