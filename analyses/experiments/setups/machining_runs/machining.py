@@ -28,7 +28,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import Arm
 from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.methods.reading.force_errors import BAND_95
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.machining import longest_duration, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from wrenchsight.diagrams.scenario import Scenario
@@ -204,9 +204,8 @@ def run_machining(
         robot,
         models.models[LAW],
         meshcat,
-        also_log=("tau_f_true",),
         machining_path=plan,
-        log_only=_LOGGED,
+        log=LogRequest(also=("tau_f_true",), only=_LOGGED),
         taught=taught,
         estimator_model=reads or models.models[OURS],
     )
