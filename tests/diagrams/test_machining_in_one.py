@@ -70,8 +70,8 @@ def lesson(plan):
     return TaughtTorque(t, rng.normal(size=(len(t), 6)), (rng.random(len(t)) < 0.8).astype(float))
 
 
-def run(scenario, robot, duration=0.5, **options):
-    loop = make_closed_loop(scenario, robot, log=LogRequest(also=MORE), **options)
+def run(scenario, robot, duration=0.5, period=None, **options):
+    loop = make_closed_loop(scenario, robot, log=LogRequest(also=MORE, period=period), **options)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration)
     return loop.logged(simulator.get_context())[1]
@@ -300,7 +300,7 @@ def test_a_machining_log_of_every_tenth_tick_asks_the_arm_no_less(hard):
             0.2,
             model=plain_model(hard),
             machining_path=plan,
-            log=LogRequest(period=period),
+            period=period,
         )
         for period in (None, 0.01)
     )
