@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.reading.estimate_config import (
@@ -23,6 +24,7 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_table import columns_of
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -74,6 +76,21 @@ def test_a_real_load_is_weighed(
     assert result.contacts[0].startswith(f"a load of {load['mass_kg']:.3g} +- ")
     refresh = [line for line in result.warnings if line.startswith("friction of today")]
     assert all("without the load" in line for line in refresh)
+
+
+def test_the_smoothed_band_holds_a_real_load(
+    ur10e: Robot, data: Callable[[str], Path], model_file: Path, tmp_path: Path
+) -> None:
+    """Knowing nothing of load friction and single gears it held 86 to 87 % an axis."""
+    log = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
+    result, table = read(log, model_file, tmp_path / "out", EstimateConfig(smooth=True))
+    load: Any = result.metrics()["load"]
+    recording = resampled(read_recording(log, robot=ur10e), 0.01)
+    direction = payload_reference(ur10e, recording, 5.0, np.array(load["com_m"])).direction
+    t = table[:, 0]
+    weight = [np.interp(t, recording.t, 2.805 * axis) for axis in direction.T]
+    table[:, 1:4] -= np.stack(weight, axis=1)
+    assert inside(table).min() > 0.9
 
 
 def test_an_empty_arm_carries_nothing(
