@@ -24,7 +24,7 @@ from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
 from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
 from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import TaughtTorque
@@ -34,7 +34,10 @@ from wrenchsight.models.motion.paths import JointTrajectory
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController
-from wrenchsight.systems.joint_tracking_controller import JointTrackingController
+from wrenchsight.systems.joint_tracking_controller import (
+    JointTrackingConfig,
+    JointTrackingController,
+)
 from wrenchsight.systems.machining.machining_controller import MachiningController
 from wrenchsight.systems.path_reference import PathReference
 from wrenchsight.systems.pose_reference import PoseReference
@@ -77,20 +80,57 @@ class ClosedLoop:
         }
 
 
+@dataclass(frozen=True)
+class LogRequest:
+    """What a loop logs.
+
+    Attributes:
+        also: further output ports of the robot cell, such as tau_f_true.
+        only: which of the signals; None: all. What is not logged costs no time: a log of encoders
+            and current, to be read by `WrenchEstimator.run` later, leaves the estimator's reading
+            out.
+        period: s, between two entries, a whole number of ticks; None: every tick. What nobody but
+            the log asks for is computed then alone.
+    """
+
+    also: Sequence[str] = ()
+    only: Sequence[str] | None = None
+    period: float | None = None
+
+
+@dataclass(frozen=True)
+class _Control:
+    """A controller in the loop, with its estimator.
+
+    Attributes:
+        controller: JointTrackingController, ImpedanceController or MachiningController.
+        tau_command: (n,) N m.
+        terms: RigidBodyTerms of the model.
+        signals: to be logged, of controller and reference.
+        readings: to be logged, of the estimator.
+        estimator: its diagram, where it is one.
+    """
+
+    controller: LeafSystem
+    tau_command: OutputPort
+    terms: OutputPort
+    signals: dict[str, OutputPort]
+    readings: dict[str, OutputPort]
+    estimator: Diagram | None = None
+
+
 def make_closed_loop(
     scenario: Scenario,
     robot: Robot,
     model: IdentifiedModel,
     meshcat: Meshcat | None = None,
-    also_log: Sequence[str] = (),
     trajectory: JointTrajectory | None = None,
     machining_path: MachiningPath | None = None,
-    log_only: Sequence[str] | None = None,
     with_estimator: bool = True,
     taught: TaughtTorque | None = None,
     fused: bool = False,
     estimator_model: IdentifiedModel | None = None,
-    log_period: float | None = None,
+    log: LogRequest | None = None,
 ) -> ClosedLoop:
     """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -106,10 +146,6 @@ def make_closed_loop(
     Args:
         trajectory: of the joints, in the place of the scenario's motion.
         machining_path: of a machining scenario, planned before: the workpiece may stand elsewhere.
-        also_log: further output ports of the robot cell to log, such as tau_f_true.
-        log_only: which of the signals to log; None: all. What is not logged costs no time: a log of
-            encoders and current, to be read by `WrenchEstimator.run` later, leaves the estimator's
-            reading out.
         meshcat: draws the cell and the force at the tool, true and estimated.
         taught: of a machining scenario: what an air pass along the same path taught; the estimator
             reads with it.
@@ -119,8 +155,7 @@ def make_closed_loop(
         fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
             In machining it always is one block with reference and controller.
         estimator_model: what the estimator knows, and hands on as terms; None: `model`.
-        log_period: s, between two entries of the log, a whole number of ticks; None: every tick.
-            What nobody but the log asks for is computed then alone.
+        log: what is logged; None: as above.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
@@ -130,85 +165,61 @@ def make_closed_loop(
     check_scenario(scenario)
     if taught is not None and scenario.machining is None:
         raise ValueError("closed loop: taught torque is of a machining scenario")
+    impedance = isinstance(scenario.controller, ImpedanceConfig)
+    if not with_estimator and (impedance or meshcat is not None):
+        raise ValueError("closed loop: impedance control and drawings need the estimator")
+    apart: Collection[str] = ()
     if scenario.machining is not None:
         machining_path = machining_path or make_machining_path(scenario, robot)
         trajectory, q_0 = machining_path.trajectory, machining_path.q_start
+        apart = links_apart(scenario, robot, machining_path)
     else:
         trajectory = trajectory or make_trajectory(scenario, robot)
         q_0 = trajectory.q[0]
-    apart: Collection[str] = ()
-    if machining_path is not None:
-        apart = links_apart(scenario, robot, machining_path)
     builder = DiagramBuilder()
     cell = make_robot_cell(scenario, robot, q_0, meshcat, apart)
     builder.AddSystem(cell.diagram)
-    out = cell.diagram.GetOutputPort
-    config = replace(
-        scenario.estimator,
-        observer=replace(scenario.estimator.observer, time_step=scenario.time_step),
+    reads = (estimator_model or model) if with_estimator else None
+    if machining_path is not None and reads is not None:
+        control = _add_machining(
+            builder, scenario, robot, model, reads, machining_path, taught, cell
+        )
+    elif impedance:
+        assert reads is not None
+        control = _add_impedance(builder, scenario, robot, model, reads, trajectory, cell, fused)
+    else:
+        control = _add_tracking(builder, scenario, robot, model, reads, trajectory, cell, fused)
+    _connect_drives(builder, robot, control.tau_command, cell)
+    log = log or LogRequest()
+    sink, columns = _add_log(
+        builder, _logged_signals(control, cell, log), log.period or scenario.time_step
     )
-    estimator, terms = None, None
-    readings: dict[str, OutputPort] = {}
-    in_one = with_estimator and machining_path is not None
-    if in_one:
-        pass
-    elif with_estimator:
-        estimator = add_estimator(
-            builder,
-            robot,
-            estimator_model or model,
-            config,
-            q=out("q"),
-            v=out("v"),
-            current=out("current"),
-            fused=fused,
+    if meshcat is not None:
+        forces = {
+            "force true": cell.diagram.GetOutputPort("wrench_true"),
+            "force estimated": control.readings["wrench"],
+        }
+        recording = scenario.recording
+        add_wrench_arrows(
+            builder, meshcat, control.terms, forces, recording.fps, recording.metres_per_newton
         )
-        terms = estimator.GetOutputPort("terms")
-        readings = {name: estimator.GetOutputPort(name) for name in _READINGS}
-    elif isinstance(scenario.controller, ImpedanceConfig) or meshcat is not None:
-        raise ValueError("closed loop: impedance control and drawings need the estimator")
-    else:
-        model_terms = RigidBodyTermsSystem(model.chain(robot))
-        builder.AddNamedSystem("terms", model_terms)
-        for name in ("q", "v"):
-            builder.Connect(out(name), model_terms.GetInputPort(name))
-        terms = model_terms.get_output_port()
-    signals: dict[str, OutputPort] = {}
-    controller: LeafSystem
-    if in_one:
-        assert machining_path is not None
-        read_by = WrenchEstimator(robot, estimator_model or model, config)
-        controller, parts = _add_machining_controller(
-            builder, scenario, robot, model, machining_path, read_by, taught, cell
-        )
-        tau_command, terms = parts["tau_command"], controller.GetOutputPort("terms")
-        readings = {name: parts[name] for name in _READINGS}
-        signals |= {name: parts[name] for name in _PASS}
-    elif isinstance(scenario.controller, ImpedanceConfig):
-        assert estimator is not None
-        feedback = out("ft_wrench") if uses_sensor(scenario) else estimator.GetOutputPort("wrench")
-        reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-        signals["reference"] = reference.get_output_port()
-        _add_path(builder, scenario, robot, model, signals)
-        controller, tau_command = _add_impedance(
-            builder, scenario, robot, model, q_0, estimator, feedback, signals
-        )
-    else:
-        controller = builder.AddNamedSystem(
-            "controller",
-            JointTrackingController(
-                model.friction.feedforward,
-                robot.effort_limit,
-                scenario.time_step,
-                scenario.controller,
-            ),
-        )
-        reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-        signals["reference"] = reference.get_output_port()
-        assert terms is not None
-        builder.Connect(terms, controller.GetInputPort("terms"))
-        builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
-        tau_command = controller.GetOutputPort("tau_command")
+    diagram = builder.Build()
+    diagram.set_name("closed_loop")
+    return ClosedLoop(
+        diagram, cell, control.estimator, control.controller, trajectory, sink, columns
+    )
+
+
+def _estimator_config(scenario: Scenario) -> WrenchEstimatorConfig:
+    """The scenario's, at its time step."""
+    observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
+    return replace(scenario.estimator, observer=observer)
+
+
+def _connect_drives(
+    builder: DiagramBuilder, robot: Robot, tau_command: OutputPort, cell: RobotCell
+) -> None:
+    """Makes the drives' current of the commanded torque."""
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
     to_motor = (
         MatrixGain(robot.coupling.T / drive_gain[:, None])
@@ -219,48 +230,86 @@ def make_closed_loop(
     builder.Connect(tau_command, to_current.get_input_port())
     builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
 
-    signals["tau_command"] = tau_command
-    for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *also_log):
+
+def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict[str, OutputPort]:
+    signals = control.signals | {"tau_command": control.tau_command}
+    for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *log.also):
         if cell.diagram.HasOutputPort(name):
-            signals[name] = out(name)
-    signals |= readings
-    if log_only is not None:
-        signals = {name: signals[name] for name in log_only}
-    log, columns = _add_log(builder, signals, log_period or scenario.time_step)
-    if meshcat is not None and terms is not None:
-        add_wrench_arrows(
-            builder,
-            meshcat,
-            terms,
-            {
-                "force true": out("wrench_true"),
-                "force estimated": readings["wrench"],
-            },
-            scenario.recording.fps,
-            scenario.recording.metres_per_newton,
-        )
-    diagram = builder.Build()
-    diagram.set_name("closed_loop")
-    return ClosedLoop(diagram, cell, estimator, controller, trajectory, log, columns)
+            signals[name] = cell.diagram.GetOutputPort(name)
+    signals |= control.readings
+    return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_machining_controller(
+def _add_watching_estimator(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    reads: IdentifiedModel,
+    cell: RobotCell,
+    fused: bool,
+) -> tuple[Diagram, dict[str, OutputPort]]:
+    """Adds the estimator of a loop; returns it and its readings."""
+    q, v, current = (cell.diagram.GetOutputPort(name) for name in ("q", "v", "current"))
+    config = _estimator_config(scenario)
+    estimator = add_estimator(builder, robot, reads, config, q=q, v=v, current=current, fused=fused)
+    return estimator, {name: estimator.GetOutputPort(name) for name in _READINGS}
+
+
+def _add_tracking(
     builder: DiagramBuilder,
     scenario: Scenario,
     robot: Robot,
     model: IdentifiedModel,
+    reads: IdentifiedModel | None,
+    trajectory: JointTrajectory,
+    cell: RobotCell,
+    fused: bool,
+) -> _Control:
+    """Adds a joint tracking controller, with an estimator or (`reads` None) the model's terms."""
+    assert isinstance(scenario.controller, JointTrackingConfig)
+    estimator: Diagram | None = None
+    readings: dict[str, OutputPort] = {}
+    if reads is not None:
+        estimator, readings = _add_watching_estimator(builder, scenario, robot, reads, cell, fused)
+        terms = estimator.GetOutputPort("terms")
+    else:
+        model_terms = RigidBodyTermsSystem(model.chain(robot))
+        builder.AddNamedSystem("terms", model_terms)
+        for name in ("q", "v"):
+            builder.Connect(cell.diagram.GetOutputPort(name), model_terms.GetInputPort(name))
+        terms = model_terms.get_output_port()
+    controller = builder.AddNamedSystem(
+        "controller",
+        JointTrackingController(
+            model.friction.feedforward, robot.effort_limit, scenario.time_step, scenario.controller
+        ),
+    )
+    reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+    builder.Connect(terms, controller.GetInputPort("terms"))
+    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    tau_command = controller.GetOutputPort("tau_command")
+    signals = {"reference": reference.get_output_port()}
+    return _Control(controller, tau_command, terms, signals, readings, estimator)
+
+
+def _add_machining(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    reads: IdentifiedModel,
     plan: MachiningPath,
-    estimator: WrenchEstimator,
     taught: TaughtTorque | None,
     cell: RobotCell,
-) -> tuple[MachiningController, dict[str, OutputPort]]:
-    """Adds a MachiningController and takes its port apart; returns it and the parts by their names.
+) -> _Control:
+    """Adds a MachiningController, which holds the estimator, and takes its port apart.
 
     Raises:
         ValueError: an air pass for an observer that reads the wrench itself; as
             MachiningController.
     """
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
+    estimator = WrenchEstimator(robot, reads, _estimator_config(scenario))
     if taught is not None and estimator.observed_size:
         raise ValueError("an observer that reads the wrench itself has no use for an air pass")
     # Force feedback counts where the lesson does.
@@ -289,7 +338,14 @@ def _add_machining_controller(
         builder.Connect(cell.diagram.GetOutputPort(name), port)
     split = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
     builder.Connect(block.GetOutputPort("action"), split.get_input_port())
-    return block, {name: split.get_output_port(i) for i, name in enumerate(block.sizes)}
+    parts = {name: split.get_output_port(i) for i, name in enumerate(block.sizes)}
+    return _Control(
+        block,
+        parts["tau_command"],
+        block.GetOutputPort("terms"),
+        {name: parts[name] for name in _PASS},
+        {name: parts[name] for name in _READINGS},
+    )
 
 
 def uses_sensor(scenario: Scenario) -> bool:
@@ -297,55 +353,48 @@ def uses_sensor(scenario: Scenario) -> bool:
     return scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
 
 
-def _add_path(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    model: IdentifiedModel,
-    signals: dict[str, OutputPort],
-) -> None:
-    """What an impedance controller follows along a motion of the joints."""
-    pose = builder.AddNamedSystem("pose_reference", PoseReference(model.chain(robot)))
-    builder.Connect(signals["reference"], pose.get_input_port())
-    signals["pose_reference"] = pose.get_output_port()
-    assert isinstance(scenario.controller, ImpedanceConfig)
-    if scenario.controller.force is not None:
-        setpoint = builder.AddNamedSystem(
-            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
-        )
-        signals["force_setpoint"] = setpoint.get_output_port()
-
-
 def _add_impedance(
     builder: DiagramBuilder,
     scenario: Scenario,
     robot: Robot,
     model: IdentifiedModel,
-    q_0: Array,
-    estimator: Diagram,
-    feedback: OutputPort,
-    signals: dict[str, OutputPort],
-) -> tuple[ImpedanceController, OutputPort]:
-    """Adds the controller and its signals; returns it and the torque that it commands."""
+    reads: IdentifiedModel,
+    trajectory: JointTrajectory,
+    cell: RobotCell,
+    fused: bool,
+) -> _Control:
+    """Adds an impedance controller along a motion of the joints, with its estimator."""
     config = scenario.controller
     assert isinstance(config, ImpedanceConfig)
+    estimator, readings = _add_watching_estimator(builder, scenario, robot, reads, cell, fused)
+    terms = estimator.GetOutputPort("terms")
+    reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
+    pose = builder.AddNamedSystem("pose_reference", PoseReference(model.chain(robot)))
+    builder.Connect(reference.get_output_port(), pose.get_input_port())
+    # The pose is known from the joints' reference: it need not be in the log.
+    signals = {"reference": reference.get_output_port()}
+    if config.force is not None:
+        setpoint = builder.AddNamedSystem(
+            "force_setpoint", TrajectorySource(_setpoint_trajectory(scenario))
+        )
+        signals["force_setpoint"] = setpoint.get_output_port()
     controller = ImpedanceController(
         model.friction.feedforward, robot.effort_limit, scenario.time_step, config
     )
     builder.AddNamedSystem("controller", controller)
-    _check_damping(controller, robot, q_0)
-    # The pose is known from the joints' reference: it need not be in the log.
-    builder.Connect(signals.pop("pose_reference"), controller.GetInputPort("pose_reference"))
-    builder.Connect(signals["reference"], controller.GetInputPort("reference"))
-    builder.Connect(estimator.GetOutputPort("terms"), controller.GetInputPort("terms"))
+    _check_damping(controller, robot, trajectory.q[0])
+    builder.Connect(pose.get_output_port(), controller.GetInputPort("pose_reference"))
+    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    builder.Connect(terms, controller.GetInputPort("terms"))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
     action = builder.AddNamedSystem("action", Demultiplexer(controller.sizes(robot.num_joints)))
     builder.Connect(controller.GetOutputPort("action"), action.get_input_port())
     signals["pose_error"] = action.get_output_port(1)
     if config.force is not None:
+        sensed = cell.diagram.GetOutputPort("ft_wrench") if uses_sensor(scenario) else None
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
-        builder.Connect(feedback, controller.GetInputPort("wrench"))
-    return controller, action.get_output_port(0)
+        builder.Connect(sensed or readings["wrench"], controller.GetInputPort("wrench"))
+    return _Control(controller, action.get_output_port(0), terms, signals, readings, estimator)
 
 
 def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> None:

@@ -96,11 +96,17 @@ def make_estimator(
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
-    if fused:
-        return _fused(estimator, name, detection)
+    make = _fused if fused else _staged
+    return make(estimator, name, detection)
+
+
+def _staged(
+    estimator: WrenchEstimator, name: str, detection: ContactDetectionConfig | None
+) -> Diagram:
+    """The estimator as a block a stage."""
     builder = DiagramBuilder()
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
-    motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(robot))
+    motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(estimator.robot))
     period = estimator.observer.time_step
     friction = builder.AddNamedSystem("friction", _friction_system(estimator.friction, period))
     observer = builder.AddNamedSystem("observer", _observer_system(estimator.observer))
@@ -126,17 +132,7 @@ def make_estimator(
     error: TorqueErrorSystem | None = None
     if estimator.learnt or observer.uses_sd or detection is not None:  # else nobody asks for it
         error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
-        for output, input_port in (
-            (terms.GetOutputPort("terms"), "terms"),
-            (motor.GetOutputPort("tau_J"), "tau_J"),
-            (friction.GetOutputPort("tau_f"), "tau_f"),
-            (friction.GetOutputPort("law"), "law"),
-            (observer.GetOutputPort("pole"), "pole"),
-        ):
-            builder.Connect(output, error.GetInputPort(input_port))
-        if observer.uses_sd:
-            builder.Connect(error.get_output_port(), observer.GetInputPort("torque_error"))
-
+        _connect_torque_error(builder, error, terms, motor, friction, observer)
     if estimator.observed_size:
         builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
 
@@ -152,7 +148,7 @@ def make_estimator(
         builder.Connect(error.get_output_port(), reconstruction.GetInputPort("torque_error"))
         builder.Connect(observer.GetOutputPort("pole"), reconstruction.GetInputPort("pole"))
     builder.Connect(velocity, friction.GetInputPort("v"))
-    if model.friction.state_rows > 0:
+    if estimator.model.friction.state_rows > 0:
         builder.Connect(position, friction.GetInputPort("q"))
         builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
     builder.ExportOutput(tau_ext, "tau_ext")
@@ -179,6 +175,27 @@ def make_estimator(
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
+
+
+def _connect_torque_error(
+    builder: DiagramBuilder,
+    error: TorqueErrorSystem,
+    terms: RigidBodyTermsSystem,
+    motor: MotorCurrentTorqueSource,
+    friction: FrictionLawSystem,
+    observer: ExternalTorqueObserver,
+) -> None:
+    """Wires what the torque's error depends on, but for q and v, and the observer where it asks."""
+    for output, input_port in (
+        (terms.GetOutputPort("terms"), "terms"),
+        (motor.GetOutputPort("tau_J"), "tau_J"),
+        (friction.GetOutputPort("tau_f"), "tau_f"),
+        (friction.GetOutputPort("law"), "law"),
+        (observer.GetOutputPort("pole"), "pole"),
+    ):
+        builder.Connect(output, error.GetInputPort(input_port))
+    if observer.uses_sd:
+        builder.Connect(error.get_output_port(), observer.GetInputPort("torque_error"))
 
 
 def _friction_system(law: FrictionLaw, time_step: float) -> FrictionLawSystem:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Demultiplexer,
@@ -17,6 +17,7 @@ from pydrake.systems.primitives import (
 )
 
 from wrenchsight.diagrams.estimator import add_estimator
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -92,10 +93,11 @@ def make_held_arm(
     n = robot.num_joints
     model = IdentifiedModel.nominal(robot)
     builder = DiagramBuilder()
+    q_start = np.asarray(q, float)
     plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
     parts = robot.add_to_plant(plant)
     plant.Finalize()
-    plant.SetDefaultPositions(parts.model_instance, np.asarray(q, float))
+    plant.SetDefaultPositions(parts.model_instance, q_start)
     encoders = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
     builder.Connect(plant.get_state_output_port(parts.model_instance), encoders.get_input_port())
     q_port, v_port = encoders.get_output_port(0), encoders.get_output_port(1)
@@ -113,16 +115,7 @@ def make_held_arm(
         wrench.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
     )
 
-    sensor = MotorCurrentSensor(n, time_step)
-    if current_noise:
-        sensor = MotorCurrentSensor(
-            n,
-            time_step,
-            robot.current_bandwidth,
-            robot.current_noise_sd,
-            robot.current_resolution,
-        )
-    sensor.set_name("current_sensor")
+    sensor = _current_sensor(robot, time_step, current_noise)
     add_motor_current_sensor(builder, sensor, seed)
     watching = {
         name: add_estimator(
@@ -138,19 +131,9 @@ def make_held_arm(
         for name, config in estimators.items()
     }
 
-    controller = builder.AddNamedSystem(
-        "controller",
-        JointTrackingController(model.friction.feedforward, robot.effort_limit, time_step, _HOLD),
-    )
-    reference = builder.AddNamedSystem(
-        "reference", ConstantVectorSource(np.concatenate([np.asarray(q, float), np.zeros(2 * n)]))
-    )
-    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
     # All estimators have the same model: one of them lends the controller its terms.
-    builder.Connect(
-        next(iter(watching.values())).GetOutputPort("terms"), controller.GetInputPort("terms")
-    )
-    tau_command = controller.GetOutputPort("tau_command")
+    terms = next(iter(watching.values())).GetOutputPort("terms")
+    tau_command = _add_holding_controller(builder, robot, model, q_start, terms, time_step)
     hold = builder.AddNamedSystem("drive_hold", ZeroOrderHold(time_step, n))
     builder.Connect(tau_command, hold.get_input_port())
     builder.Connect(hold.get_output_port(), plant.get_actuation_input_port(parts.model_instance))
@@ -171,3 +154,31 @@ def make_held_arm(
     diagram = builder.Build()
     diagram.set_name("held_arm")
     return HeldArm(diagram=diagram, time_step=time_step, **held)
+
+
+def _current_sensor(robot: Robot, time_step: float, noise: bool) -> MotorCurrentSensor:
+    """The drives' own, or one without bandwidth, noise and resolution."""
+    drives = (robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution)
+    sensor = MotorCurrentSensor(robot.num_joints, time_step, *(drives if noise else ()))
+    sensor.set_name("current_sensor")
+    return sensor
+
+
+def _add_holding_controller(
+    builder: DiagramBuilder,
+    robot: Robot,
+    model: IdentifiedModel,
+    q: Array,
+    terms: OutputPort,
+    time_step: float,
+) -> OutputPort:
+    """Adds a joint controller that keeps the arm at rest at q; returns the torque it commands."""
+    controller = builder.AddNamedSystem(
+        "controller",
+        JointTrackingController(model.friction.feedforward, robot.effort_limit, time_step, _HOLD),
+    )
+    at_rest = np.concatenate([q, np.zeros(2 * robot.num_joints)])
+    reference = builder.AddNamedSystem("reference", ConstantVectorSource(at_rest))
+    builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
+    builder.Connect(terms, controller.GetInputPort("terms"))
+    return controller.GetOutputPort("tau_command")

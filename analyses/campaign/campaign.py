@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.campaign.campaign_report import write_campaign_report
 from wrenchsight.analyses.campaign.campaign_store import (
     TABLE,
@@ -47,19 +48,12 @@ _LOG: Final = "workers.log"
 _LAST_LINES: Final = 40  # of what the workers printed, behind the word that one was killed
 
 
-@dataclass(frozen=True)
-class CampaignSettings:
+@dataclass
+class CampaignSettings(CampaignOptions):
     """What is asked of a campaign."""
 
-    experiments: tuple[str, ...]
-    worlds: int  # how many there are to be; the first is number 0
-    seed: int = 0
-    quick: bool = False
-    data: Path = Path("../shared/data")  # folder of the real recordings
     source: WorldSource = field(default_factory=WorldSource)  # of worlds
-    world: int | None = None  # this world alone, anew, with figures and recordings
     numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
-    fastest_feed: bool = False  # of experiments at several feeds the fastest alone
 
 
 @dataclass(frozen=True)

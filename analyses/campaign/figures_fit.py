@@ -129,8 +129,8 @@ def fit_figures(
         for module in figures.config.modules:
             if module not in known:
                 stack.enter_context(REGISTRY.registered(module))
-        late = tuple(name for name in figures.experiments if name in figures.config.late)
-        early = tuple(name for name in figures.experiments if name not in late)
+        late = [name for name in figures.experiments if name in figures.config.late]
+        early = [name for name in figures.experiments if name not in late]
         settings = CampaignSettings(
             early, worlds, seed=seed, quick=quick, data=data, source=figures.source
         )

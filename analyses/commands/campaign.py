@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wrenchsight.analyses.commands.options import Data, Out, Quick, Seed
+from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
+from wrenchsight.analyses.commands.options import Option, Out, with_settings
 from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.campaign.campaign import CampaignResult
@@ -15,15 +17,20 @@ if TYPE_CHECKING:
 ORDER = 15
 
 
+SETTINGS = (
+    Option("experiments", argument=True, metavar="EXPERIMENT"),
+    Option("worlds", help="how many worlds there are to be", least=1),
+    Option("data"),
+    Option("seed", least=0),
+    Option("quick"),
+    Option("world", least=0),
+    Option("fastest_feed"),
+)
+
+
+@with_settings(CampaignOptions, SETTINGS, from_file=False)
 def command(
-    experiments: Annotated[
-        list[str] | None, typer.Argument(metavar="EXPERIMENT", help="Names; see `study --list`.")
-    ] = None,
-    worlds: Annotated[int, typer.Option(min=1, help="How many worlds there are to be.")] = 200,
-    out: Out = Path("out/campaign"),
-    data: Data = Path("../shared/data"),
-    seed: Seed = 0,
-    quick: Quick = False,
+    options: CampaignOptions,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Worlds side by side; as many as cores.")
     ] = None,
@@ -31,16 +38,6 @@ def command(
         str | None,
         typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler."),
     ] = None,
-    world: Annotated[
-        int | None,
-        typer.Option(min=0, help="Run this world alone, anew, with figures and recordings."),
-    ] = None,
-    fastest_feed: Annotated[
-        bool,
-        typer.Option(
-            "--fastest-feed", help="Of experiments at several feeds (machining), the fastest alone."
-        ),
-    ] = False,
     fit: Annotated[
         str | None,
         typer.Option(
@@ -57,6 +54,7 @@ def command(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Begin anew where the folder holds a campaign.")
     ] = False,
+    out: Out = Path("out/campaign"),
 ) -> None:
     """Run experiments in many worlds, and show the spread of their figures.
 
@@ -68,23 +66,22 @@ def command(
     from wrenchsight.analyses.campaign.figures_fit import fit_figures
     from wrenchsight.analyses.output.progress import ProgressDisplay
     from wrenchsight.analyses.study.study import available_cores
-    from wrenchsight.models.files.input_error import InputError
 
-    if (fit is None) == (not experiments) or (narrow is not None and fit is None):
+    if (fit is None) == (not options.experiments) or (narrow is not None and fit is None):
         problem = "name experiments, or give --fit FIGURES.yaml (with --narrow, if at all)"
         raise InputError("campaign", "", problem)
     if fit is not None:
-        if world is not None or fastest_feed:
+        if options.world is not None or options.fastest_feed:
             raise InputError("--fit", "", "goes with neither --world nor --fastest-feed")
         figures = load_figures(fit, narrow)
         with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
             fitted = fit_figures(
                 figures,
-                worlds,
+                options.worlds,
                 out,
-                seed=seed,
-                quick=quick,
-                data=data,
+                seed=options.seed,
+                quick=options.quick,
+                data=options.data,
                 jobs=jobs or available_cores(),
                 cluster=cluster,
                 fresh=fresh,
@@ -92,16 +89,7 @@ def command(
             )
         _print_fit(fitted)
         return
-    settings = CampaignSettings(
-        tuple(experiments or ()),
-        worlds,
-        seed=seed,
-        quick=quick,
-        data=data,
-        source=bundled_worlds(),
-        world=world,
-        fastest_feed=fastest_feed,
-    )
+    settings = CampaignSettings(**vars(options), source=bundled_worlds())
     with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
         result = run_campaign(
             settings,

@@ -75,7 +75,7 @@ class Option:
 
 
 def with_settings(
-    schema: type[Settings], options: Sequence[Option]
+    schema: type[Settings], options: Sequence[Option], from_file: bool = True
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Makes a command of a function that takes settings.
 
@@ -86,6 +86,7 @@ def with_settings(
         schema: the settings' dataclass, which `load_configuration` reads.
         options: its keys that are options, in the order of the help; each is put into the settings
             after those before it.
+        from_file: whether there is `--config`: not where no config.yaml is written.
     """
 
     def decorate(run: Callable[..., None]) -> Callable[..., None]:
@@ -100,8 +101,9 @@ def with_settings(
         parameters = [_parameter("ctx", typer.Context)]
         parameters += [_made(schema, option) for option in options]
         parameters += [p for p in own if p.name not in ("ctx", "out")]
-        read = Annotated[Path | None, _config_option(schema, options)]
-        parameters.append(_parameter("config", read, None))
+        if from_file:
+            read = Annotated[Path | None, _config_option(schema, options)]
+            parameters.append(_parameter("config", read, None))
         if not all(option.shown for option in options):
             help_all = typer.Option("--help-all", is_eager=True, callback=_help_all, help=_HELP_ALL)
             parameters.append(_parameter("help_all", Annotated[bool, help_all], False))
@@ -281,7 +283,7 @@ def _put(settings: Any, place: str, value: Any, option: str) -> None:
         raise InputError(option, "", f"{type(settings).__name__} has no {name}", "leave it out")
     if isinstance(value, str) and isinstance(getattr(settings, name), list):
         value = numbers(value, option)
-    elif isinstance(value, Path):
+    elif isinstance(value, Path) and not isinstance(getattr(settings, name), Path):
         value = str(value)
     elif isinstance(value, list | tuple):
         value = [str(one) if isinstance(one, Path) else one for one in value]

@@ -34,7 +34,6 @@ import numpy as np
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 
-SIGMA_95 = 1.959963984540054
 TOOL_AXES = ("tool_x", "tool_y", "tool_z")
 WRENCH = 6  # [along, across, across, moments about the axes]
 _ALONG, _ACROSS, _MOMENTS = 0, slice(1, 3), slice(3, 6)

@@ -13,6 +13,16 @@ which asks for no inverse of a covariance):
 beta, the friction's drift, is what a log of some length tells apart from a force: by how it
 follows speed. It is thought to last DRIFT_TIME.
 
+An error in proportion to what is read lasts as long as that: torques per ampere that are off, and
+friction that grows with the load, against each joint's motion. No log tells such an error from
+another force. So it is not estimated, but counts in the covariance (a "considered" parameter;
+Schmidt, "Application of state-space methods to navigation problems", 1966): of each joint j by
+itself, with the torque tau = J^T F that is read of it,
+
+    Sigma_F += sum_j a_j a_j^T + b_j b_j^T    a_j, b_j: what the smoother makes of scale tau_j and
+                                              of beyond_load |tau_j| against the motion
+    Sigma_F += scale^2 F F^T                  of all joints alike
+
 A force that begins or ends is no walk: where the log makes it likely, F changes at once
 (`wrenchsight.models.observers.force_changes`).
 
@@ -30,7 +40,7 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
-from wrenchsight.models.observers.force_changes import IntervalSmoother
+from wrenchsight.models.observers.force_changes import IntervalSmoother, OfRead
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from wrenchsight.models.observers.observer import NUM_SIGNALS
 
@@ -78,7 +88,9 @@ class WrenchSmoother:
         error = estimator.model.torque_error
         self._scale = 0.0 if error is None else error.scale
         table = KalmanObserver(config, n).informed(estimator.knowledge).table
-        self._smoother = IntervalSmoother(table, n, float(np.exp(-step / DRIFT_TIME)))
+        of_read = None if error is None else OfRead(error.scale, error.beyond_load)
+        kept = float(np.exp(-step / DRIFT_TIME))
+        self._smoother = IntervalSmoother(table, n, kept, of_read)
         self._kept: list[_Kept] = []
 
     def take(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:

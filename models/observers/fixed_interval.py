@@ -3,6 +3,10 @@
 The equations are those of `models.estimation.smoothing`; z = [p, F, x, beta] of size M = 3 n + 6
 has the parts of `models.observers.kalman_observer`, and beta. Where F is thought to change, its
 noise grows, and the adjoint tells what speaks for such a change (`models.observers.force_changes`).
+
+What is read answers a torque d(t) of one joint that the model does not have by some dF(t). Both
+passes are linear in what was seen, and the gains do not depend on it. So dF follows from the same
+two passes over d alone (`answer_log`).
 """
 
 from typing import NamedTuple
@@ -339,6 +343,96 @@ def backward_log(
             small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
         if k < wrench.shape[0]:
             _smoothed(z_log[k], P_log[k], small, large, n, wrench[k], covariance[k])
+
+
+@kernel
+def answer_log(
+    table: Array,
+    kept_drift: float,
+    log: FilterLog,
+    J: Array,
+    torque: Array,
+    error: Array,
+    answer: Array,
+) -> None:
+    """What the two passes read of torques that they know nothing of, one joint at a time.
+
+    Args:
+        log: of `forward_log`, over the same N samples.
+        torque: (N, C, n) N m, held for a period. Each joint's is a case of its own: c n + j for
+            torque[:, c, j].
+        error: (M, C n) of z before the first sample; changed to that before the first one that is
+            not in `answer`.
+        answer: (K, 6, C n) with K at most N, written: dF.
+        others: as `forward_log`.
+    """
+    _, P_log, period, kinds = log
+    N, _, n = period.shape
+    M, columns = P_log.shape[1], error.shape[1]
+    numbers, sixes, joints, _ = split_table(table, n)
+    rounding, T, ready = joints[ROUND], numbers[PERIOD], answer.shape[0]
+    L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
+    seen = np.empty((N, n + 6, columns))
+    own, small = error.copy(), np.zeros((M, columns))
+    for k in range(N):
+        if k == ready:
+            error[:] = own
+        seen[k] = own[: n + 6]
+        if kinds[k, _MEASURED]:
+            _gain(P_log[k], rounding, L, K)
+            for a in range(M):
+                for i in range(n):
+                    for c in range(columns):
+                        own[a, c] -= K[a, i] * seen[k, i, c]
+        else:
+            own[:n] = 0.0
+        if not kinds[k, _KNOWN]:
+            continue
+        for i in range(n):
+            own[n + 6 + i] *= period[k, _KEEPS, i]
+        _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
+        for a in range(M):
+            for c in range(columns):
+                total = A[a, a] * own[a, c]
+                if a < n:
+                    for b in range(n, M):
+                        if A[a, b] != 0.0:
+                            total += A[a, b] * own[b, c]
+                    if c % n == a:
+                        total -= T * torque[k, c // n, a]
+                own[a, c] = total
+    if ready == N:
+        error[:] = own
+    back = np.empty(n)
+    for k in range(N - 1, -1, -1):
+        if kinds[k, _KNOWN]:
+            _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
+            for b in range(n, M):
+                for c in range(columns):
+                    total = A[b, b] * small[b, c]
+                    for i in range(n):
+                        if A[i, b] != 0.0:
+                            total += A[i, b] * small[i, c]
+                    small[b, c] = total
+            for i in range(n):
+                small[n + 6 + i] *= period[k, _KEEPS, i]
+        if kinds[k, _MEASURED]:
+            _gain(P_log[k], rounding, L, K)
+            for c in range(columns):
+                back[:] = seen[k, :n, c]
+                solve_factorised(L, n, back)
+                for i in range(n):
+                    for a in range(M):
+                        back[i] -= K[a, i] * small[a, c]
+                small[:n, c] += back
+        else:
+            small[:n] = 0.0
+        if k < ready:
+            for a in range(6):
+                answer[k, a] = seen[k, n + a]
+                for b in range(M):
+                    for c in range(columns):
+                        answer[k, a, c] -= P_log[k, n + a, b] * small[b, c]
 
 
 @kernel

@@ -41,11 +41,13 @@ from wrenchsight.models.observers.fixed_interval import (
     NUM_PERIOD,
     FilterLog,
     FilterState,
+    answer_log,
     backward_log,
     forward_log,
 )
 from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, split_table
 from wrenchsight.models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
+from wrenchsight.models.observers.observer import V
 
 PASSES = 4
 
@@ -56,11 +58,13 @@ class IntervalReading(NamedTuple):
     Attributes:
         wrench, covariance: (K, 6), (K, 6, 6) of the first K <= N samples; as `WrenchEstimator`'s.
         evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
+        log: what the forward pass left.
     """
 
     wrench: Array
     covariance: Array
     evidence: Array
+    log: FilterLog
 
 
 class ChangesSought(NamedTuple):
@@ -77,6 +81,18 @@ class ChangesSought(NamedTuple):
     more_numbers: int
 
 
+class OfRead(NamedTuple):
+    """Errors of a joint in proportion to the torque that is read, N m per N m.
+
+    Attributes:
+        gain: of the torque itself, as by a torque per ampere that is off.
+        friction: of its magnitude, against the joint's motion, as by friction that a load adds.
+    """
+
+    gain: float
+    friction: float
+
+
 def _copied(state: FilterState) -> FilterState:
     """The same state, which the next sample leaves as it is."""
     z, P, running, before = state
@@ -90,9 +106,12 @@ class IntervalSmoother:
         table: KalmanObserver.table.
         num_joints: n.
         kept_drift: share of the slow part of the torque error that outlasts a period.
+        of_read: what of the torque that is read each joint errs by.
     """
 
-    def __init__(self, table: Array, num_joints: int, kept_drift: float) -> None:
+    def __init__(
+        self, table: Array, num_joints: int, kept_drift: float, of_read: OfRead | None = None
+    ) -> None:
         n = num_joints
         M = 3 * n + 6
         numbers, sixes, *_ = split_table(table, n)
@@ -104,6 +123,8 @@ class IntervalSmoother:
             round(max(CHANGE_TIMES) / T), round(min(CHANGE_TIMES) / T), n - size
         )
         self._start = FilterState(z, P, np.zeros(1, np.bool_), np.zeros(n))
+        self._of_read = of_read
+        self._answer = np.zeros((M, len(OfRead._fields) * n))
 
     def read(self, signals: Array, J: Array, ready: int) -> tuple[Array, Array]:
         """Wrench (ready, 6) and covariance (ready, 6, 6) of the first samples, given all.
@@ -123,7 +144,24 @@ class IntervalSmoother:
             changes += more
             found, after = self.smoothed(signals, J, changes, ready)
         self._start = after
-        return found.wrench, found.covariance
+        return found.wrench, found.covariance + self._of_what_is_read(signals, J, found)
+
+    def _of_what_is_read(self, signals: Array, J: Array, found: IntervalReading) -> Array:
+        """Covariance (K, 6, 6) from the errors in proportion to what is read; or zero."""
+        K, n = len(found.wrench), J.shape[2]
+        if self._of_read is None:
+            return np.zeros((K, 6, 6))
+        wrench = found.log.z[:, n : n + 6].copy()  # what has not been smoothed yet
+        wrench[:K] = found.wrench
+        read = np.einsum("kai,ka->ki", J, wrench)
+        against = -np.sign(signals[:, V]) * np.abs(read)
+        torque = np.stack([self._of_read.gain * read, self._of_read.friction * against], axis=1)
+        answer = np.empty((K, 6, self._answer.shape[1]))
+        answer_log(
+            *(self._table, self._kept_drift, found.log, J),
+            *(np.nan_to_num(torque), self._answer, answer),
+        )
+        return np.asarray(answer @ answer.transpose(0, 2, 1))
 
     def smoothed(
         self, signals: Array, J: Array, changes: Array, ready: int
@@ -154,7 +192,7 @@ class IntervalSmoother:
         evidence = np.empty((N, NUM_EVIDENCE))
         wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
         backward_log(self._table, self._kept_drift, log, J, evidence, wrench, covariance)
-        return IntervalReading(wrench, covariance, evidence), after
+        return IntervalReading(wrench, covariance, evidence, log), after
 
 
 def likely_changes(evidence: Array, sought: ChangesSought) -> Array:

@@ -15,6 +15,7 @@ from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
     Joint,
+    JointIndex,
     ModelInstanceIndex,
     PrismaticJoint,
     RevoluteJoint,
@@ -169,90 +170,21 @@ class SerialChain:
         name = plant.GetModelInstanceName(model_instance)
         if not plant.is_finalized():
             raise InputError(name, "", "its plant is not finalized", "call Finalize() first")
-        inboard: dict[BodyIndex, Joint] = {}
-        for joint_index in plant.GetJointIndices():
-            joint = plant.get_joint(joint_index)
-            inboard[joint.child_body().index()] = joint
-
-        chain: list[Joint] = []
-        body = frame_E.body()
-        while body.index() != plant.world_body().index():
-            joint = inboard.get(body.index())
-            if joint is None:
-                problem = f"body {body.name()!r} is not connected to the world"
-                raise InputError(name, "", problem, "weld the robot's base to the world")
-            if not isinstance(joint, WeldJoint):
-                if not isinstance(joint, RevoluteJoint | PrismaticJoint):
-                    raise InputError(
-                        name,
-                        f"joint {joint.name()!r}",
-                        f"type {joint.type_name()} between the world and {frame_E.name()!r}; "
-                        "expected revolute, continuous, prismatic or fixed",
-                        "lock it, or weld the base to the world",
-                    )
-                chain.append(joint)
-            body = joint.parent_body()
-        chain.reverse()
-        if not chain:
-            problem = f"no moving joint between the world and frame {frame_E.name()!r}"
-            raise InputError(name, "", problem, "choose a frame at the arm's end")
-
-        def anchor(frame: Frame) -> tuple[Joint | None, RigidTransform]:
-            """The joint that moves a frame (None: the world), and the frame's pose in its frame."""
-            X = frame.GetFixedPoseInBodyFrame()
-            body = frame.body()
-            while body.index() != plant.world_body().index():
-                joint = inboard[body.index()]
-                X = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse() @ X
-                if not isinstance(joint, WeldJoint):
-                    return joint, X
-                X = joint.frame_on_parent().GetFixedPoseInBodyFrame() @ joint.X_FM() @ X
-                body = joint.parent_body()
-            return None, X
-
-        n = len(chain)
+        tree = _Tree(plant, model_instance, frame_E)
+        chain = tree.moving_joints()
         position = {joint.index(): i for i, joint in enumerate(chain)}
-        parameters = np.zeros((n, 10))
-        for index in range(1, plant.num_bodies()):
-            body = plant.get_body(BodyIndex(index))
-            inertia = body.default_spatial_inertia()
-            joint, X = anchor(body.body_frame())
-            if joint is None:
-                continue
-            if joint.index() not in position:
-                inner = joint
-                while inner is not None and inner.index() not in position:
-                    inner = anchor(inner.frame_on_parent())[0]
-                if inner is None and joint.model_instance() != model_instance:
-                    continue  # something else in the same plant: a workpiece
-                raise InputError(
-                    name,
-                    f"joint {joint.name()!r}",
-                    f"it moves, and is not between the world and {frame_E.name()!r}",
-                    "lock it",
-                )
-            if inertia.get_mass() == 0.0:
-                continue
-            parameters[position[joint.index()]] += _moved_parameters(
-                inertia.get_mass(),
-                inertia.get_com(),
-                inertia.CalcRotationalInertia().CopyToFullMatrix3(),
-                X,
-            )
-
-        reflected_inertia = np.zeros(n)
+        reflected_inertia = np.zeros(len(chain))
         for actuator_index in plant.GetJointActuatorIndices():
             actuator = plant.get_joint_actuator(actuator_index)
             if actuator.joint().index() in position:
                 i = position[actuator.joint().index()]
                 reflected_inertia[i] = actuator.default_reflected_inertia()
-
-        poses = [anchor(joint.frame_on_parent())[1] for joint in chain]
+        poses = [tree.anchor(joint.frame_on_parent())[1] for joint in chain]
         axes = [
             joint.revolute_axis() if isinstance(joint, RevoluteJoint) else joint.translation_axis()
             for joint in chain
         ]
-        _, X_LE = anchor(frame_E)
+        _, X_LE = tree.anchor(frame_E)
         enabled = plant.is_gravity_enabled(model_instance)
         return cls(
             joint_names=tuple(joint.name() for joint in chain),
@@ -260,7 +192,7 @@ class SerialChain:
             R_PJ=np.array([X.rotation().matrix() for X in poses]),
             p_PJ=np.array([X.translation() for X in poses]),
             axis=np.array(axes),
-            inertial_parameters=parameters,
+            inertial_parameters=tree.inertial_parameters(position),
             reflected_inertia=reflected_inertia,
             gravity=plant.gravity_field().gravity_vector() if enabled else np.zeros(3),
             R_LE=X_LE.rotation().matrix(),
@@ -385,6 +317,98 @@ def kernels_are_compiled(*kernels: Any) -> bool:
     `all_terms` and `momentum_terms` over many samples.
     """
     return all(is_compiled(kernel) for kernel in kernels or (all_terms, momentum_terms_rows))
+
+
+class _Tree:
+    """The bodies of a finalized plant, each with the joint that carries it."""
+
+    def __init__(
+        self, plant: MultibodyPlant, model_instance: ModelInstanceIndex, frame_E: Frame
+    ) -> None:
+        self._plant, self._model_instance, self._frame_E = plant, model_instance, frame_E
+        self._name = plant.GetModelInstanceName(model_instance)
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        self._inboard = {joint.child_body().index(): joint for joint in joints}
+
+    def moving_joints(self) -> list[Joint]:
+        """Those between the world and E, from the base on.
+
+        Raises:
+            InputError: no way to the world, none on it, or one neither revolute nor prismatic.
+        """
+        chain: list[Joint] = []
+        body, name_E = self._frame_E.body(), self._frame_E.name()
+        while body.index() != self._plant.world_body().index():
+            joint = self._inboard.get(body.index())
+            if joint is None:
+                problem = f"body {body.name()!r} is not connected to the world"
+                raise InputError(self._name, "", problem, "weld the robot's base to the world")
+            if not isinstance(joint, WeldJoint):
+                if not isinstance(joint, RevoluteJoint | PrismaticJoint):
+                    raise InputError(
+                        self._name,
+                        f"joint {joint.name()!r}",
+                        f"type {joint.type_name()} between the world and {name_E!r}; "
+                        "expected revolute, continuous, prismatic or fixed",
+                        "lock it, or weld the base to the world",
+                    )
+                chain.append(joint)
+            body = joint.parent_body()
+        if not chain:
+            problem = f"no moving joint between the world and frame {name_E!r}"
+            raise InputError(self._name, "", problem, "choose a frame at the arm's end")
+        return chain[::-1]
+
+    def anchor(self, frame: Frame) -> tuple[Joint | None, RigidTransform]:
+        """The joint that moves a frame (None: the world), and the frame's pose in its frame."""
+        X = frame.GetFixedPoseInBodyFrame()
+        body = frame.body()
+        while body.index() != self._plant.world_body().index():
+            joint = self._inboard[body.index()]
+            X = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse() @ X
+            if not isinstance(joint, WeldJoint):
+                return joint, X
+            X = joint.frame_on_parent().GetFixedPoseInBodyFrame() @ joint.X_FM() @ X
+            body = joint.parent_body()
+        return None, X
+
+    def inertial_parameters(self, position: dict[JointIndex, int]) -> Array:
+        """(n, 10) of all that each joint of the chain carries, up to the next one.
+
+        Args:
+            position: of each joint in the chain.
+
+        Raises:
+            InputError: a moving joint of the robot off the chain.
+        """
+        parameters = np.zeros((len(position), 10))
+        for index in range(1, self._plant.num_bodies()):
+            body = self._plant.get_body(BodyIndex(index))
+            inertia = body.default_spatial_inertia()
+            joint, X = self.anchor(body.body_frame())
+            if joint is None:
+                continue
+            if joint.index() not in position:
+                inner: Joint | None = joint
+                while inner is not None and inner.index() not in position:
+                    inner = self.anchor(inner.frame_on_parent())[0]
+                if inner is None and joint.model_instance() != self._model_instance:
+                    continue  # something else in the same plant: a workpiece
+                raise InputError(
+                    self._name,
+                    f"joint {joint.name()!r}",
+                    f"it moves, and is not between the world and {self._frame_E.name()!r}",
+                    "lock it",
+                )
+            if inertia.get_mass() == 0.0:
+                continue
+            parameters[position[joint.index()]] += _moved_parameters(
+                inertia.get_mass(),
+                inertia.get_com(),
+                inertia.CalcRotationalInertia().CopyToFullMatrix3(),
+                X,
+            )
+        return parameters
 
 
 def _moved_parameters(m: float, com: Array, inertia: Array, X: RigidTransform) -> Array:

@@ -159,6 +159,8 @@ def joint_tick(
         _tick(n, K, table, time_step, links, command, tau_ext, noise, state, after, signals, work)
 
 
+# Above 100 lines: inlined twice, for six joints and for any number. Steps of its own would hand a
+# dozen numbers of a joint from one to the next.
 @kernel(forceinline=True)
 def _tick(
     n: int,

@@ -165,96 +165,113 @@ class TrueJoints:
                 "leave mechanisms out",
             )
         read = _Reader(robot)
-        truth, n = robot.truth, robot.num_joints
-        slip = config.slip or SlipConfig(displacement=[0.0] * n)
-        load = config.load
-        lubrication = config.lubrication or LubricationConfig()
-        motor = config.motor or MotorConfig()
-        elasticity = config.elasticity or ElasticityConfig()
-        encoder = config.encoder or EncoderConfig()
-        individual = np.random.default_rng([config.individual, _PHASES])
-        day = np.random.default_rng([config.day, config.individual, _DAY]).standard_normal((2, n))
-        viscous_today, coulomb_today = (
-            np.maximum(1.0 + read.each(lubrication, name) * draw, 0.2)
-            for name, draw in zip(("day_sd", "coulomb_day_sd"), day, strict=True)
-        )
-        K = len(slip.weight)
-        table = np.zeros((n, ELEMENTS + 3 * K))
-        table[:, COULOMB] = truth.coulomb * coulomb_today
-        table[:, STICTION] = np.maximum(truth.stiction, truth.coulomb) * coulomb_today
-        table[:, SPEED] = truth.stribeck_velocity
-        table[:, VISCOUS] = truth.viscous * viscous_today
-        table[:, INVERSE_SATURATION] = _inverse(read.each(lubrication, "saturation"))
-        table[:, TRANSITION] = read.each(lubrication, "transition_velocity")
-        table[:, TEMPERATURE_SHARE] = read.each(lubrication, "temperature_share")
-        table[:, HEATING] = read.each(lubrication, "heating")
-        table[:, INVERSE_TIME] = 1.0 / read.number(lubrication, "time_constant", above_zero=True)
-        if load is None:
-            load = LoadFrictionConfig(list(truth.load_dependence), list(truth.load_dependence))
-        table[:, MOTORING] = read.each(load, "motoring", below=1.0)
-        table[:, GENERATING] = read.each(load, "generating", below=1.0)
-        asymmetry = read.each(load, "asymmetry", least=-0.9, below=0.9)
-        table[:, FORWARDS], table[:, BACKWARDS] = 1.0 + asymmetry, 1.0 - asymmetry
-        wander = config.wander or WanderConfig()
-        table[:, WANDER_SD] = read.each(wander, "sd", below=1.0)
-        time = read.each(wander, "time")
-        table[:, WANDER_KEPT] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
-        table[:, MOVING_NOISE] = read.each(motor, "moving_noise_sd")
-        phases = individual.uniform(0.0, 2.0 * np.pi, (4, n))
-        error = config.transmission_error or TransmissionErrorConfig()
-        amplitude, periods, speed = (
-            read.each(error, name) for name in ("amplitude", "periods", "speed")
-        )
-        if np.any((amplitude > 0.0) & (speed == 0.0)):
-            raise read.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
-        table[:, ERROR : ERROR + 4] = np.stack(
-            [amplitude, periods, phases[3], _inverse(speed)], axis=1
-        )
-        if config.ripple is None and config.motor is None:
-            phases[:] = 0.0  # the plain truth's
+        slip = config.slip or SlipConfig(displacement=[0.0] * robot.num_joints)
         ripple = config.ripple or RippleConfig()
-        for k, (amplitude, share, periods) in enumerate(
-            (
-                (
-                    truth.ripple_amplitude,
-                    read.each(ripple, "load_share", below=1.0),
-                    truth.ripple_periods,
-                ),
-                (
-                    read.each(ripple, "second_amplitude"),
-                    read.each(ripple, "second_load_share", below=1.0),
-                    read.each(ripple, "second_periods"),
-                ),
-                (
-                    read.each(motor, "cogging_amplitude"),
-                    np.zeros(n),
-                    read.each(motor, "cogging_periods"),
-                ),
-            )
-        ):
-            columns = (amplitude, share, periods, phases[k])
-            table[:, RIPPLES + 4 * k : RIPPLES + 4 * k + 4] = np.stack(columns, axis=1)
-        factor = read.each(motor, "torque_factor")
-        factor = np.where(factor == 0.0, 1.0, factor)
-        table[:, GAIN] = motor_gain(robot.torque_per_ampere, robot.current_sign) * factor
-        table[:, POLE] = (
-            math.exp(-2.0 * math.pi * motor.bandwidth * time_step)
-            if read.number(motor, "bandwidth") > 0.0
-            else 0.0
-        )
-        table[:, COMPLIANCE] = _inverse(read.each(elasticity, "stiffness"))
-        table[:, FREQUENCY] = 2 * np.pi * read.number(elasticity, "bandwidth", above_zero=True)
-        if elasticity.encoder not in ("motor", "link"):
-            raise read.error(elasticity, "encoder", f"{elasticity.encoder!r}", "motor or link")
-        table[:, RESOLUTION] = read.each(encoder, "resolution")
-        table[:, VELOCITY_NOISE] = read.each(encoder, "velocity_noise_sd")
-        table[:, VELOCITY_RESOLUTION] = read.each(encoder, "velocity_resolution")
+        table = np.zeros((robot.num_joints, ELEMENTS + 3 * len(slip.weight)))
+        _pack_friction(table, robot, config, read, time_step)
+        _pack_position(table, robot, config, read)
+        _pack_drive(table, robot, config, read, time_step)
         _pack_elements(table, slip, read, time_step)
         table = np.hstack([table, _harmonics(ripple, config.individual, read)])
         table[:, HARMONICS] = len(ripple.motor_periods)
-        on_motor = elasticity.encoder == "motor"
-        rise = read.number(lubrication, "start_rise")
+        on_motor = (config.elasticity or ElasticityConfig()).encoder == "motor"
+        rise = read.number(config.lubrication or LubricationConfig(), "start_rise")
         return cls(table, rise, on_motor, time_step, _motors(robot))
+
+
+def _pack_friction(
+    table: Array, robot: Robot, config: MechanismsConfig, read: "_Reader", time_step: float
+) -> None:
+    """What a joint's friction is, this day, at its load and temperature."""
+    truth, n = robot.truth, robot.num_joints
+    load = config.load
+    lubrication = config.lubrication or LubricationConfig()
+    day = np.random.default_rng([config.day, config.individual, _DAY]).standard_normal((2, n))
+    viscous_today, coulomb_today = (
+        np.maximum(1.0 + read.each(lubrication, name) * draw, 0.2)
+        for name, draw in zip(("day_sd", "coulomb_day_sd"), day, strict=True)
+    )
+    table[:, COULOMB] = truth.coulomb * coulomb_today
+    table[:, STICTION] = np.maximum(truth.stiction, truth.coulomb) * coulomb_today
+    table[:, SPEED] = truth.stribeck_velocity
+    table[:, VISCOUS] = truth.viscous * viscous_today
+    table[:, INVERSE_SATURATION] = _inverse(read.each(lubrication, "saturation"))
+    table[:, TRANSITION] = read.each(lubrication, "transition_velocity")
+    table[:, TEMPERATURE_SHARE] = read.each(lubrication, "temperature_share")
+    table[:, HEATING] = read.each(lubrication, "heating")
+    table[:, INVERSE_TIME] = 1.0 / read.number(lubrication, "time_constant", above_zero=True)
+    if load is None:
+        load = LoadFrictionConfig(list(truth.load_dependence), list(truth.load_dependence))
+    table[:, MOTORING] = read.each(load, "motoring", below=1.0)
+    table[:, GENERATING] = read.each(load, "generating", below=1.0)
+    asymmetry = read.each(load, "asymmetry", least=-0.9, below=0.9)
+    table[:, FORWARDS], table[:, BACKWARDS] = 1.0 + asymmetry, 1.0 - asymmetry
+    wander = config.wander or WanderConfig()
+    table[:, WANDER_SD] = read.each(wander, "sd", below=1.0)
+    time = read.each(wander, "time")
+    table[:, WANDER_KEPT] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
+
+
+def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, read: "_Reader") -> None:
+    """What depends on position: the transmission's error, ripple of two gear wheels, cogging."""
+    truth, n = robot.truth, robot.num_joints
+    phases = np.random.default_rng([config.individual, _PHASES]).uniform(0.0, 2.0 * np.pi, (4, n))
+    error = config.transmission_error or TransmissionErrorConfig()
+    amplitude, periods, speed = (
+        read.each(error, name) for name in ("amplitude", "periods", "speed")
+    )
+    if np.any((amplitude > 0.0) & (speed == 0.0)):
+        raise read.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
+    table[:, ERROR : ERROR + 4] = np.stack([amplitude, periods, phases[3], _inverse(speed)], axis=1)
+    if config.ripple is None and config.motor is None:
+        phases[:] = 0.0  # the plain truth's
+    ripple, motor = config.ripple or RippleConfig(), config.motor or MotorConfig()
+    for k, (amplitude, share, periods) in enumerate(
+        (
+            (
+                truth.ripple_amplitude,
+                read.each(ripple, "load_share", below=1.0),
+                truth.ripple_periods,
+            ),
+            (
+                read.each(ripple, "second_amplitude"),
+                read.each(ripple, "second_load_share", below=1.0),
+                read.each(ripple, "second_periods"),
+            ),
+            (
+                read.each(motor, "cogging_amplitude"),
+                np.zeros(n),
+                read.each(motor, "cogging_periods"),
+            ),
+        )
+    ):
+        columns = (amplitude, share, periods, phases[k])
+        table[:, RIPPLES + 4 * k : RIPPLES + 4 * k + 4] = np.stack(columns, axis=1)
+
+
+def _pack_drive(
+    table: Array, robot: Robot, config: MechanismsConfig, read: "_Reader", time_step: float
+) -> None:
+    """Motor, gear's compliance and encoder."""
+    motor = config.motor or MotorConfig()
+    elasticity = config.elasticity or ElasticityConfig()
+    encoder = config.encoder or EncoderConfig()
+    table[:, MOVING_NOISE] = read.each(motor, "moving_noise_sd")
+    factor = read.each(motor, "torque_factor")
+    factor = np.where(factor == 0.0, 1.0, factor)
+    table[:, GAIN] = motor_gain(robot.torque_per_ampere, robot.current_sign) * factor
+    table[:, POLE] = (
+        math.exp(-2.0 * math.pi * motor.bandwidth * time_step)
+        if read.number(motor, "bandwidth") > 0.0
+        else 0.0
+    )
+    table[:, COMPLIANCE] = _inverse(read.each(elasticity, "stiffness"))
+    table[:, FREQUENCY] = 2 * np.pi * read.number(elasticity, "bandwidth", above_zero=True)
+    if elasticity.encoder not in ("motor", "link"):
+        raise read.error(elasticity, "encoder", f"{elasticity.encoder!r}", "motor or link")
+    table[:, RESOLUTION] = read.each(encoder, "resolution")
+    table[:, VELOCITY_NOISE] = read.each(encoder, "velocity_noise_sd")
+    table[:, VELOCITY_RESOLUTION] = read.each(encoder, "velocity_resolution")
 
 
 def _motors(robot: Robot) -> Array:

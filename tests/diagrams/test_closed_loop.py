@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from wrenchsight.diagrams.closed_loop import make_closed_loop, setpoint_at
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop, setpoint_at
 from wrenchsight.diagrams.scenario import (
     ForceSetpoint,
     HoldMotion,
@@ -29,7 +29,7 @@ DOWN = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
 
 def run(scenario, robot, model=None, also_log=()):
     loop = make_closed_loop(
-        scenario, robot, model or IdentifiedModel.nominal(robot), also_log=also_log
+        scenario, robot, model or IdentifiedModel.nominal(robot), log=LogRequest(also=also_log)
     )
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)
@@ -177,7 +177,9 @@ def test_what_is_not_logged_changes_nothing_of_what_is(sts):
     scenario = replace(load_scenario("Default"), duration=0.1)
     _, everything = run(scenario, sts)
     wanted = ("current", "q")
-    loop = make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), log_only=wanted)
+    loop = make_closed_loop(
+        scenario, sts, IdentifiedModel.nominal(sts), log=LogRequest(only=wanted)
+    )
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)
     _, signals = loop.logged(simulator.get_context())

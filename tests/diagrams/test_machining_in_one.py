@@ -12,7 +12,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.closed_loop import make_closed_loop, uses_sensor
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop, uses_sensor
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
@@ -70,8 +70,8 @@ def lesson(plan):
     return TaughtTorque(t, rng.normal(size=(len(t), 6)), (rng.random(len(t)) < 0.8).astype(float))
 
 
-def run(scenario, robot, duration=0.5, **options):
-    loop = make_closed_loop(scenario, robot, also_log=MORE, **options)
+def run(scenario, robot, duration=0.5, period=None, **options):
+    loop = make_closed_loop(scenario, robot, log=LogRequest(also=MORE, period=period), **options)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration)
     return loop.logged(simulator.get_context())[1]
@@ -274,8 +274,7 @@ def test_what_only_the_log_asks_for_runs_when_the_log_does(hard):
             scenario,
             plain_truth(hard),
             plain_model(hard),
-            also_log=("wrench_unbalance",),
-            log_period=period,
+            log=LogRequest(also=("wrench_unbalance",), period=period),
         )
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(0.1)
@@ -301,7 +300,7 @@ def test_a_machining_log_of_every_tenth_tick_asks_the_arm_no_less(hard):
             0.2,
             model=plain_model(hard),
             machining_path=plan,
-            log_period=period,
+            period=period,
         )
         for period in (None, 0.01)
     )

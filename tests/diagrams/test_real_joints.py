@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.robot_cell import make_robot_cell
 from wrenchsight.diagrams.scenario import PlateConfig, Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
@@ -93,7 +93,11 @@ def test_pressed_on_a_plate_it_neither_rings_nor_runs_away(robot):
     press = WrenchStep(start=0.2, duration=5.0, force=[0.0, 0.0, -30.0])
     scenario = Scenario(duration=1.2, workpiece=plate, wrench=[press])
     loop = make_closed_loop(
-        scenario, robot, IdentifiedModel.nominal(robot), with_estimator=False, also_log=("state",)
+        scenario,
+        robot,
+        IdentifiedModel.nominal(robot),
+        with_estimator=False,
+        log=LogRequest(also=("state",)),
     )
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(1.2)

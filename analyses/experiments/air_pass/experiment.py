@@ -19,11 +19,8 @@ from wrenchsight.analyses.experiments.air_pass.repeated_pass import (
     loaded_pass,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    LEARNING_STRIDE,
-    LEARNING_TIME,
-    MARGIN,
+    LEARNING,
     MASS,
-    TIME_STEP,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
@@ -118,10 +115,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _point_of_load(robot: Robot, model: IdentifiedModel, loaded: Pass) -> "NDArray[np.float64]":
     """(3,) m from E, from the first seconds of the loaded pass."""
-    rows = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), LEARNING_STRIDE)
     R_WE, _ = robot.chain.pose(loaded.recording.q)
     result = find_point_of_action(
-        loaded.J[rows], R_WE[rows], loaded.tau_ext[rows], model.residual_covariance, True, True
+        *(loaded.J[LEARNING], R_WE[LEARNING], loaded.tau_ext[LEARNING]),
+        *(model.residual_covariance, True, True),
     )
     return result.p_EP
 

@@ -52,6 +52,7 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.signals.bands import SIGMA_95
 
 SWEEP: Final = "joint3_sweep"
 _JOINT: Final = 2  # joint 3, counted from 0
@@ -113,9 +114,9 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
     log = reading.log
     truth = log.joint_torque(log.sensor_wrench())
     error = reading.batch.tau_ext - truth
-    rows = _rows(log, state)
+    rows, band = _rows(log, state), SIGMA_95 * reading.batch.torque_sd
     inside = [
-        100.0 * float(np.mean(np.abs(error[entry, j]) <= 1.96 * reading.batch.torque_sd[entry, j]))
+        100.0 * float(np.mean(np.abs(error[entry, j]) <= band[entry, j]))
         if (entry := rows[:, j] & np.isfinite(error[:, j])).sum() >= MIN_ROWS
         else None
         for j in range(NUM_JOINTS)
@@ -288,7 +289,7 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
         t, tau, sd = log.recording.t, ours.batch.tau_ext[:, j], ours.batch.torque_sd[:, j]
         by_current = (log.recording.extra["tau_target"] - log.recording.current)[:, j]
         panel.plot(t, by_current, color=COLOUR["article"], lw=0.5, label="target less motor torque")
-        fill_band(panel, t, tau, 1.96 * sd)
+        fill_band(panel, t, tau, SIGMA_95 * sd)
         panel.plot(t, tau, color=COLOUR["estimate"], lw=1.2, label="ours, the URDF's masses")
         other = readings[name, "controller_model"].batch.tau_ext[:, j]
         panel.plot(t, other, color=SERIES[2], lw=0.9, label="ours, the controller's")

@@ -28,6 +28,7 @@ from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
 METHODS: Final = ("model", "network", "hybrid")
@@ -35,7 +36,6 @@ HELD_OUT: Final = 0.15  # of each log, its end: what a predictor's band is learn
 FILTER: Final = IdentificationConfig()
 SHORTEST: Final = 5.0  # periods of the cutoff, of a log that is only read
 READABLE: Final = 10.0  # N, sd of a force's component
-BAND: Final = 1.96  # sds: 95 %
 # Settled by leaving each of the three fitted runs out in turn.
 ALONE: Final = NetworkConfig(hidden=128, epochs=30.0, rate=5e-3, decay=0.1, blur=0.0)
 ON_MODEL: Final = NetworkConfig(hidden=16, epochs=10.0, rate=2e-3, decay=1.0, blur=1.5)
@@ -145,7 +145,7 @@ class Errors:
         return {
             "torque_rmse_nm": rms(self.torque),
             "rmse_n": rms(self.force),
-            "inside_95_pct": 100.0 * np.mean(np.abs(self.force) <= BAND * self.sd, axis=0),
+            "inside_95_pct": 100.0 * np.mean(np.abs(self.force) <= SIGMA_95 * self.sd, axis=0),
         }
 
 

@@ -21,8 +21,7 @@ import numba
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    REFERENCE_CUTOFF,
-    payload_reference,
+    force_of_load,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
@@ -48,7 +47,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.live.reading import Reading
@@ -56,12 +54,11 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 
 FROM = 5.0  # s
 MARGIN = 1.0  # s at the end, in which the reference's filter has an edge
-LEARNING = slice(100, 1000, 5)  # samples of a loaded log that tell the point of action
 QUICK_TIME = 12.0  # s of a log, in a shortened run
-BAND = 1.96  # sds: 95 %
 PLAYED = "ur-20_02_19_14harm50sec"
 PLAYED_TIME = 15.0, 6.0  # s; in a shortened run
 STEP = 0.002  # s, of the controller
@@ -154,14 +151,10 @@ def truth_of(readings: list[Reading], robot: Robot, model: IdentifiedModel, mass
     if mass == 0.0:
         return np.zeros((len(readings), 3))
     q, tau_ext = (np.array([getattr(r, name) for r in readings]) for name in ("q", "tau_ext"))
-    R_WE, _ = robot.chain.pose(q)
-    J = robot.chain.jacobian(q)
-    place = find_point_of_action(
-        J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING], model.residual_covariance
-    ).p_EP
     t, none = np.array([r.t for r in readings]), np.zeros_like(q)
     motion = Recording(t=t, q=q, v=none, current=none, source="")
-    return mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place).direction
+    J = robot.chain.jacobian(q)
+    return force_of_load(robot, motion, J, tau_ext, model.residual_covariance, mass)[1]
 
 
 def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
@@ -177,7 +170,7 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
         if not rows.any():
             return {"inside_95_pct": [None] * 3, "rmse_n": [None] * 3}
         return {
-            "inside_95_pct": 100.0 * np.mean(np.abs(error[rows]) <= BAND * sd[rows], axis=0),
+            "inside_95_pct": 100.0 * np.mean(np.abs(error[rows]) <= SIGMA_95 * sd[rows], axis=0),
             "rmse_n": np.sqrt(np.mean(error[rows] ** 2, axis=0)),
         }
 

@@ -30,7 +30,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     FREE_LOGS,
@@ -62,7 +62,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
@@ -77,16 +76,15 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
+from wrenchsight.models.signals.bands import SIGMA_95
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
 PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
 PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
 TIME_STEP = 0.01  # s, of the UR10e's logs
 LAW = "presliding"
-LEARNING = slice(100, 1000, 5)  # samples of a loaded log that tell the point of action
 MARGIN = 1.0  # s left out at both ends
 NOISE_CUTOFF = 5.0  # Hz
-BAND = 1.96  # sds: 95 %
 DELAYS = np.arange(-0.05, 0.3005, 0.0025)  # s that are tried
 METHODS = ("force_only", "bayesian")
 SMOOTHED = "kalman-smoothed"
@@ -195,11 +193,8 @@ def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: Identi
         position_resolution=step.tolist(),
     )
     seen = WrenchEstimator(robot, model, config).observe(uniform.q, uniform.v, uniform.current)
-    R_WE, _ = robot.chain.pose(uniform.q)
-    point = find_point_of_action(
-        seen.J[LEARNING], R_WE[LEARNING], seen.tau_ext[LEARNING], model.residual_covariance
-    ).p_EP
-    truth = mass * payload_reference(robot, uniform, 5.0, point).direction
+    Sigma_tau = model.residual_covariance
+    point, truth = force_of_load(robot, uniform, seen.J, seen.tau_ext, Sigma_tau, mass)
     if any(robot.config.tool_frame.xyz) or any(robot.config.tool_frame.rpy):
         raise ValueError("the load's point is given in the flange")
     there = robot.with_tool(robot.config.tool, PoseConfig([float(x) for x in point]))
@@ -281,7 +276,7 @@ def _measured(scene: Scene, read: Read) -> dict[str, Any]:
     selected[:margin] = selected[-margin:] = False
     error = read.force - scene.truth
     noise = read.force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(read.force)
-    inside = np.abs(error) <= BAND * read.sd
+    inside = np.abs(error) <= SIGMA_95 * read.sd
     valid = selected & read.valid
     changes = bool(np.ptp(scene.truth, axis=0).any())
     rows = np.flatnonzero(valid if valid.any() else selected)

@@ -21,7 +21,7 @@ from wrenchsight.analyses.output.figures import (
     legend_on_top,
     new_figure,
 )
-from wrenchsight.models.contact.contact_filter import SIGMA_95
+from wrenchsight.models.signals.bands import SIGMA_95
 
 LABELS: Final = {
     "command": "ours, never a sensor",

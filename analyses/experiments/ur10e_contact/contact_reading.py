@@ -24,13 +24,14 @@ from wrenchsight.analyses.methods.reading.estimation import estimate_log
 from wrenchsight.analyses.methods.sensors.judged_force import ForceReading
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
-from wrenchsight.models.contact.contact_filter import SIGMA_95, ContactConfig
+from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 
 BLOCK: Final = 10  # samples of 2 ms
 WINDOW: Final = 5  # blocks: a force is judged over 0.1 s

@@ -8,7 +8,6 @@ import numpy as np
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     MASS,
     METHODS,
-    SIGMA_95,
     TIME_STEP,
     Reading,
     Reference,
@@ -24,6 +23,7 @@ from wrenchsight.analyses.output.figures import (
 )
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.signals.bands import SIGMA_95
 
 LABELS = {
     "bayesian": "Bayesian",

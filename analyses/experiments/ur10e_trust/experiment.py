@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     FREE_LOGS,
@@ -57,7 +57,7 @@ from wrenchsight.models.estimation.estimator import (
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
-from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -67,6 +67,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 
 REFRESHED_BY = {  # the log without the load
     "ur-20_02_19_14harm50secLoad": "ur-20_02_19_14harm50sec",
@@ -79,10 +80,8 @@ TRACKED_FROM = 5.0  # s
 REST_SPEED = 0.01  # rad/s
 REST_TIME = 0.3  # s
 REVERSAL_TIME = 0.15  # s
-LEARNING = slice(100, 1000, 5)  # samples of a loaded log that tell the point of action
 MARGIN = 100  # samples left out at both ends
 FEWEST = 30  # samples of a regime
-BAND = 1.96  # sds: 95 %
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -177,12 +176,9 @@ def _log_metrics(
         seen = estimator.observe(uniform.q, uniform.v, uniform.current)
         J, truth = seen.J, np.zeros((len(seen.J), 3))
         if mass > 0.0:
-            R_WE, _ = robot.chain.pose(uniform.q)
-            point = find_point_of_action(
-                J[LEARNING], R_WE[LEARNING], seen.tau_ext[LEARNING], model.residual_covariance
-            ).p_EP
-            J = jacobian_at(J, R_WE, point)
-            truth = mass * payload_reference(robot, uniform, 5.0, point).direction
+            Sigma_tau = model.residual_covariance
+            point, truth = force_of_load(robot, uniform, J, seen.tau_ext, Sigma_tau, mass)
+            J = jacobian_at(J, robot.chain.pose(uniform.q)[0], point)
 
         def read(own: WrenchEstimator, J: Array = J, seen: Observation = seen) -> WrenchEstimate:
             """The reading at the point of action."""
@@ -243,7 +239,7 @@ def regimes(v: Array) -> dict[str, Flags]:
 
 def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
     return {
-        "inside_95_pct": 100.0 * np.mean(np.abs(error) <= BAND * sd, axis=0),
+        "inside_95_pct": 100.0 * np.mean(np.abs(error) <= SIGMA_95 * sd, axis=0),
         "rmse_n": np.sqrt(np.mean(error**2, axis=0)),
         "share_valid_pct": 100.0 * float(valid.mean()),
         "largest_valid_n": np.abs(error[valid]).max(axis=0) if valid.any() else np.zeros(3),

@@ -47,6 +47,7 @@ from wrenchsight.models.identification.torque_regression import split_terms
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -263,11 +264,11 @@ def calibration_figure(result: CalibrationResult) -> "Figure":
     top, bottom = list[Any](axes[:, 0])
     places = np.arange(len(names))
     style = {"fmt": "o", "color": COLOUR["estimate"], "capsize": 3}
-    top.errorbar(places, outcome.ratio, 1.96 * outcome.ratio_sd, **style)
+    top.errorbar(places, outcome.ratio, SIGMA_95 * outcome.ratio_sd, **style)
     top.axhline(1.0, color=COLOUR["reference"], lw=0.8)
     top.set_ylabel("torque per ampere,\ntrue over stated")
     value, sd = outcome.load_dependence
-    bottom.errorbar(places, value, 1.96 * sd, **style)
+    bottom.errorbar(places, value, SIGMA_95 * sd, **style)
     bottom.axhline(0.0, color=COLOUR["reference"], lw=0.8)
     bottom.set_ylabel("friction per torque\n[N m per N m]")
     bottom.set_xticks(places, names)

@@ -129,9 +129,6 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         InputError: a setting that makes no sense.
     """
 
-    def refuse(option: str, problem: str, remedy: str) -> InputError:
-        return InputError("estimate", option, problem, remedy)
-
     checked_reference(config.reference)
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     for name, value, known in (
@@ -141,7 +138,7 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         ("table", config.table, TABLES),
     ):
         if value not in known:
-            raise refuse(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
+            raise _refusal(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
     if config.prior not in PRIORS:
         try:
             force_sd, moment_sd = (float(x) for x in config.prior.split(","))
@@ -149,19 +146,19 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
             force_sd = moment_sd = float("nan")
         if not all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd)):
             found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
-            raise refuse("prior", found, "give N and N m, such as 30,2")
+            raise _refusal("prior", found, "give N and N m, such as 30,2")
     rate = config.detection.false_alarms_per_hour
     if not LEAST_RATE <= rate <= LARGEST_RATE:
         found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
-        raise refuse("false_alarms_per_hour", found, "1 is the default")
+        raise _refusal("false_alarms_per_hour", found, "1 is the default")
     if config.drift is not None and not 0.0 <= config.drift <= LARGEST_DRIFT:
         found = f"is {config.drift:g}, expected 0 to {LARGEST_DRIFT:g}"
-        raise refuse("drift", found, "0.05 is 5 % of the viscous torque")
+        raise _refusal("drift", found, "0.05 is 5 % of the viscous torque")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
         if number is not None and not LEAST_SD <= number <= LARGEST_SD:
             found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
-            raise refuse(name, found, "give N or N m")
+            raise _refusal(name, found, "give N or N m")
     for name, number in (
         ("damping", reconstruction.damping),
         ("truncation", reconstruction.truncation),
@@ -170,63 +167,72 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
     ):
         if not (np.isfinite(number) and number >= 0):
             found = f"is {number}, expected zero or more"
-            raise refuse(name, found, "leave it out for the default")
+            raise _refusal(name, found, "leave it out for the default")
     for name, number, least, largest in (
         ("time_step", observer.time_step, LEAST_STEP, LONGEST),
         ("max_gap", config.max_gap, 0.0, LONGEST),
     ):
         if number and not least <= number <= LONGEST:
             found = f"is {number:g} s, expected {least:g} to {largest:g}"
-            raise refuse(name, found, "leave it out for the default")
+            raise _refusal(name, found, "leave it out for the default")
     if isinstance(observer, MomentumObserverConfig) and any(
         0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0
     ):
         found = f"is {min(observer.K_0):g} /s, expected {LEAST_K_0:g} or more"
-        raise refuse("K_0", found, "20 is the default")
+        raise _refusal("K_0", found, "20 is the default")
     if not all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd):
         found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
-        raise refuse("torque_sd", found, "give N m, one for all joints or one each")
+        raise _refusal("torque_sd", found, "give N m, one for all joints or one each")
     if config.contact.axis:
         ContactFrame.of(config.contact)
         for name in _POSITIVE:
             number = getattr(config.contact, name)
             if not (np.isfinite(number) and number > 0.0):
                 found = f"is {number:g}, expected a positive number"
-                raise refuse(f"contact.{name}", found, "leave it out for the default")
+                raise _refusal(f"contact.{name}", found, "leave it out for the default")
         if config.smooth:
             found = "has no place where the contact's direction is known: that reading is late by "
             found += f"{1000 * config.contact.lag:.0f} ms already"
-            raise refuse("smooth", found, "leave --smooth or --contact-axis out")
-    if robot is None:
-        return config
+            raise _refusal("smooth", found, "leave --smooth or --contact-axis out")
+    if robot is not None:
+        _check_for_robot(config, robot)
+    return config
+
+
+def _refusal(option: str, problem: str, remedy: str) -> InputError:
+    return InputError("estimate", option, problem, remedy)
+
+
+def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
+    """Raises InputError where settings make no sense together, or for the robot's joints."""
+    observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
     step = observer.time_step or 1e-3  # any: that of the log is not known yet
     try:
         made = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
-        raise refuse("observer", str(error), "see the command's --help") from None
+        raise _refusal("observer", str(error), "see the command's --help") from None
     for option, given, found in (
         ("smooth", config.smooth, "reads each sample with what comes after it"),
         ("drift", config.drift is not None, "is what --track finds"),
     ):
         if config.track and given:
-            raise refuse(option, found, f"leave --track or --{option} out")
+            raise _refusal(option, found, f"leave --track or --{option} out")
     if config.track and robot.is_coupled:
         found = f"is not for {robot.name}: friction of coupled joints is that of several motors"
-        raise refuse("track", found, "leave it out")
+        raise _refusal("track", found, "leave it out")
     if config.track and known_of_wrench(reconstruction) is None:
         found = f"is {reconstruction.method}, under which friction is not followed"
-        raise refuse("method", found, "give bayesian, force_only or inverse")
+        raise _refusal("method", found, "give bayesian, force_only or inverse")
     if config.track and made.kernels.wrench is not None:
         found = f"is {kind_name(type(made))}, which reads the wrench itself"
-        raise refuse("observer", found, "follow friction with the momentum observer")
+        raise _refusal("observer", found, "follow friction with the momentum observer")
     if config.smooth and known_of_wrench(reconstruction) is None:
         found = f"is {reconstruction.method}, for which smoothing has no prior"
-        raise refuse("method", found, "give bayesian, force_only or inverse")
+        raise _refusal("method", found, "give bayesian, force_only or inverse")
     if made.kernels.wrench is not None and known_of_wrench(reconstruction) is None:
         name = kind_name(type(made))
         found = f"is {reconstruction.method}, for which the {name} observer has no prior"
-        raise refuse("method", found, "give bayesian, force_only or inverse")
-    return config
+        raise _refusal("method", found, "give bayesian, force_only or inverse")
 
 
 def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:

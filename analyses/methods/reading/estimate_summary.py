@@ -15,6 +15,7 @@ from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.observers.sample_check import BEYOND, DISAGREES, FROZEN
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
+from wrenchsight.models.signals.bands import SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
 LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
-_BAND = 1.96  # standard deviations: 95 %
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _FAULTS = {
@@ -140,7 +140,7 @@ class EstimateSummary:
         self._all.add(wrench, sd)
         self._of_valid.add(wrench[valid], sd[valid])
         self._add_outside(chunk, torque)
-        lower, upper = wrench - _BAND * sd, wrench + _BAND * sd
+        lower, upper = wrench - SIGMA_95 * sd, wrench + SIGMA_95 * sd
         self._envelope.add(
             np.concatenate([wrench, lower], axis=1),
             np.concatenate([wrench, upper], axis=1),

@@ -1,13 +1,19 @@
 """What is asked of a whole log before it is read: a load or drifted friction, and the prior."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrenchsight.analyses.methods.reading.estimate_config import FLOOR_SHARE, EstimateConfig
+from wrenchsight.analyses.methods.reading.estimate_config import (
+    FLOOR_SHARE,
+    EstimateConfig,
+    stated_prior,
+)
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,
+    ProgressCallback,
     fault_of,
     screen_of,
     there,
@@ -15,6 +21,7 @@ from wrenchsight.analyses.methods.reading.uniform_log import (
     uniform_chunks,
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_estimator import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
@@ -23,9 +30,76 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
 from wrenchsight.models.recordings.episodes_reader import LogReader
+from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.robot.robot import Robot
 
 _PRIOR_SAMPLES = 1 << 12
+
+
+@dataclass(frozen=True, eq=False)
+class FirstPass:
+    """What a log said before it is read.
+
+    Attributes:
+        config: with the encoders' resolution and the prior.
+        rule: by which the prior was found.
+        watch: of its friction, and of a load; None: not looked at.
+        drift_shown: (n,) share of the viscous torque; None: no drift shows.
+        wide: the model whose band is stated: with the drift that shows.
+        passes: share of the work that is done.
+    """
+
+    config: WrenchEstimatorConfig
+    rule: str
+    watch: FrictionWatch | None
+    drift_shown: Array | None
+    wide: IdentifiedModel
+    passes: float
+
+
+def first_pass(
+    read: Callable[[], LogReader],
+    robot: Robot,
+    model: IdentifiedModel,
+    settings: EstimateConfig,
+    progress: ProgressCallback,
+    warnings: list[str],
+) -> FirstPass:
+    """Asks a log what reading it takes; `read` opens it for one pass, `warnings` gets more."""
+    config = settings.estimator
+    if config.position_resolution is None:
+        step = position_resolution(next(iter(read().chunks())).q)
+        known = robot.position_resolution
+        step = np.where(np.isfinite(known), known, step)
+        config = replace(config, position_resolution=step.tolist())
+    rule = "given"
+    stated = stated_prior(settings, robot)
+    if stated is None and settings.contact.axis:
+        stated, rule = live_prior(robot.payload), "live"  # no pass over the log
+    if stated is not None and not _has_prior(config):
+        config = replace(config, reconstruction=config.reconstruction.with_prior(*stated))
+        if settings.prior == "live":
+            rule = "live"
+    passes, shown, error, wide = 0.0, None, model.torque_error, model
+    watch: FrictionWatch | None = None
+    # A joint's friction is that of several motors where joints are coupled.
+    if model.provenance.logs and not robot.is_coupled and not settings.track:
+        part = Part(progress, 0.0, 0.3, "looking at friction")
+        watch, passes = friction_of(read(), robot, model, config, settings, part), 0.3
+    if watch is not None and settings.drift is None and error is not None:
+        shown = watch.drifts()
+        if shown is not None:
+            wide = replace(model, torque_error=replace(error, drift_shown=shown))
+    if not _has_prior(config):
+        part = Part(progress, passes, passes + 0.3, "finding the prior")
+        config, rule = with_evidence(read(), robot, model, config, settings.max_gap, part, warnings)
+        passes += 0.3
+    return FirstPass(config, rule, watch, shown, wide, passes)
+
+
+def _has_prior(config: WrenchEstimatorConfig) -> bool:
+    prior = config.reconstruction
+    return prior.prior_force_sd is not None and prior.prior_moment_sd is not None
 
 
 def friction_of(

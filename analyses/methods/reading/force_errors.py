@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, SERIES, new_figure
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.signals.bands import SIGMA_68, SIGMA_95
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-BAND_68, BAND_95 = 1.0, 1.96  # standard deviations; 1.0 holds 68.27 % of a Gaussian
 FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, column by column
 
 
@@ -73,8 +73,8 @@ def force_metrics(force: Array, sd: Array, reference: Array) -> dict[str, Any]:
     """
     error = force - reference
     inside = {
-        68: np.abs(error) <= BAND_68 * sd,
-        95: np.abs(error) <= BAND_95 * sd,
+        68: np.abs(error) <= SIGMA_68 * sd,
+        95: np.abs(error) <= SIGMA_95 * sd,
     }
     out: dict[str, Any] = {}
     for k, axis in enumerate(AXES):
@@ -127,7 +127,7 @@ def draw_band(axis: Any, reading: ForceReading, k: int, edges: bool = False) -> 
     """
     at, _, sd = envelope(reading.t, reading.sd[:, k])
     _, low, high = envelope(reading.t, reading.reference[:, k])
-    low, high = low - BAND_95 * sd, high + BAND_95 * sd
+    low, high = low - SIGMA_95 * sd, high + SIGMA_95 * sd
     label = "stated 95 % band"
     if edges:
         style = {"color": SERIES[3], "lw": 1.0, "zorder": 5}

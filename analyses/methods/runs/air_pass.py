@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.analyses.methods.advance import advance, even_stretches
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
 from wrenchsight.analyses.methods.runs.simulated_logs import TRACKING
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import (
@@ -92,7 +92,7 @@ def record_air_pass(
         robot,
         known,
         trajectory=motion,
-        log_only=("q", "v", "current"),
+        log=LogRequest(only=("q", "v", "current")),
         with_estimator=False,
     )
     simulator = Simulator(loop.diagram)

@@ -16,12 +16,12 @@ from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES, Fault
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_BAND = 1.96  # standard deviations: 95 %
 _TRUE_LINE: dict[str, Any] = {"color": COLOUR["truth"], "label": "true"}
 # Dashed and on top: a good sensor lies on the truth.
 _SENSOR_LINE: dict[str, Any] = {
@@ -108,7 +108,7 @@ class SimulationResult:
         }
         if 0 < np.count_nonzero(self.valid) < len(self.valid):
             metrics["valid"] = _errors(self.wrench[self.valid], self.wrench_true[self.valid])
-        inside = np.abs(self.wrench - self.wrench_true) <= _BAND * self.standard_deviation
+        inside = np.abs(self.wrench - self.wrench_true) <= SIGMA_95 * self.standard_deviation
         metrics["coverage_share"] = float(inside[:, 3:].mean())
         metrics["tau_ext_rmse_nm"] = _rms(self.tau_ext - self.tau_ext_true)
         metrics["tracking_rmse_rad"] = _rms(self.q - self.reference[:, :n])
@@ -169,7 +169,7 @@ class SimulationResult:
         for k, axis in enumerate(shown):
             panel: Any = axes[k % 3, k // 3]
             column = FORCE_FIRST[k]
-            estimate, band = self.wrench[:, column], _BAND * self.standard_deviation[:, column]
+            estimate, band = self.wrench[:, column], SIGMA_95 * self.standard_deviation[:, column]
             at, low, _ = envelope(self.t, estimate - band)
             _, _, high = envelope(self.t, estimate + band)
             colour = COLOUR["estimate"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.contact.contact_filter import SIGMA_95
+from wrenchsight.models.signals.bands import SIGMA_95
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def campaign(tmp_path):
         *names, worlds=3, jobs=2, folder="campaign", cluster=None, fresh=False, **settings
     ):
         return run_campaign(
-            CampaignSettings(names, worlds, **settings),
+            CampaignSettings(list(names), worlds, **settings),
             tmp_path / folder,
             jobs=jobs,
             cluster=cluster,

@@ -161,7 +161,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
         "from wrenchsight.analyses.study.registry import REGISTRY\n"
         "if __name__ == '__main__':\n"
         "    REGISTRY.register('fake_toy')\n"
-        f"    run_campaign(CampaignSettings(('toy',), 3), Path({str(out)!r}), jobs=2)\n"
+        f"    run_campaign(CampaignSettings(['toy'], 3), Path({str(out)!r}), jobs=2)\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE, text=True
@@ -193,7 +193,7 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
 
     with pytest.raises(KeyboardInterrupt):
         run_campaign(
-            CampaignSettings(("toy",), 1, seed=5), tmp_path / "campaign", fresh=True, watch=end
+            CampaignSettings(["toy"], 1, seed=5), tmp_path / "campaign", fresh=True, watch=end
         )
     assert file_of(tmp_path, "campaign") == before
     assert (tmp_path / "campaign" / "campaign.html").exists()

@@ -171,6 +171,15 @@ def dense_posterior(
         F = root[k, n : n + 6]
         wrench[k] = mean[k, n : n + 6] + F @ H.T @ seen
         covariance[k] = F @ F.T - F @ H.T @ np.linalg.solve(S, H @ F.T)
+    read = np.einsum("kai,ka->ki", J, wrench)
+    against = -np.sign(signals[:, V]) * np.abs(read)
+    for torque in (error.scale * read, error.beyond_load * against):
+        for j in range(n):
+            off = np.zeros((N, n))
+            off[1:, j] = STEP * np.cumsum(torque[:-1, j])  # of the momenta
+            seen = np.linalg.solve(S, off[1:].ravel())
+            answer = root[:, n : n + 6] @ (H.T @ seen)
+            covariance += answer[:, :, None] * answer[:, None, :]
     covariance += error.scale**2 * wrench[:, :, None] * wrench[:, None, :]
     return Dense(wrench, covariance, r, S)
 
@@ -242,6 +251,7 @@ def test_parts_do_not_show_but_for_the_drift(
     sd = whole.standard_deviation
     # What lies more than 8 s ahead says something of the friction's drift only.
     assert np.abs((joined.wrench - whole.wrench) / sd).max() < 0.1
+    np.testing.assert_allclose(joined.standard_deviation, sd, rtol=0.02)
     np.testing.assert_array_equal(joined.valid, whole.valid)
     # Not to the last digits: an edge is placed with what has been seen by then.
     np.testing.assert_allclose(joined.wrench[-800:], whole.wrench[-800:], atol=1e-4)

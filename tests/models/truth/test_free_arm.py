@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.methods.runs.simulated_logs import TRACKING, drive_servo
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.motion.paths import JointTrajectory
@@ -39,7 +39,7 @@ def both(arm, seed=5):
     scenario = Scenario(robot=arm.name, duration=motion.duration, seed=seed, controller=TRACKING)
     loop = make_closed_loop(
         scenario, arm, model, trajectory=motion, with_estimator=False,
-        also_log=("tau_f_true", "tau_J_true", "state"),
+        log=LogRequest(also=("tau_f_true", "tau_J_true", "state")),
     )  # fmt: skip
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(motion.duration)

@@ -26,9 +26,8 @@ from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.advance import advance, even_stretches
-from wrenchsight.analyses.methods.reading.force_errors import BAND_95
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.machining import longest_duration, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from wrenchsight.diagrams.scenario import Scenario
@@ -41,6 +40,7 @@ from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.signals.bands import SIGMA_95
 
 LAW, PLAIN, OURS = "semi-parametric", "coulomb-viscous", "presliding"
 FEEDS = (15.0, 30.0, 60.0)  # s, one way
@@ -204,9 +204,8 @@ def run_machining(
         robot,
         models.models[LAW],
         meshcat,
-        also_log=("tau_f_true",),
         machining_path=plan,
-        log_only=_LOGGED,
+        log=LogRequest(also=("tau_f_true",), only=_LOGGED),
         taught=taught,
         estimator_model=reads or models.models[OURS],
     )
@@ -267,7 +266,7 @@ def band_shares(run: MachiningRun) -> dict[str, dict[str, float]]:
     wrench, truth = run.signals["wrench"], run.signals["wrench_true"]
     covariance = run.signals["covariance"].reshape(-1, 6, 6)
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    inside = (np.abs(wrench - truth) <= BAND_95 * sd)[:, 3:]
+    inside = (np.abs(wrench - truth) <= SIGMA_95 * sd)[:, 3:]
     return {
         part: dict(zip(AXES, inside[rows].mean(axis=0).tolist(), strict=True))
         for part, rows in run.parts.items()

@@ -32,7 +32,7 @@ from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.analyses.study.experiment import FigureFile
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
 from wrenchsight.diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
 from wrenchsight.models.arrays import Array
@@ -239,8 +239,7 @@ def _run_closed_loop(
         scenario,
         robot,
         nominal,
-        also_log=("tau_f_true",),
-        log_only=wanted,
+        log=LogRequest(also=("tau_f_true",), only=wanted),
         with_estimator=False,  # the variants read the log
     )
     what = f"simulating, {name} path"

@@ -32,6 +32,7 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_68, SIGMA_95
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 MASS = 2.805  # kg, of the payload
@@ -39,9 +40,9 @@ TIME_STEP = 0.01  # s
 K_0 = 15.0  # 1/s
 REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
 LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
-LEARNING_STRIDE = 5  # samples; the observer's band is far below their rate
 MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
-SIGMA_68, SIGMA_95 = 1.0, 1.96  # half widths of the bands, in standard deviations
+# Samples of them; the observer's band is far below their rate.
+LEARNING = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), 5)
 # Every method that is compared, with what sets it apart; the prior of the others, where they have
 # use for one, is the one that the log suggests.
 METHODS: dict[str, WrenchReconstructionConfig] = {
@@ -150,6 +151,27 @@ def payload_reference(
     return Reference(np.asarray(robot.gravity) - a_E)
 
 
+def force_of_load(
+    robot: Robot, motion: Recording, J: Array, tau_ext: Array, Sigma_tau: Array, mass: float
+) -> tuple[Array, Array]:
+    """Where a load acts, found from the first seconds of a run, and the force that it exerts there.
+
+    Args:
+        motion: of N samples, TIME_STEP apart.
+        J: (N, 6, n) of E.
+        tau_ext: (N, n) N m, as read.
+        Sigma_tau: (n, n) N^2 m^2, of its error.
+        mass: kg.
+
+    Returns:
+        p_EP (3,) m in axes of E, and the force (N, 3) N in axes of W.
+    """
+    R_WE, _ = robot.chain.pose(motion.q)
+    learnt = J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING]
+    place = find_point_of_action(*learnt, Sigma_tau).p_EP
+    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place).direction
+
+
 def estimator_config() -> WrenchEstimatorConfig:
     """The estimator of this experiment; the log's current is a sampled continuous signal."""
     return WrenchEstimatorConfig(
@@ -200,12 +222,12 @@ def read_at_load(
     free_noise: bool,
 ) -> AtLoad:
     """Finds the point of action from the first seconds and reads the rest there."""
-    margin, until = round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP)
-    learnt, test = slice(margin, until), slice(until, -margin)
+    learnt, test = slice(LEARNING.start, LEARNING.stop), slice(LEARNING.stop, -LEARNING.start)
     R_WE, _ = robot.chain.pose(loaded.q)
-    every = slice(learnt.start, learnt.stop, LEARNING_STRIDE)
     result = find_point_of_action(
-        batch.J[every], R_WE[every], batch.tau_ext[every], Sigma_tau, with_mean, free_noise
+        *(batch.J[LEARNING], R_WE[LEARNING], batch.tau_ext[LEARNING], Sigma_tau),
+        with_mean,
+        free_noise,
     )
     J = jacobian_at(batch.J, R_WE, result.p_EP)
     Sigma = result.noise_scale**2 * Sigma_tau

@@ -19,7 +19,7 @@ import pytest
 import yaml
 from sample_models import torque_error
 
-from wrenchsight.analyses.methods.reading import estimation
+from wrenchsight.analyses.methods.reading import uniform_log
 from wrenchsight.analyses.methods.reading.estimate_config import (
     EstimateConfig,
     EstimateSettings,
@@ -262,7 +262,7 @@ def test_chunks_do_not_show(
     whole = _estimate(log, model_file, tmp_path / "a", EstimateConfig())
     monkeypatch.setattr(text_table, "BLOCK_BYTES", 5000)
     monkeypatch.setattr(resampling, "STEP_SAMPLES", 10)
-    monkeypatch.setattr(estimation, "CHUNK_SAMPLES", 64)
+    monkeypatch.setattr(uniform_log, "CHUNK_SAMPLES", 64)
     parts = _estimate(log, model_file, tmp_path / "b", EstimateConfig())
     assert whole.table.read_bytes() == parts.table.read_bytes()
     a, b = whole.metrics(), parts.metrics()

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.methods.reading import estimation
+from wrenchsight.analyses.methods.reading import uniform_log
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.estimation import estimate_log
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -41,7 +41,7 @@ def test_the_table_is_the_smoothed_reading(
     ur10e: Robot, recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-    monkeypatch.setattr(estimation, "CHUNK_SAMPLES", 90)
+    monkeypatch.setattr(uniform_log, "CHUNK_SAMPLES", 90)
     monkeypatch.setattr(smoothing, "PASS", 70)
     monkeypatch.setattr(smoothing, "LOOK_AHEAD", 3.0)
     write_recording(recording, tmp_path / "log.csv")

@@ -10,7 +10,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import task_sce
 from wrenchsight.analyses.methods.runs import air_pass
 from wrenchsight.analyses.methods.runs.air_pass import record_air_pass
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free, sensed
-from wrenchsight.diagrams.closed_loop import make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.motion.paths import JointTrajectory
@@ -32,7 +32,9 @@ def test_it_is_the_closed_loop_tick_by_tick(robot):
     scenario = replace(scenario, duration=1.2, wrench=[push])
     assert is_free(scenario)
     model = IdentifiedModel.nominal(robot)
-    loop = make_closed_loop(scenario, robot, model, also_log=("tau_f_true",), with_estimator=False)
+    loop = make_closed_loop(
+        scenario, robot, model, log=LogRequest(also=("tau_f_true",)), with_estimator=False
+    )
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)
     t, signals = loop.logged(simulator.get_context())

@@ -1,0 +1,18 @@
+"""What the command line may ask of a campaign; imports nothing heavy, so that help answers soon."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass
+class CampaignOptions:
+    """What is asked of a campaign on the command line."""
+
+    experiments: list[str] = field(default_factory=list)  # names; see `study --list`
+    worlds: int = 200  # how many worlds there are to be; the first is number 0
+    seed: int = 0  # seed of every random number
+    quick: bool = False  # shorter and coarser: to try things out
+    data: Path = Path("../shared/data")  # folder of the real recordings
+    world: int | None = None  # run this world alone, anew, with figures and recordings
+    fastest_feed: bool = False
+    # of experiments at several feeds (machining), the fastest alone
