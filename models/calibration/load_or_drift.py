@@ -18,6 +18,7 @@ halves of what comes after it have to show the same mass.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.load_identification import (
@@ -222,9 +223,9 @@ def _begin_evidence(
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
         blocks.append(rows.whitened(j, np.hstack([load, drift, log.model[:, j]]), noise))
-    rest = np.arange(K * size, blocks[0].shape[1])
+    rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
 
-    def evidence(use: Array, sd: Array) -> float:
+    def evidence(use: NDArray[np.int64], sd: Array) -> float:
         fit = fit_with_prior([own[:, use] for own in blocks], sd, np.zeros(len(sd)))
         return fit.log_evidence
 
