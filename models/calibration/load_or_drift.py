@@ -18,6 +18,7 @@ halves of what comes after it have to show the same mass.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.load_identification import (
@@ -36,6 +37,7 @@ SAME = 3.0  # standard errors of the difference
 FEWEST = 40  # rows
 COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
 PLACES = 25  # rows that a load may begin at, of one look at a log; the next one looks closer
+LOOKED_AT = 600  # rows of a long log at a first look
 _NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
 
 
@@ -130,16 +132,23 @@ def weigh_begin(
     prior: LoadPrior,
     noise: ResidualNoise | None = None,
 ) -> LoadOrDrift | None:
-    """As `weigh`, of a load that is taken up at some row, FEWEST or more from both ends."""
+    """As `weigh`, of a load that is taken up at some row, FEWEST or more from both ends; None also
+    where a load is less likely than none.
+    """
     noise = noise or ResidualNoise()
-    first, last = FEWEST, len(log.rows.t) - FEWEST
+    count = len(log.rows.t)
+    first, last = FEWEST, count - FEWEST
     if last <= first:
         return None
-    begin, end = first, last
+    begin, end, every = first, last, -(-count // LOOKED_AT)
     while True:
         places = np.unique(np.linspace(begin, end, PLACES).round().astype(int))
-        evidence = _begin_evidence(log, law, prior, noise, places)
+        if end - begin <= PLACES * every:
+            every = 1
+        evidence = _begin_evidence(log, law, prior, noise, places, every)
         best = int(np.argmax(evidence))
+        if evidence[best] < 0.0:
+            return None
         begin, end = int(places[max(best - 1, 0)]), int(places[min(best + 1, len(places) - 1)])
         if end - begin <= 2:
             break
@@ -193,25 +202,36 @@ def without_load(log: LoadRows, load: LoadEstimate) -> LoadRows:
 
 
 def _begin_evidence(
-    log: LoadRows, law: CoulombViscous, prior: LoadPrior, noise: ResidualNoise, places: Array
+    log: LoadRows,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    noise: ResidualNoise,
+    places: Array,
+    every: int,
 ) -> Array:
-    """(K,) of a load that is there from each of the rows `places` (K,) on."""
+    """(K,) of a load that is there from each of the rows `places` (K,) on, against none; by every
+    so manieth row.
+    """
+    later = np.arange(len(log.rows.t))[::every, None] >= places
+    log = log[::every]
     rows, wide = log.rows, wide_spread(prior.mass)
     K, size, n = len(places), len(wide), rows.num_joints
     sd = np.concatenate([wide, prior.drift.deviation(rows, law).ravel(), log.model_sd])
-    later = np.arange(len(rows.t))[:, None] >= places
     blocks = []
     for j in range(n):
         load = (later[:, :, None] * log.load[:, j, None]).reshape(len(rows.t), -1)
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
         blocks.append(rows.whitened(j, np.hstack([load, drift, log.model[:, j]]), noise))
-    evidence = np.empty(K)
-    for k in range(K):
-        use = np.r_[k * size : (k + 1) * size, K * size : blocks[0].shape[1]]
+    rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
+
+    def evidence(use: NDArray[np.int64], sd: Array) -> float:
         fit = fit_with_prior([own[:, use] for own in blocks], sd, np.zeros(len(sd)))
-        evidence[k] = fit.log_evidence
-    return evidence
+        return fit.log_evidence
+
+    without = evidence(rest, sd[size:])
+    loaded = [evidence(np.r_[k * size : (k + 1) * size, rest], sd) for k in range(K)]
+    return np.array(loaded) - without
 
 
 def _evidence(

@@ -100,7 +100,13 @@ def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift
 @pytest.mark.parametrize("drift", [0.0, 1.5])
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_taken_up_in_a_log_without_a_load(ur10e, seed, drift):
-    assert not weigh_begin(log_of(ur10e, seed, None, drift), LAW, PRIOR).is_told
+    assert weigh_begin(log_of(ur10e, seed, None, drift), LAW, PRIOR) is None
+
+
+def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
+    found = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
+    assert found.is_told
+    assert found.begin == pytest.approx(97.3, abs=0.15)
 
 
 def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
