@@ -9,11 +9,16 @@ being as likely beforehand. A load is taken to be there where
 - its mass is `SURE` standard errors above zero, errors of gains and of the arm's model included;
 - both halves of the log show the same mass, within SAME of its standard errors: what comes or goes,
   or presses from another side, is a contact.
+
+A load may also be taken up while the log runs (`weigh_begin`). Its columns are then zero before
+some row. Every row is as likely beforehand; the evidence says which one it is, and how surely. Both
+halves of what comes after it have to show the same mass.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.load_identification import (
@@ -31,6 +36,8 @@ UNLIKELY = 0.01
 SAME = 3.0  # standard errors of the difference
 FEWEST = 40  # rows
 COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
+PLACES = 25  # rows that a load may begin at, of one look at a log; the next one looks closer
+LOOKED_AT = 600  # rows of a long log at a first look
 _NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
 
 
@@ -41,12 +48,16 @@ class LoadOrDrift:
     Attributes:
         load: as found beside friction's drift.
         probability: of "none", "load", "drift" and "both".
-        is_steady: whether both halves of the log show the same mass.
+        is_steady: whether both halves of the log, or of its part with the load, show the same mass.
+        begin: s, in the log's time, from when on the load is there; None: since the log's start.
+        begin_sd: s.
     """
 
     load: LoadEstimate
     probability: dict[str, float]
     is_steady: bool
+    begin: float | None = None
+    begin_sd: float = 0.0
 
     @property
     def is_told(self) -> bool:
@@ -66,8 +77,11 @@ class LoadOrDrift:
         how = "together with friction that has drifted"
         if self.probability["load"] > self.probability["both"]:
             how = "with the model's friction"
+        since = "since the log's start"
+        if self.begin is not None:
+            since = f"since t = {self.begin:.1f} +- {max(self.begin_sd, 0.1):.1f} s"
         return (
-            f"a load of {load.mass:.3g} +- {sd[0]:.2g} kg{place}, since the log's start, {how}: "
+            f"a load of {load.mass:.3g} +- {sd[0]:.2g} kg{place}, {since}, {how}: "
             f"odds of a load against none {_odds(self.probability)}; payload finds a tool for it"
         )
 
@@ -81,6 +95,8 @@ class LoadOrDrift:
             "com_m": self.load.com,
             "com_sd_m": sd[1:4],
             "steady": self.is_steady,
+            "begin_s": self.begin,
+            "begin_sd_s": None if self.begin is None else self.begin_sd,
             "probability": self.probability,
         }
 
@@ -107,26 +123,115 @@ def weigh(
     """
     if len(log.rows.t) < FEWEST:
         return None
+    return _weighed(log, law, prior, noise or ResidualNoise(), 0, 0.0)
+
+
+def weigh_begin(
+    log: LoadRows,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    noise: ResidualNoise | None = None,
+) -> LoadOrDrift | None:
+    """As `weigh`, of a load that is taken up at some row, FEWEST or more from both ends; None also
+    where a load is less likely than none.
+    """
     noise = noise or ResidualNoise()
+    count = len(log.rows.t)
+    first, last = FEWEST, count - FEWEST
+    if last <= first:
+        return None
+    begin, end, every = first, last, -(-count // LOOKED_AT)
+    while True:
+        places = np.unique(np.linspace(begin, end, PLACES).round().astype(int))
+        if end - begin <= PLACES * every:
+            every = 1
+        evidence = _begin_evidence(log, law, prior, noise, places, every)
+        best = int(np.argmax(evidence))
+        if evidence[best] < 0.0:
+            return None
+        begin, end = int(places[max(best - 1, 0)]), int(places[min(best + 1, len(places) - 1)])
+        if end - begin <= 2:
+            break
+    likely = np.exp(evidence - evidence[best])
+    t = log.rows.t[places]
+    mean = float(likely @ t / likely.sum())
+    sd = float(np.sqrt(likely @ (t - mean) ** 2 / likely.sum()))
+    row = int(places[best])
+    odds = np.log(likely.sum()) - np.log(last - first + 1)
+    found = _weighed(hanging_from(log, row), law, prior, noise, row, float(odds))
+    return replace(found, begin=float(log.rows.t[row]), begin_sd=sd)
+
+
+def _weighed(
+    log: LoadRows,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    noise: ResidualNoise,
+    row: int,
+    odds: float,
+) -> LoadOrDrift:
+    """The four, with a load from `row` on; `odds`: logarithm of this row's against the others."""
     load = estimate_load(log, law, prior, noise=noise)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
     spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
     spread[0] = prior.mass
     evidence = _evidence(log, law, prior, spread, noise)
+    for name in ("load", "both"):
+        evidence[name] += odds
     largest = max(evidence.values())
     weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
     whole = sum(weights.values())
     return LoadOrDrift(
         load,
         {name: weight / whole for name, weight in weights.items()},
-        _is_steady(log, law, prior, noise),
+        _is_steady(log, law, prior, noise, row),
     )
+
+
+def hanging_from(log: LoadRows, row: int) -> LoadRows:
+    """The rows with a load that is there from a row on."""
+    load = log.load.copy()
+    load[:row] = 0.0
+    return replace(log, load=load)
 
 
 def without_load(log: LoadRows, load: LoadEstimate) -> LoadRows:
     """The rows with the load's torque taken off the residual."""
     residual = log.rows.residual - log.load @ load.parameters
     return replace(log, rows=replace(log.rows, residual=residual))
+
+
+def _begin_evidence(
+    log: LoadRows,
+    law: CoulombViscous,
+    prior: LoadPrior,
+    noise: ResidualNoise,
+    places: Array,
+    every: int,
+) -> Array:
+    """(K,) of a load that is there from each of the rows `places` (K,) on, against none; by every
+    so manieth row.
+    """
+    later = np.arange(len(log.rows.t))[::every, None] >= places
+    log = log[::every]
+    rows, wide = log.rows, wide_spread(prior.mass)
+    K, size, n = len(places), len(wide), rows.num_joints
+    sd = np.concatenate([wide, prior.drift.deviation(rows, law).ravel(), log.model_sd])
+    blocks = []
+    for j in range(n):
+        load = (later[:, :, None] * log.load[:, j, None]).reshape(len(rows.t), -1)
+        drift = np.zeros((len(rows.t), 3 * n))
+        drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
+        blocks.append(rows.whitened(j, np.hstack([load, drift, log.model[:, j]]), noise))
+    rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
+
+    def evidence(use: NDArray[np.int64], sd: Array) -> float:
+        fit = fit_with_prior([own[:, use] for own in blocks], sd, np.zeros(len(sd)))
+        return fit.log_evidence
+
+    without = evidence(rest, sd[size:])
+    loaded = [evidence(np.r_[k * size : (k + 1) * size, rest], sd) for k in range(K)]
+    return np.array(loaded) - without
 
 
 def _evidence(
@@ -154,11 +259,13 @@ def _evidence(
     return found
 
 
-def _is_steady(log: LoadRows, law: CoulombViscous, prior: LoadPrior, noise: ResidualNoise) -> bool:
-    """Whether both halves of the rows show the same mass."""
-    middle = len(log.rows.t) // 2
+def _is_steady(
+    log: LoadRows, law: CoulombViscous, prior: LoadPrior, noise: ResidualNoise, row: int
+) -> bool:
+    """Whether both halves of the rows from `row` on show the same mass."""
+    middle = (row + len(log.rows.t)) // 2
     masses, variances = [], []
-    for part in (slice(0, middle), slice(middle, None)):
+    for part in (slice(row, middle), slice(middle, None)):
         half = estimate_load(log[part], law, prior, noise=noise)
         masses.append(half.mass)
         # Gains and errors of the arm's model are the same in both.

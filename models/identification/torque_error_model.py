@@ -54,7 +54,7 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
-from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
@@ -425,7 +425,7 @@ def sliding_columns(friction: FrictionLaw) -> Array:
         sizes = (_C, _S, _LOAD, _CUBIC, _BEYOND)
         own[:, sizes] = joint_side(friction, own[:, sizes])
         return own
-    if isinstance(friction, ExtendedFriction):
+    if isinstance(friction, LayeredFriction):
         friction = friction.law
     if friction.state_rows > 0:
         return np.array(friction.slip_table[:, :SLIDING_COLUMNS])

@@ -18,7 +18,13 @@ from wrenchsight.models.calibration.friction_disagreement import (
 )
 from wrenchsight.models.calibration.friction_refresh import refresh_friction
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
-from wrenchsight.models.calibration.load_or_drift import LoadOrDrift, weigh, without_load
+from wrenchsight.models.calibration.load_or_drift import (
+    LoadOrDrift,
+    hanging_from,
+    weigh,
+    weigh_begin,
+    without_load,
+)
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
@@ -171,20 +177,35 @@ class FrictionWatch:
         return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
 
     def load(self) -> LoadOrDrift | None:
-        """What the log says of a load; None where none is looked for, or rows are too few."""
+        """What the log says of a load; None where none is looked for, or rows are too few.
+
+        One that is there since the log's start, or, where something comes or goes, one that is
+        taken up while the log runs.
+        """
         if self._weighed[0] != self._count:
-            free, rows, found = self._chosen(), self._contact_free(), None
+            free, found = self._chosen(), None
+            rows = self._rows_of(free)
             if rows is not None and self._robot is not None and self._regressor is not None:
-                load, model = (
-                    np.concatenate(own)[free] for own in zip(*self._columns, strict=True)
-                )
-                log = LoadRows(rows, load, model, self._regressor.model_sd)
-                prior = LoadPrior(mass=self._robot.payload)
-                found = weigh(log, self._model.friction.coulomb_viscous, prior)
+                law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
+                log = self._log_of(free, self._regressor)
+                found = weigh(log, law, prior)
+                if found is None or not (found.is_told or (found.is_steady and free.all())):
+                    whole = self._log_of(np.ones_like(free), self._regressor)
+                    begun = weigh_begin(whole, law, prior)
+                    if begun is not None and begun.is_told and begun.begin is not None:
+                        found, since = begun, whole.rows.t >= begun.begin
+                        log = hanging_from(whole, int(np.argmax(since)))[free | since]
                 if found is not None and found.is_told:
                     rows = without_load(log, found.load).rows
             self._weighed, self._judged = (self._count, found), rows
         return self._weighed[1]
+
+    def _log_of(self, chosen: Flags, regressor: ObservedRegressor) -> LoadRows:
+        """The chosen rows, some, with what a load and errors of the model add to them."""
+        load, model = (np.concatenate(own)[chosen] for own in zip(*self._columns, strict=True))
+        rows = self._rows_of(chosen)
+        assert rows is not None
+        return LoadRows(rows, load, model, regressor.model_sd)
 
     def _unloaded(self) -> ResidualRows | None:
         """The rows that friction is judged by: without the torque of a load that is told."""
@@ -198,16 +219,15 @@ class FrictionWatch:
         free = np.concatenate(self._free)
         return free if len(free) and free.mean() >= 1.0 - MOSTLY else np.ones_like(free)
 
-    def _contact_free(self) -> ResidualRows | None:
-        """The rows that are judged."""
-        if not self._rows:
+    def _rows_of(self, chosen: Flags) -> ResidualRows | None:
+        """The chosen rows; None where there is none."""
+        if not chosen.any():
             return None
-        free = self._chosen()
         parts = {
-            name: np.concatenate([getattr(own, name) for own in self._rows])[free]
+            name: np.concatenate([getattr(own, name) for own in self._rows])[chosen]
             for name in ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
         }
-        return replace(self._rows[0], **parts) if free.any() else None
+        return replace(self._rows[0], **parts)
 
     def sentences(
         self,

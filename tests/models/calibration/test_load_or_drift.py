@@ -8,7 +8,13 @@ from sample_models import harmonic_motion
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
-from wrenchsight.models.calibration.load_or_drift import FEWEST, weigh, without_load
+from wrenchsight.models.calibration.load_or_drift import (
+    FEWEST,
+    hanging_from,
+    weigh,
+    weigh_begin,
+    without_load,
+)
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
@@ -67,10 +73,52 @@ def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
         assert ("friction that has drifted" in line) == (expected == "both")
 
 
-def test_what_comes_half_way_is_no_load(ur10e):
+def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
     found = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
     assert not found.is_steady
     assert not found.is_told
+
+
+@pytest.mark.parametrize(
+    ("seed", "since", "drift"), [(1, 12.5, 0.0), (2, 7.3, 1.5), (3, 18.0, 1.5)]
+)
+def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift):
+    log = log_of(ur10e, seed, LOAD, drift, since=since)
+    found = weigh_begin(log, LAW, PRIOR)
+    assert found.is_told
+    assert found.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
+    assert found.begin_sd < 0.1
+    assert abs(found.load.mass - 1.5) < 3.0 * found.load.standard_deviation[0]
+    assert f"since t = {found.begin:.1f} +- 0.1 s" in found.sentence()
+    assert found.metrics()["begin_s"] == found.begin
+    row = int(np.searchsorted(log.rows.t, found.begin))
+    left = without_load(hanging_from(log, row), found.load).rows.residual
+    bare = log_of(ur10e, seed, None, drift).rows.residual
+    assert np.linalg.norm(left - bare) < 0.2 * np.linalg.norm(log.rows.residual - bare)
+
+
+@pytest.mark.parametrize("drift", [0.0, 1.5])
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_taken_up_in_a_log_without_a_load(ur10e, seed, drift):
+    assert weigh_begin(log_of(ur10e, seed, None, drift), LAW, PRIOR) is None
+
+
+def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
+    found = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
+    assert found.is_told
+    assert found.begin == pytest.approx(97.3, abs=0.15)
+
+
+def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
+    """A weight of a few seconds in the middle: the halves of what follows disagree."""
+    log, gone = (log_of(ur10e, 4, LOAD, since=since) for since in (8.0, 14.0))
+    torque = gone.rows.residual - log_of(ur10e, 4).rows.residual
+    rows = replace(log.rows, residual=log.rows.residual - torque)
+    assert not weigh_begin(replace(log, rows=rows), LAW, PRIOR).is_told
+
+
+def test_too_short_on_either_side_of_a_beginning(ur10e):
+    assert weigh_begin(log_of(ur10e, 1, LOAD)[: 2 * FEWEST], LAW, PRIOR) is None
 
 
 def test_what_lifts_the_arm_is_no_load(ur10e):

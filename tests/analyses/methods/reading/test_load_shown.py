@@ -20,11 +20,16 @@ from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummar
 from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.estimation.wrench_table import columns_of
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.sliding_friction import dry_and_viscous
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
 
@@ -91,6 +96,36 @@ def test_the_smoothed_band_holds_a_real_load(
     weight = [np.interp(t, recording.t, 2.805 * axis) for axis in direction.T]
     table[:, 1:4] -= np.stack(weight, axis=1)
     assert inside(table).min() > 0.9
+
+
+def test_a_load_that_is_taken_up_half_way_is_told_and_no_drift_for_it(
+    ur10e: Robot, data: Callable[[str], Path], model_file: Path, tmp_path: Path
+) -> None:
+    """2 kg from 25 s on, put into a real log's currents with the friction that the law adds."""
+    mass, begin, com = 2.0, 25.0, np.array([0.03, 0.05, 0.06])
+    log = resampled(read_recording(data("ur10e/ur-20_02_19_14harm50sec.csv"), robot=ur10e), 0.01)
+    model = IdentifiedModel.load(model_file, ur10e)
+    t = log.t - log.t[0]
+    R_WE, _ = ur10e.chain.pose(log.q)
+    weight = payload_reference(ur10e, log, 5.0, com).direction * mass
+    weight[t < begin] = 0.0
+    J = jacobian_at(ur10e.chain.jacobian(log.q), R_WE, com)
+    tau = np.einsum("kaj,ka->kj", J[:, 3:], weight)
+    carried = model.chain(ur10e).gravity_torque(log.q)
+    dry, _ = dry_and_viscous(model.friction, log.q, log.v, carried)
+    more, _ = dry_and_viscous(model.friction, log.q, log.v, carried - tau)
+    gain = motor_gain(ur10e.torque_per_ampere, ur10e.current_sign)
+    made = replace(log, t=t, current=log.current + (more - dry - tau) / gain)
+    write_recording(made, tmp_path / "log.csv")
+    result, table = read(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
+    load: Any = result.metrics()["load"]
+    assert load["told"]
+    assert load["begin_s"] == pytest.approx(begin, abs=0.2)
+    assert abs(load["mass_kg"] - mass) < 3.0 * load["mass_sd_kg"]
+    assert f"since t = {load['begin_s']:.1f} +- 0.1 s" in result.contacts[0]
+    assert result.metrics()["drift_shown"] is None  # as without the load
+    table[:, 1:4] -= np.stack([np.interp(table[:, 0], t, axis) for axis in weight.T], axis=1)
+    assert inside(table[table[:, 14] == 1.0]).min() > 0.9
 
 
 def test_an_empty_arm_carries_nothing(
