@@ -136,9 +136,10 @@ def _along(table: Array, tau_ext: Array, sd: Array) -> float:
     for start in range(_NUMBERS + n, table.shape[0], n):
         along, length = 0.0, 0.0
         for j in range(n):
-            u = table[start + j] / sd[j]
-            along += u * tau_ext[j] / sd[j]
-            length += u * u
+            if table[start + j] != 0.0:  # of most arms one motor moves one joint
+                u = table[start + j] / sd[j]
+                along += u * tau_ext[j] / sd[j]
+                length += u * u
         largest = max(largest, along * along / length)
     return largest
 

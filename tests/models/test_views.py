@@ -1,10 +1,12 @@
 """Views of flat memory."""
 
+import sys
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
-from wrenchsight.models.views import view_2d
+from wrenchsight.models.views import borrowed, view_2d
 
 
 @kernel
@@ -27,3 +29,25 @@ def test_a_view_is_the_reshaped_slice_and_writes_through() -> None:
 def test_a_view_keeps_the_memory_that_it_shows() -> None:
     views = [viewed(np.full(1000, float(k)), 0, 10, 100) for k in range(50)]
     assert [view[9, 99] for view in views] == [float(k) for k in range(50)]
+
+
+@kernel
+def doubled(flat: Array, scratch: Array) -> float:
+    own, total = borrowed(flat), 0.0
+    work = view_2d(borrowed(scratch), 1, 2, 3)
+    for k in range(own.shape[0]):
+        own[k] *= 2.0
+        work[1, k] = own[k]
+    for value in own[1:]:
+        total += value
+    return total
+
+
+def test_a_borrowed_array_is_the_same_memory() -> None:
+    flat, scratch = np.arange(6.0), np.zeros(8)
+    even = flat[::2]
+    held = sys.getrefcount(even), sys.getrefcount(scratch)
+    assert doubled(even, scratch) == 2.0 * (2.0 + 4.0)
+    np.testing.assert_array_equal(flat, [0.0, 1.0, 4.0, 3.0, 8.0, 5.0])
+    np.testing.assert_array_equal(scratch, [0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 8.0, 0.0])
+    assert (sys.getrefcount(even), sys.getrefcount(scratch)) == held

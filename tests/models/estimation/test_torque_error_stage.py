@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from sample_models import knowing_model
 
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, TorqueErrorStage
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.observers.lag import jacobian_seen
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
 T, ROWS, N = 2e-3, 400, 6
@@ -108,3 +110,30 @@ def test_a_posture_in_which_gravity_is_open_has_a_larger_sd(
     np.testing.assert_array_equal(within.run(within.initial_state(), *log).sd, a.sd)
     kept = within.retuned(law, np.full(N, 20.0))
     np.testing.assert_array_equal(kept.table, within.table)
+
+
+def test_the_estimator_states_the_sd_of_an_open_posture(
+    sts: Robot, model: IdentifiedModel, log: Log
+) -> None:
+    """The variance of a posture is taken where the links are placed, log or tick: same bits."""
+    assert model.torque_error is not None
+    spread = np.zeros((2, N, 5))
+    spread[0, -1, 0], spread[1, 2, 1] = 0.5, 2.0
+    opened = replace(model, torque_error=replace(model.torque_error, spread=spread))
+    q, v = log[0].copy(), log[1]
+    q[200] = np.nan
+    current = np.random.default_rng(0).normal(size=q.shape)
+    config = WrenchEstimatorConfig(MomentumObserverConfig(time_step=T))
+    estimator, closed = (WrenchEstimator(sts, one, config) for one in (opened, model))
+    batch = estimator.run(estimator.initial_state(), q, v, current)
+    stage = estimator.error
+    alone = stage.run(stage.initial_state(), q, v, batch.transmitted, batch.J)
+    np.testing.assert_array_equal(batch.torque_sd, alone.sd)
+    plain = closed.run(closed.initial_state(), q, v, current).torque_sd
+    read = np.arange(ROWS) != 200
+    assert (batch.torque_sd[read][:, 1] > 1.1 * plain[read][:, 1]).all()
+    np.testing.assert_array_equal(batch.torque_sd[200], plain[200])
+    state = estimator.initial_state()
+    for k in range(0, 210):
+        one = estimator.run(state, q[k : k + 1], v[k : k + 1], current[k : k + 1])
+        np.testing.assert_array_equal(one.torque_sd[0], batch.torque_sd[k])

@@ -13,6 +13,7 @@ from wrenchsight.models.observers.explained_torque import (
     explained_table,
     is_explained,
     unexplained,
+    unexplained_log,
 )
 
 N, T = 6, 0.01
@@ -40,6 +41,17 @@ def test_the_square_is_that_of_the_normal_law(seed: int) -> None:
     law = multivariate_normal(cov=covariance + J.T @ P @ J)
     square = 2.0 * (law.logpdf(np.zeros(N)) - law.logpdf(tau))
     np.testing.assert_allclose(unexplained(table(correlated()), J, tau, sd), square, rtol=1e-9)
+
+
+def test_a_log_has_the_square_of_each_of_its_samples() -> None:
+    """More than two threads' blocks; the same arithmetic, so the same bits."""
+    count, own = 10_000, table(correlated())
+    rng = np.random.default_rng(5)
+    J, tau = rng.normal(size=(count, 6, N)), 20.0 * rng.normal(size=(count, N))
+    sd = rng.uniform(0.2, 2.0, (count, N))
+    D = unexplained_log(own, J, tau, sd)
+    for k in (0, 1, 4095, 4096, count - 1):
+        assert D[k] == unexplained(own, J[k], tau[k], sd[k])
 
 
 def test_seven_joints_whose_errors_go_together_are_held_to_it() -> None:
