@@ -74,7 +74,6 @@ class MotorCurrentSensor(LeafSystem):
         self._time_step = time_step
         parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
         values = {key: np.broadcast_to(np.asarray(x, float), n) for key, x in parameters.items()}
-        self._default_table = np.stack(list(values.values()))
         for key, value in values.items():
             if not np.all(value >= 0.0) or (key == "bandwidth" and np.any(value == 0.0)):
                 raise ValueError(f"current sensor: {key} {value} is out of range")
@@ -104,11 +103,6 @@ class MotorCurrentSensor(LeafSystem):
                 *([] if seed is None else [self.time_ticket()]),
             },
         )
-
-    @property
-    def default_table(self) -> Array:
-        """(3, n) bandwidth, noise_sd, resolution as they were given, whatever a context holds."""
-        return self._default_table
 
     @property
     def num_joints(self) -> int:

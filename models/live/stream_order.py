@@ -7,7 +7,6 @@ from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.recordings.resampling import DROPOUT_STEPS
 
 SAY_AGAIN = 1.0  # s between two events of one kind
-RECENT = 1.0  # s; a sample further back than this is no late one: the clock jumped
 BEHIND = 3  # samples in a row before the latest one that are a clock that jumped
 CLOCK_SLACK = 0.5  # s by which a gap of the controller's clock may exceed that of ours
 _DRIFT = 2e-4  # s/s by which two clocks may drift apart

@@ -82,12 +82,6 @@ class ModelKnowledge(NamedTuple):
     prior: WrenchPrior | None
 
 
-class ObserverConfig(Protocol):
-    """What every observer's configuration holds."""
-
-    time_step: float  # s between samples
-
-
 class Observer(Protocol):
     """An observer of an arm with n joints."""
 

@@ -5,7 +5,7 @@ The kernels, and the conventions that they keep, are those of `models.rigid_body
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,6 @@ from pydrake.multibody.tree import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import is_compiled
 from wrenchsight.models.rigid_body.chain_batches import (
     condition_number_rows,
     gravity_torque_rows,
@@ -308,15 +307,6 @@ class SerialChain:
             kernel(self.table, *(array[rows] for array in arrays), np.empty(shape))
 
         in_row_blocks(run, len(arrays[0]), _BLOCK)
-
-
-def kernels_are_compiled(*kernels: Any) -> bool:
-    """Whether the kernels run at once: compiled in this process, or a fresh copy on disk.
-
-    False announces a wait of some seconds at the first call. Without arguments, this module's
-    `all_terms` and `momentum_terms` over many samples.
-    """
-    return all(is_compiled(kernel) for kernel in kernels or (all_terms, momentum_terms_rows))
 
 
 class _Tree:

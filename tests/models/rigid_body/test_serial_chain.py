@@ -35,13 +35,14 @@ from pydrake.multibody.tree import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.kernel import is_compiled
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
     all_terms,
     dynamics_terms,
     observer_terms,
 )
-from wrenchsight.models.rigid_body.serial_chain import SerialChain, kernels_are_compiled
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
 # Rounding of some hundred operations on numbers of the result's size is below 1e-12 of it.
@@ -760,14 +761,14 @@ def test_survives_pickling(ur10e: Robot) -> None:
     assert np.array_equal(again.regressor(q, q, q), chain.regressor(q, q, q))
 
 
-def test_kernels_are_compiled_tells_of_the_wait(sts: Robot, tmp_path: Path) -> None:
+def test_is_compiled_tells_of_the_wait(sts: Robot, tmp_path: Path) -> None:
     sts.chain.terms(np.zeros(6), np.zeros(6))
-    assert kernels_are_compiled(all_terms)
+    assert is_compiled(all_terms)
     program = (
         "import numpy as np\n"
-        "from wrenchsight.models.rigid_body.serial_chain import kernels_are_compiled\n"
+        "from wrenchsight.models.kernel import is_compiled\n"
         "from wrenchsight.models.rigid_body.conditioning import condition_number_of\n"
-        "print(kernels_are_compiled(condition_number_of))\n"
+        "print(is_compiled(condition_number_of))\n"
         "condition_number_of(np.eye(6), np.empty((6, 6)))\n"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
