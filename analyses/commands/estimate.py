@@ -61,6 +61,7 @@ OPTIONS = (
     Option(f"{READING}.truncation", shown=False),
     Option("estimate.max_gap", shown=False),
     Option("estimate.check", shown=False),
+    Option("estimate.estimator.check_samples", shown=False),
     Option("estimate.accept_signs", shown=False),
     Option(f"{REFERENCE}.frame", "reference_frame", shown=False),
     Option(f"{REFERENCE}.turn", "reference_turn", shown=False),

@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, with_settings
-from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+)
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
+REFERENCE = "refreshing.reference"
 OPTIONS = (
     Option("logs", required=True, argument=True, metavar="LOG"),
     Option("robot", required=True),
@@ -24,6 +28,12 @@ OPTIONS = (
     Option("refresh", metavar="MODEL"),
     Option("refreshing.part", metavar="BEGIN,END"),
     Option("refreshing.other_specimen"),
+    Option(f"{REFERENCE}.columns", "reference", metavar="COLUMNS"),
+    Option(f"{REFERENCE}.frame", "reference_frame", shown=False),
+    Option(f"{REFERENCE}.turn", "reference_turn", shown=False),
+    Option(f"{REFERENCE}.sign", "reference_sign", shown=False),
+    Option(f"{REFERENCE}.tare", "reference_tare", shown=False),
+    Option(f"{REFERENCE}.delay", "reference_delay", shown=False),
     Option("log_format"),
     Option("identification.cutoff", "cutoff_hz"),
     Option("identification.friction", metavar="LAW"),
@@ -38,6 +48,9 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
     if settings.refreshing.other_specimen:
         _refit(settings, out)
         return
+    if settings.refreshing.reference.columns:
+        problem = "is read with --refresh MODEL --other-specimen alone"
+        raise InputError("identify", "--reference", problem, "add these, or leave it out")
     if settings.scale:
         _scale(settings, out)
         return
@@ -99,6 +112,12 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     ]
     if still:
         say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
+    if "gain" in metrics:
+        gain, sd = (100.0 * metrics["gain"][key] for key in ("share", "sd"))
+        told = f"{gain:+.1f} ± {sd:.1f} %" if gain else "not told, they stay: press harder and less"
+        say(console, f"torque constants by the sensor: {told}")
+        say(console, f"what the law leaves: {metrics['places']} places along the paths")
+        say(console, f"robot to use with the model: {out / 'robot.yaml'}")
     say(console, f"model: {out / 'model.yaml'}")
 
 
@@ -233,6 +252,8 @@ def _print(result: "IdentificationResult", out: Path) -> None:
         f"friction {result.law}, {len(result.base.names)} base parameters, "
         f"condition number {result.base.condition_number:.3g}",
     )
+    if result.config.friction == IdentificationConfig().friction:
+        say(console, "note: this law is the default; --friction best lets held-out logs choose")
     links = inconsistent_links_text(metrics["inconsistent_links"], len(model.joint_names))
     notes = [*result.notices, *result.warnings, *([links] if links else [])]
     for note in notes:

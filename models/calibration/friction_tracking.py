@@ -34,7 +34,7 @@ from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.residual_noise import V_REST, ResidualNoise
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
-from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
@@ -320,7 +320,7 @@ class FrictionTracker:
 
 def _bare(law: FrictionLaw) -> FrictionLaw:
     """The law without further terms, which Coulomb, viscous and offset do not change."""
-    return _bare(law.law) if isinstance(law, ExtendedFriction) else law
+    return _bare(law.law) if isinstance(law, LayeredFriction) else law
 
 
 @kernel

@@ -6,12 +6,12 @@ parameters of a law apart (how much of the level is load?), so each keeps to the
 unless the motion says otherwise. Per joint, while it slides,
 
     tau_f - (Stribeck and cubic part, as known) = coulomb z + load |L| z + viscous v + offset
-                                                  - gain tau_J
+                                                  + gain tau_ext
 
-is linear in its parameters. The gain is the share by which the torque constant is too small.
-Without a known force on the arm it cannot be told from the masses, nor from friction where that is
-all that a drive works against: it stays zero unless the prior allows it and the joint carries
-several times its friction.
+is linear in its parameters. The gain is the share by which the torque constants are too small, and
+with them the masses that explain gravity and the friction that explains free motion: a known force
+alone tells it. It is one number for the arm, the mean of the joints that the force loads, weighted
+by their deviations.
 
 The posterior is Gaussian; rows far off the others (shocks, vibration) weigh less, as under Cauchy
 noise, by iterated reweighting. Rows of one motion err together, by ripple over position and by the
@@ -20,6 +20,7 @@ posture's gravity: each counts 1 / dependence^2.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 
 _ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation
-_CARRIES = 3.0  # times its friction, above which a joint's load tells its torque constant
+_TOLD = 0.2  # of the prior's sd, below which a joint has told its gain
 _LEAST_SPREAD = 1e-6  # of a parameter that the known law does not have
 _FAR = 2.0  # sds, at which a row weighs half
 
@@ -43,7 +44,7 @@ class SpecimenPrior:
     viscous: float = 0.5  # share of the known value
     load: float = 0.015  # N m per N m
     offset: float = 0.5  # N m
-    gain: float = 0.0  # share of the motor torque
+    gain: float = 0.1  # share of the external torque
     dependence: float = 5.0  # rows that stand for one
 
 
@@ -56,14 +57,14 @@ class SlidingRows:
         v: (N,) rad/s.
         load: (N,) transmitted torque, N m.
         torque: (N,) motor torque without rigid body and external torque, N m.
-        drive: (N,) motor torque, N m.
+        external: (N,) torque from outside, N m, positive along the motion it causes.
     """
 
     side: Array
     v: Array
     load: Array
     torque: Array
-    drive: Array
+    external: Array
 
     @classmethod
     def joined(cls, parts: "Sequence[SlidingRows]") -> "SlidingRows":
@@ -78,14 +79,16 @@ class SpecimenFit:
 
     Attributes:
         law: of all joints.
-        gain: (n,) share by which the torque constant is too small.
-        deviation: (n, 5) posterior sd of coulomb, load, viscous, offset and gain.
+        gain: share by which the torque constants are too small; 0 where no force has told it.
+        gain_sd: of it.
+        deviation: (n, 4) posterior sd of coulomb, load, viscous and offset.
         scatter: (n,) N m, sd of the rows; NaN for a joint without rows.
         rows: (n,) how many.
     """
 
     law: PreslidingFriction
-    gain: Array
+    gain: float
+    gain_sd: float
     deviation: Array
     scatter: Array
     rows: NDArray[np.int64]
@@ -107,34 +110,17 @@ def fit_specimen(
     prior = prior if prior is not None else SpecimenPrior()
     if len(rows) != known.num_joints:
         raise ValueError(f"{len(rows)} joints with rows, expected {known.num_joints}")
-    plain = known.coulomb_viscous
-    zero = np.zeros(known.num_joints)
-    mean = np.stack([known.coulomb, known.load, plain.viscous, plain.offset, zero], axis=1)
-    wide = np.stack(
-        [
-            prior.coulomb * known.coulomb,
-            np.full(known.num_joints, prior.load),
-            prior.viscous * plain.viscous,
-            np.full(known.num_joints, prior.offset),
-            np.full(known.num_joints, prior.gain),
-        ],
-        axis=1,
-    )
-    spread: Array = np.maximum(wide, _LEAST_SPREAD)
-    values, deviation = mean.copy(), spread.copy()
-    scatter = np.full(known.num_joints, np.nan)
-    for j, own in enumerate(rows):
-        if len(own.torque):
-            curved = known.stribeck[j] * np.exp(-((own.v / known.stribeck_velocity[j]) ** 2))
-            y = own.torque - curved * own.side - known.cubic[j] * own.v**3
-            ones = np.ones_like(y)
-            A = np.stack([own.side, np.abs(own.load) * own.side, own.v, ones, -own.drive], axis=1)
-            if np.linalg.norm(own.load) < _CARRIES * np.linalg.norm(own.torque):
-                spread[j, -1] = _LEAST_SPREAD
-            values[j], deviation[j], scatter[j] = _posterior(
-                A, y, mean[j], spread[j], prior.dependence
-            )
-    coulomb, load, viscous, offset, gain = values.T
+    free = _fitted(known, rows, prior, None)
+    gains, deviations = free.values[:, -1], free.deviation[:, -1]
+    told = deviations < _TOLD * prior.gain
+    if not told.any():
+        own, gain, gain_sd = _fitted(known, rows, prior, 0.0), 0.0, prior.gain
+    else:
+        precision = 1.0 / deviations[told] ** 2
+        gain = float(np.sum(precision * gains[told]) / np.sum(precision))
+        gain_sd = float(np.sum(precision) ** -0.5)
+        own = _fitted(known, rows, prior, gain)
+    coulomb, load, viscous, offset, _ = own.values.T
     law = replace(
         known,
         coulomb=coulomb,
@@ -143,7 +129,49 @@ def fit_specimen(
             CoulombViscous(np.zeros(known.num_joints), viscous, offset)
         ),
     )
-    return SpecimenFit(law, gain, deviation, scatter, np.array([len(own.torque) for own in rows]))
+    counts = np.array([len(part.torque) for part in rows])
+    return SpecimenFit(law, gain, gain_sd, own.deviation[:, :-1], own.scatter, counts)
+
+
+class _Fitted(NamedTuple):
+    """Parameters (n, 5) of all joints, their deviations (n, 5) and the rows' scatter (n,)."""
+
+    values: Array
+    deviation: Array
+    scatter: Array
+
+
+def _fitted(
+    known: PreslidingFriction,
+    rows: Sequence[SlidingRows],
+    prior: SpecimenPrior,
+    gain: float | None,
+) -> _Fitted:
+    """Each joint by itself, its gain free or given."""
+    plain, n = known.coulomb_viscous, known.num_joints
+    start = np.full(n, gain or 0.0)
+    mean = np.stack([known.coulomb, known.load, plain.viscous, plain.offset, start], axis=1)
+    wide = np.stack(
+        [
+            prior.coulomb * known.coulomb,
+            np.full(n, prior.load),
+            prior.viscous * plain.viscous,
+            np.full(n, prior.offset),
+            np.full(n, prior.gain if gain is None else 0.0),
+        ],
+        axis=1,
+    )
+    spread: Array = np.maximum(wide, _LEAST_SPREAD)
+    values, deviation, scatter = mean.copy(), spread.copy(), np.full(n, np.nan)
+    for j, own in enumerate(rows):
+        if not len(own.torque):
+            continue
+        curved = known.stribeck[j] * np.exp(-((own.v / known.stribeck_velocity[j]) ** 2))
+        y = own.torque - curved * own.side - known.cubic[j] * own.v**3
+        ones = np.ones_like(y)
+        A = np.stack([own.side, np.abs(own.load) * own.side, own.v, ones, own.external], axis=1)
+        values[j], deviation[j], scatter[j] = _posterior(A, y, mean[j], spread[j], prior.dependence)
+    return _Fitted(values, deviation, scatter)
 
 
 def _posterior(

@@ -86,7 +86,7 @@ class WrenchEstimatorConfig:
     force_bandwidth_hz: float = 3.0  # Hz, up to which the band covers the observer's lag
     position_resolution: list[float] | None = None
     # rad, per joint; None: what robot.yaml says of all joints, else the model
-    check_samples: bool = True  # against what the joints can do: see `sample_check`
+    check_samples: bool = True  # flag samples that no joint can have done
 
 
 class Taught(NamedTuple):

@@ -35,7 +35,10 @@ from wrenchsight.models.estimation.kernel_choice import KernelChoice, chosen
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_tick
 from wrenchsight.models.estimation.wrench_reading import read_wrench
 from wrenchsight.models.friction.velocity_friction import friction_torque
-from wrenchsight.models.identification.torque_error_model import take_transmitted
+from wrenchsight.models.identification.torque_error_model import (
+    posture_variance_of_links,
+    take_transmitted,
+)
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.observers.observer import (
     CTV,
@@ -58,7 +61,7 @@ from wrenchsight.models.observers.sample_check import (
 )
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
-from wrenchsight.models.views import Layout, view_2d
+from wrenchsight.models.views import Layout, borrowed, view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
@@ -190,10 +193,14 @@ def _terms(
     X: Array,
     bodies: Array,
 ) -> None:
-    """What one sample says without memory: into `signals`, and J."""
+    """What one sample says without memory: into `signals`, and J.
+
+    signals[TORQUE_SD] holds the posture's variance until `torque_error_tick` makes the sd of it.
+    """
     observer_terms(
         p.chain, q, v, signals[MOMENTUM], signals[CTV], signals[GRAVITY], J, X[:3], X[3], bodies
     )
+    posture_variance_of_links(p.error, q, bodies, signals[TORQUE_SD])
     joint_torque(p.drives[GAIN], p.drives[MOTOR_RATES:], current, signals[TAU_J])
     if known.shape[0] <= KNOWN_TAU_F:
         friction_torque(p.friction, v, signals[TAU_F])
@@ -293,8 +300,10 @@ def tick_output(
         scratch: (`workspace_size`,), overwritten.
     """
     n = q.shape[0]
-    p, s = parameters_of(values, layout), state_of(state, layout, n)
-    tick, work = tick_of(out, n), workspace_of(scratch, n)
+    q, v, current, known = borrowed(q), borrowed(v), borrowed(current), borrowed(known)
+    observer, state = borrowed(observer), borrowed(state)
+    p, s = parameters_of(borrowed(values), layout), state_of(state, layout, n)
+    tick, work = tick_of(borrowed(out), n), workspace_of(borrowed(scratch), n)
     checked = work.checked
     tick.flags[FAULT] = 0.0
     if p.check.shape[0] > 0:
@@ -342,8 +351,10 @@ def tick_update(
         others: as `tick_output`.
     """
     n = q.shape[0]
-    p, s = parameters_of(values, layout), state_of(state, layout, n)
-    tick, work = tick_of(out, n), workspace_of(scratch, n)
+    q, v, current, known = borrowed(q), borrowed(v), borrowed(current), borrowed(known)
+    observer, state = borrowed(observer), borrowed(state)
+    p, s = parameters_of(borrowed(values), layout), state_of(state, layout, n)
+    tick, work = tick_of(borrowed(out), n), workspace_of(borrowed(scratch), n)
     checked, signals = work.checked, tick.signals
     if p.check.shape[0] > 0:
         checked[0], checked[1] = signals[Q], signals[V]
@@ -445,8 +456,12 @@ def memory_log(
         tau_ext, counts: (N, n), (N,), written: N m, and which of them count.
         observed: (N, OBSERVED), written by an observer that reads the wrench itself; else (N, 0).
     """
-    n, observer = signals.shape[2], packed.observer
-    p, s = parameters_of(packed.values, packed.layout), state_of(state, packed.layout, n)
+    n, observer = signals.shape[2], borrowed(packed.observer)
+    known, signals, J = borrowed(known), borrowed(signals), borrowed(J)
+    seen, rows, tau_ext = borrowed(seen), borrowed(rows), borrowed(tau_ext)
+    observed = borrowed(observed)
+    p = parameters_of(borrowed(packed.values), packed.layout)
+    s = state_of(borrowed(state), packed.layout, n)
     for k in range(signals.shape[0]):
         own = signals[k]
         error = TorqueError(own[TORQUE_SD], own[STICTION], own[DRIFT], seen[k], rows[k])

@@ -17,6 +17,7 @@ from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     ConstantTorqueError,
     TorqueErrorModel,
+    posture_variance,
     take_transmitted,
     torque_sd_tick,
 )
@@ -140,7 +141,7 @@ def torque_error_tick(
         state: (STAGE_ROWS, n), changed; what the gears transmit is taken by `take_transmitted`.
         q, v: (n,) rad and rad/s.
         J: (6, n).
-        error: written.
+        error: written; its sd holds `posture_variance` of the sample before.
     """
     rows, jacobian = state[:TORQUE_ERROR_ROWS], state[TORQUE_ERROR_ROWS:]
     torque_sd_tick(table, rows, q, v, error.sd, error.stiction, error.drift)
@@ -168,8 +169,10 @@ def torque_error_views(flat: Array, n: int) -> TorqueError:
 def torque_error_sample(
     table: Array, poles: Array, state: Array, q: Array, v: Array, J: Array, flat: Array
 ) -> None:
-    """`torque_error_tick` into (ERROR_ROWS n,) memory."""
-    torque_error_tick(table, poles, state, q, v, J, torque_error_views(flat, q.shape[0]))
+    """`torque_error_tick` into (ERROR_ROWS n,) memory, with the posture's variance."""
+    error = torque_error_views(flat, q.shape[0])
+    posture_variance(table, q, error.sd)
+    torque_error_tick(table, poles, state, q, v, J, error)
 
 
 @kernel
@@ -190,5 +193,6 @@ def _run(
     nothing = np.zeros(q.shape[1])
     for k in range(q.shape[0]):
         error = TorqueError(sd[k], stiction[k], drift[k], seen[k], rows[k])
+        posture_variance(table, q[k], error.sd)
         torque_error_tick(table, poles, state, q[k], v[k], J[k], error)
         take_transmitted(state, transmitted[k], nothing)

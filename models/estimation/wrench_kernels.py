@@ -12,6 +12,7 @@ from wrenchsight.models.rigid_body.small_matrices import (
     orthogonalise_rows,
 )
 from wrenchsight.models.row_blocks import in_row_blocks
+from wrenchsight.models.views import borrowed
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, FORCE_ONLY, BAYESIAN, _DAMPED, _TRUNCATED = range(5)
@@ -470,6 +471,7 @@ def reconstruct_log(
         _reconstruct_rows(
             *(table, J_now[rows], J[rows], tau_ext[rows], sd[rows], stiction[rows]),
             *(wrench[rows], covariance[rows], quality[rows]),
+            np.zeros((WORK_ROWS, max(J.shape[2], 6))),
         )
 
     in_row_blocks(run, len(J), _BLOCK)
@@ -486,8 +488,11 @@ def _reconstruct_rows(
     wrench: Array,
     covariance: Array,
     quality: Array,
+    work: Array,
 ) -> None:
-    work = np.zeros((WORK_ROWS, max(J.shape[2], 6)))
+    table, J, tau_ext, work = borrowed(table), borrowed(J), borrowed(tau_ext), borrowed(work)
+    sd, stiction, quality = borrowed(sd), borrowed(stiction), borrowed(quality)
+    wrench, covariance = borrowed(wrench), borrowed(covariance)
     conditions = np.zeros(J.shape[0])
     if J_now.shape[0] > 0:
         condition_numbers_of(J_now, conditions)

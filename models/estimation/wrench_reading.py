@@ -35,6 +35,7 @@ from wrenchsight.models.observers.explained_torque import (
     explained_table,
     is_explained,
     unexplained,
+    unexplained_log,
 )
 from wrenchsight.models.observers.fault_signature import (
     FAULT_NUMBERS,
@@ -44,7 +45,7 @@ from wrenchsight.models.observers.fault_signature import (
     is_believed,
 )
 from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
-from wrenchsight.models.views import view_2d
+from wrenchsight.models.views import borrowed, view_2d
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
 OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
@@ -176,8 +177,9 @@ class WrenchReading:
         )
         if observed.shape[1] > 0:
             wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
+        D = unexplained_log(self.explained, error.J_seen, tau_ext, sd)
         _judge_log(
-            *((self.lag, self.explained, self.faults), state, error.J_seen, tau_ext, sd),
+            *((self.lag, self.explained, self.faults), state, D, tau_ext, sd),
             *(error.rows, np.asarray(counts, bool), np.asarray(lost, bool)),
             *(wrench, covariance, quality),
         )
@@ -188,7 +190,7 @@ class WrenchReading:
 def judge_reading(
     tables: tuple[Array, Array, Array],
     state: Array,
-    seen: Array,
+    D: float,
     tau_ext: Array,
     sd: Array,
     tau_J: Array,
@@ -204,7 +206,7 @@ def judge_reading(
     Args:
         tables: lag, explained and faults of WrenchReading.
         state: of `initial_state`, changed.
-        seen: (6, n) J as tau_ext saw it.
+        D: of `unexplained`.
         tau_ext, sd: (n,) N m.
         tau_J: (n,) N m, of the sample before.
         counts: whether tau_ext is of this sample.
@@ -215,7 +217,6 @@ def judge_reading(
         lateness: (6,), overwritten.
     """
     lag, explained, faults = tables
-    D = unexplained(explained, seen, tau_ext, sd)
     at_E, state[_DOUBT] = is_explained(explained, state[_DOUBT], D)
     sound = is_believed(faults, state[_SIGNALS:], tau_ext, sd, tau_J, counts, lost)
     valid = counts and quality[1] == 1.0 and at_E and sound
@@ -264,8 +265,9 @@ def read_wrench(
     )
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
+    D = unexplained(explained, error.J_seen, tau_ext, sd)
     judge_reading(
-        *((lag, explained, faults), state, error.J_seen, tau_ext, sd, error.rows[TAU_J_ROW]),
+        *((lag, explained, faults), state, D, tau_ext, sd, error.rows[TAU_J_ROW]),
         *(counts, lost, reading[:6], covariance, quality, work[_LATENESS]),
     )
 
@@ -292,7 +294,7 @@ def read_sample(
 def _judge_log(
     tables: tuple[Array, Array, Array],
     state: Array,
-    seen: Array,
+    D: Array,
     tau_ext: Array,
     sd: Array,
     rows: Array,
@@ -303,8 +305,13 @@ def _judge_log(
     quality: Array,
 ) -> None:
     lateness = np.empty(6)
+    lag, explained, faults = tables
+    own = borrowed(lag), borrowed(explained), borrowed(faults)
+    state, tau_ext, sd = borrowed(state), borrowed(tau_ext), borrowed(sd)
+    rows, wrench, covariance = borrowed(rows), borrowed(wrench), borrowed(covariance)
+    quality = borrowed(quality)
     for k in range(tau_ext.shape[0]):
         judge_reading(
-            *(tables, state, seen[k], tau_ext[k], sd[k], rows[k, TAU_J_ROW]),
+            *(own, state, D[k], tau_ext[k], sd[k], rows[k, TAU_J_ROW]),
             *(counts[k], lost[k], wrench[k], covariance[k], quality[k], lateness),
         )

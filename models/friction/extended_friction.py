@@ -1,4 +1,4 @@
-"""A friction law with further terms of `friction_terms` on top of it."""
+"""Friction laws on top of others; here, with further terms of `friction_terms`."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -16,30 +16,14 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 
 
 @dataclass(frozen=True, eq=False)
-class ExtendedFriction:
-    """tau_f = law + sum_k coefficient_k basis_k(q, v); a `friction_law.FrictionLaw`.
+class LayeredFriction:
+    """A friction law on top of another one; what is not a layer's own is that of the law below.
 
     Attributes:
         law: below.
-        terms: T of them, one at least.
-        coefficients: (n, T).
-
-    Raises:
-        ValueError: shapes that disagree, or a coefficient that is not finite.
     """
 
     law: FrictionLaw
-    terms: tuple[FrictionTerm, ...]
-    coefficients: Array
-
-    def __post_init__(self) -> None:
-        given = np.array(self.coefficients, float)
-        object.__setattr__(self, "coefficients", given)
-        if not self.terms or given.shape != (self.law.num_joints, len(self.terms)):
-            expected = f"({self.law.num_joints}, {len(self.terms)})"
-            raise ValueError(f"friction: coefficients must be {expected}, not {given.shape}")
-        if not np.isfinite(given).all():
-            raise ValueError(f"friction: a coefficient is not finite: {given}")
 
     @property
     def num_joints(self) -> int:
@@ -53,7 +37,7 @@ class ExtendedFriction:
 
     @property
     def feedforward(self) -> SemiParametricFriction:
-        """That of the law below: the terms need a position."""
+        """That of the law below: a layer needs a position."""
         return self.law.feedforward
 
     @property
@@ -64,6 +48,41 @@ class ExtendedFriction:
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
         """The same on the law below for such positions."""
         return replace(self, law=self.law.sampled(time_step, resolution))
+
+    @property
+    def state_rows(self) -> int:
+        """Rows of the law below; one at least, so that its kernels are called."""
+        return max(1, self.law.state_rows)
+
+    def initial_state(self) -> Array:
+        """That of the law below; a row of zeros if it has none."""
+        own = self.law.initial_state()
+        return own if len(own) else np.zeros((1, self.num_joints))
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedFriction(LayeredFriction):
+    """tau_f = law + sum_k coefficient_k basis_k(q, v); a `friction_law.FrictionLaw`.
+
+    Attributes:
+        terms: T of them, one at least.
+        coefficients: (n, T).
+
+    Raises:
+        ValueError: shapes that disagree, or a coefficient that is not finite.
+    """
+
+    terms: tuple[FrictionTerm, ...]
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        given = np.array(self.coefficients, float)
+        object.__setattr__(self, "coefficients", given)
+        if not self.terms or given.shape != (self.law.num_joints, len(self.terms)):
+            expected = f"({self.law.num_joints}, {len(self.terms)})"
+            raise ValueError(f"friction: coefficients must be {expected}, not {given.shape}")
+        if not np.isfinite(given).all():
+            raise ValueError(f"friction: a coefficient is not finite: {given}")
 
     @property
     def kernels(self) -> FrictionKernels:
@@ -77,11 +96,6 @@ class ExtendedFriction:
         return np.ascontiguousarray(np.hstack([self.law.slip_table, self.coefficients]))
 
     @property
-    def state_rows(self) -> int:
-        """Rows of the law below; one at least, so that its kernels are called."""
-        return max(1, self.law.state_rows)
-
-    @property
     def parameters(self) -> dict[str, Array]:
         """Those of the law below, and `terms` (n, T)."""
         return {**self.law.parameters, "terms": self.coefficients}
@@ -90,11 +104,6 @@ class ExtendedFriction:
         """Returns the law with other parameters."""
         law = self.law.with_parameters(values)
         return replace(self, law=law, coefficients=values["terms"])
-
-    def initial_state(self) -> Array:
-        """That of the law below; a row of zeros if it has none."""
-        own = self.law.initial_state()
-        return own if len(own) else np.zeros((1, self.num_joints))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
-from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.slip_elements import held_stribeck
@@ -36,7 +36,7 @@ def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
         return replace(law, velocity_law=velocity_law, coulomb=sliding.coulomb)
     if isinstance(law, SemiParametricFriction):
         return replace(law, coulomb_viscous=sliding)
-    if isinstance(law, ExtendedFriction):
+    if isinstance(law, LayeredFriction):
         return replace(law, law=with_sliding(law.law, sliding))
     if isinstance(law, CoupledFriction):
         return replace(law, law=with_sliding(law.law, sliding))
@@ -89,11 +89,11 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
 
 
 def _without_further_terms(law: FrictionLaw) -> FrictionLaw:
-    return _without_further_terms(law.law) if isinstance(law, ExtendedFriction) else law
+    return _without_further_terms(law.law) if isinstance(law, LayeredFriction) else law
 
 
 def _without_cubic(law: FrictionLaw) -> FrictionLaw:
-    if isinstance(law, ExtendedFriction | CoupledFriction):
+    if isinstance(law, LayeredFriction | CoupledFriction):
         return replace(law, law=_without_cubic(law.law))
     if isinstance(law, PreslidingFriction):
         return replace(law, cubic=np.zeros(law.num_joints))

@@ -109,12 +109,20 @@ def spread_beyond(table: Array, q: Array, variance: Array) -> None:
         q: (n,) rad (m); where one is not finite the result is 0.
         variance: (n,) N^2 m^2, written.
     """
-    n = q.shape[0]
-    variance[:] = 0.0
-    if not np.isfinite(q).all():
-        return
-    bodies = np.empty((n, _BODY_COLUMNS))
+    bodies = np.empty((q.shape[0], _BODY_COLUMNS))
     place_links(table, q, bodies)
+    spread_of_links(table, q, bodies, variance)
+
+
+@kernel
+def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> None:
+    """`spread_beyond` of links that are placed; bodies (n, 18+) of `place_links`."""
+    n, finite = q.shape[0], True
+    for i in range(n):
+        variance[i] = 0.0
+        finite = finite and np.isfinite(q[i])
+    if not finite:
+        return
     gx, gy, gz = table[0, _GRAVITY], table[0, _GRAVITY + 1], table[0, _GRAVITY + 2]
     for column in range(_DIRECTIONS, table.shape[1], PARAMETERS):
         m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of all that the joint carries, about W's origin

@@ -20,6 +20,7 @@ from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.friction_terms import TERMS, term_of
+from wrenchsight.models.friction.path_friction import PathFriction, PathPlaces
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
@@ -170,6 +171,7 @@ class _FrictionBlock:
     networks: _NetworksBlock | None = None
     presliding: _PreslidingBlock | None = None
     terms: dict[str, list[float]] | None = None  # coefficients of further terms, by name
+    places: dict[str, list[list[float]]] | None = None  # of paths, as `path_friction` has them
 
 
 @dataclass
@@ -340,9 +342,7 @@ class IdentifiedModel:
                 path, "inertial_parameters", block.inertial_parameters, (n, 10)
             ),
             reflected_inertia=_numbers(path, "reflected_inertia", block.reflected_inertia, (n,)),
-            friction=_at_joints(
-                _with_terms(path, block.friction, _read_friction(path, block.friction, n)), robot
-            ),
+            friction=_at_joints(_read_friction(path, block.friction, n), robot),
             residual_covariance=_read_covariance(path, block.residual_covariance, n),
             base_parameters=_read_base_parameters(path, block.base_parameters),
             condition_number=float(_numbers(path, "condition_number", block.condition_number, ())),
@@ -430,6 +430,11 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
         names = (term.name for term in law.terms)
         block.terms = dict(zip(names, _plain(law.coefficients.T), strict=True))
         return block
+    if isinstance(law, PathFriction):
+        block = _friction_block(law.law)
+        places = law.places._asdict().items()
+        block.places = {name: _plain(values) for name, values in places}
+        return block
     near_zero = law.velocity_law
     networks = near_zero.networks
     sliding = law.coulomb_viscous
@@ -452,6 +457,11 @@ def _friction_block(law: FrictionLaw) -> _FrictionBlock:
 
 
 def _read_friction(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
+    law = _with_terms(path, block, _read_law(path, block, n))
+    return _with_places(path, block, law)
+
+
+def _read_law(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
     coulomb, viscous, offset, v_crit = (
         _numbers(path, f"friction.{key}", getattr(block, key), (n,))
         for key in ("coulomb", "viscous", "offset", "v_crit")
@@ -511,6 +521,20 @@ def _with_terms(path: Path, block: _FrictionBlock, law: FrictionLaw) -> Friction
         terms.append(term)
         columns.append(_numbers(path, f"{place}.{name}", values, (law.num_joints,)))
     return ExtendedFriction(law, tuple(terms), np.stack(columns, axis=1))
+
+
+def _with_places(path: Path, block: _FrictionBlock, law: FrictionLaw) -> FrictionLaw:
+    if not block.places:
+        return law
+    place, size = "friction.places", len(block.places.get("q", ()))
+    if set(block.places) != set(PathPlaces._fields):
+        known, found = ", ".join(PathPlaces._fields), ", ".join(block.places)
+        raise InputError(path, place, f"expected {known}, found {found}", "identify it again")
+    shape = (size, law.num_joints)
+    numbers = {
+        key: _numbers(path, f"{place}.{key}", values, shape) for key, values in block.places.items()
+    }
+    return PathFriction(law, PathPlaces(**numbers))
 
 
 def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:

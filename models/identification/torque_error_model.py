@@ -54,7 +54,7 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
-from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
@@ -65,6 +65,7 @@ from wrenchsight.models.friction.slip_elements import (
 from wrenchsight.models.identification.gravity_spread import (
     PARAMETERS,
     spread_beyond,
+    spread_of_links,
     spread_table,
 )
 from wrenchsight.models.kernel import kernel
@@ -424,7 +425,7 @@ def sliding_columns(friction: FrictionLaw) -> Array:
         sizes = (_C, _S, _LOAD, _CUBIC, _BEYOND)
         own[:, sizes] = joint_side(friction, own[:, sizes])
         return own
-    if isinstance(friction, ExtendedFriction):
+    if isinstance(friction, LayeredFriction):
         friction = friction.law
     if friction.state_rows > 0:
         return np.array(friction.slip_table[:, :SLIDING_COLUMNS])
@@ -482,6 +483,32 @@ def breakaway(table: Array, state: Array, i: int) -> float:
 
 
 @kernel
+def posture_variance(table: Array, q: Array, variance: Array) -> None:
+    """Single-sample kernel: what gravity may be off by beyond the fitted postures.
+
+    Args:
+        table: `TorqueErrorModel.table`.
+        q: (n,) rad.
+        variance: (n,) N^2 m^2, written.
+    """
+    if table.shape[1] > _COLUMNS:
+        spread_beyond(table[:, _COLUMNS:], q, variance)
+    else:
+        for i in range(q.shape[0]):
+            variance[i] = 0.0
+
+
+@kernel(forceinline=True)
+def posture_variance_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> None:
+    """`posture_variance` of links that are placed; bodies (n, 18+) of `place_links`."""
+    if table.shape[1] > _COLUMNS:
+        spread_of_links(table[:, _COLUMNS:], q, bodies, variance)
+    else:
+        for i in range(q.shape[0]):
+            variance[i] = 0.0
+
+
+@kernel
 def torque_sd_tick(
     table: Array,
     state: Array,
@@ -499,15 +526,12 @@ def torque_sd_tick(
         table: `TorqueErrorModel.table`.
         state: (TORQUE_ERROR_ROWS, n), changed.
         q, v: (n,) rad, rad/s.
-        sd: (n,) N m, written.
+        sd: (n,) N m, written; holds `posture_variance` of the sample before.
         stiction: (n,) N m, written: the part of it that is stiction.
         drift: (n,) N m, written: what a drift of the viscous torque is at this speed, signed.
     """
-    posture = np.zeros(table.shape[0])
-    if table.shape[1] > _COLUMNS:
-        spread_beyond(table[:, _COLUMNS:], q, posture)
     for i in range(table.shape[0]):
-        row = table[i]
+        row, posture = table[i], sd[i]
         _advance(table, state, i, q[i], v[i])
         speed = v[i] if np.isfinite(v[i]) else 0.0
         fast = abs(speed)
@@ -518,7 +542,7 @@ def torque_sd_tick(
         )
         held = state[_UNKNOWN, i] ** 2 + row[_REVERSAL2] * state[_TURNING, i] ** 2
         total = row[_CONSTANT2] + row[_SPEED2] * speed**2 + row[_LOAD2] * load**2
-        total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + posture[i]
+        total += row[_ACCELERATION2] * gain**2 + held + row[_DRIFT2] * viscous**2 + posture
         if fast > row[_FITTED_SPEED]:
             total += row[_BEYOND_SPEED2] * (fast - row[_FITTED_SPEED]) ** 2
         if load > row[_FITTED_LOAD]:
@@ -545,6 +569,7 @@ def torque_sd_log(
     """`torque_sd_tick` for N samples, one after another; `transmitted` (N, n) L, N m."""
     drift, no_friction = np.empty(q.shape[1]), np.zeros(q.shape[1])
     for k in range(q.shape[0]):
+        posture_variance(table, q[k], sd[k])
         torque_sd_tick(table, state, q[k], v[k], sd[k], stiction[k], drift)
         take_transmitted(state, transmitted[k], no_friction)
 

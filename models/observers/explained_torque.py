@@ -23,10 +23,13 @@ from numpy.typing import ArrayLike
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
+from wrenchsight.models.row_blocks import in_row_blocks
+from wrenchsight.models.views import borrowed
 
 BEYOND = 6.0
 WITHIN = 3.0
 QUIET = 0.1  # s
+_BLOCK = 4096  # rows a thread takes at a time
 _LARGEST_SD = 1e6  # N or N m; stands for a prior that knows nothing
 
 # Of the table: these numbers, then the joints' correlation, flat.
@@ -64,24 +67,44 @@ def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
     if table[_BEYOND2] == np.inf:
         return 0.0
     n = tau_ext.shape[0]
-    L, left = np.empty((n, n)), tau_ext.copy()
-    own = np.empty(n)
+    memory = np.empty((n + 3, n))  # one piece of it: to come by memory takes time
+    own, floor, left = memory[n], memory[n + 1], memory[n + 2]
     for i in range(n):
         own[i] = np.sqrt(sd[i] * sd[i] + table[_SCALE2] * tau_ext[i] * tau_ext[i])
+        floor[i] = 1e-9 * (own[i] * own[i])
+        left[i] = tau_ext[i]
     for i in range(n):
         for j in range(i + 1):
             entry = own[i] * table[_NUMBERS + n * i + j] * own[j]
             for a in range(6):
                 known = table[_MOMENT_VARIANCE] if a < 3 else table[_FORCE_VARIANCE]
                 entry += J[a, i] * known * J[a, j]
-            L[i, j] = entry
+            memory[i, j] = entry
     # Rounding takes no more from the diagonal than the error's own part.
-    factorise_with_floor(L, n, 1e-9 * own**2)
-    solve_lower(L, n, left)
+    factorise_with_floor(memory, n, floor)
+    solve_lower(memory, n, left)
     total = 0.0
     for i in range(n):
         total += left[i] * left[i]
     return total
+
+
+def unexplained_log(table: Array, J: Array, tau_ext: Array, sd: Array) -> Array:
+    """(N,) D of N samples, by threads."""
+    D = np.empty(len(J))
+
+    def run(rows: slice) -> None:
+        _unexplained_rows(table, J[rows], tau_ext[rows], sd[rows], D[rows])
+
+    in_row_blocks(run, len(J), _BLOCK)
+    return D
+
+
+@kernel(nogil=True)
+def _unexplained_rows(table: Array, J: Array, tau_ext: Array, sd: Array, D: Array) -> None:
+    table, J, tau_ext, sd = borrowed(table), borrowed(J), borrowed(tau_ext), borrowed(sd)
+    for k in range(len(D)):
+        D[k] = unexplained(table, J[k], tau_ext[k], sd[k])
 
 
 @kernel

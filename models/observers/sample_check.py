@@ -42,6 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.views import borrowed
 
 Codes = NDArray[np.int64]
 
@@ -151,11 +152,14 @@ def check_motion(
     Returns:
         What is wrong with them, and with the current of the sample before.
     """
-    found = 0
+    found, of_age, fade = 0, np.nan, np.nan
     for j in range(q.shape[0]):
         found |= int(state[_BEFORE, j])
         checked[0, j], checked[1, j] = q[j], v[j]
-        wrong = _wrong_motion(table, state, period, j, q[j], v[j])
+        age = state[_AGE, j] + period
+        if age != of_age:  # most often all joints are of one age
+            of_age, fade = age, np.exp(-age / DRIFT_TIME)
+        wrong = _wrong_motion(table, state, period, fade, j, q[j], v[j])
         if wrong != 0:
             checked[0, j], checked[1, j] = np.nan, np.nan
             found |= wrong
@@ -189,15 +193,18 @@ def take_sample(
     checked: Array,
 ) -> None:
     """Single-sample kernel: takes a sample into `state`; `checked` is what both checks wrote."""
+    of_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
         age = state[_AGE, j] + period
+        if age != of_age:
+            of_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
         known = np.isfinite(state[_Q, j]) and np.isfinite(q[j]) and np.isfinite(v[j])
         recent = known and age <= max(RESTART_TIME, RESTART_TICKS * period)
         wrong = BEYOND
         if np.isfinite(checked[0, j]) and np.isfinite(checked[1, j]):
             wrong = 0
         elif known:
-            wrong = _wrong_motion(table, state, period, j, q[j], v[j])
+            wrong = _wrong_motion(table, state, period, fade, j, q[j], v[j])
         if wrong == BEYOND:
             state[_AGE, j] = age
             r = abs(_disagreement(state, age, j, q[j], v[j])) if recent else np.inf
@@ -208,9 +215,8 @@ def take_sample(
         else:  # a drift goes on being summed, or it would never be over
             if recent:
                 r = _disagreement(state, age, j, q[j], v[j])
-                fade = np.exp(-age / RISE_TIME)
-                state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * fade)
-                total, disorder = _drift(table, state, age, j, r, v[j])
+                state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * rise_fade)
+                total, disorder = _drift(table, state, age, fade, j, r, v[j])
                 # No more than is needed to tell it: a drift that is over is forgotten soon.
                 most = DRIFT_KEPT * table[_DRIFT, j]
                 state[_SUM, j] = min(max(total, -most), most)
@@ -228,16 +234,17 @@ def take_sample(
             state[_I, j], state[_I_AGE, j] = current[j], 0.0
 
 
-@kernel
+@kernel(forceinline=True)
 def _wrong_motion(
     table: Array,
     state: Array,
     period: float,
+    fade: float,
     j: int,
     q: float,
     v: float,
 ) -> int:
-    """What is wrong with q and v of one joint."""
+    """What is wrong with q and v of one joint; `fade` as `_drift`."""
     if not (np.isfinite(q) and np.isfinite(v)):
         return 0
     if not (table[_LOW, j] <= q <= table[_HIGH, j]) or abs(v) > table[_SPEED, j]:
@@ -254,11 +261,11 @@ def _wrong_motion(
     drift = table[_DRIFT, j] + 2.0 * table[_SHARE, j] * age
     if abs(r * age) > drift:  # in a single sample
         return BEYOND
-    total, disorder = _drift(table, state, age, j, r, v)
+    total, disorder = _drift(table, state, age, fade, j, r, v)
     return DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
-@kernel
+@kernel(forceinline=True)
 def _wrong_current(
     table: Array,
     state: Array,
@@ -281,7 +288,7 @@ def _wrong_current(
     return FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
 
 
-@kernel
+@kernel(forceinline=True)
 def _disagreement(
     state: Array,
     age: float,
@@ -294,17 +301,17 @@ def _disagreement(
     return r
 
 
-@kernel
+@kernel(forceinline=True)
 def _drift(
     table: Array,
     state: Array,
     age: float,
+    fade: float,
     j: int,
     r: float,
     v: float,
 ) -> tuple[float, float]:
-    """Drift and disorder of one joint with a sample, rad (m)."""
-    fade = np.exp(-age / DRIFT_TIME)
+    """Drift and disorder of one joint with a sample, rad (m); `fade` exp(-age / DRIFT_TIME)."""
     slow = SMOOTH * table[_SHARE, j]
     goes = abs(v) + slow + table[_ENCODER, j] / age
     disorder = fade * state[_DISORDER, j]
@@ -313,7 +320,7 @@ def _drift(
     return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 
-@kernel
+@kernel(forceinline=True)
 def _bound(
     table: Array,
     state: Array,
@@ -353,8 +360,19 @@ def _check_log(
     checked: Array,
     codes: Codes,
 ) -> None:
-    sample, one = np.empty((3, samples.shape[2])), np.empty((3, samples.shape[2]))
+    table, state, samples, checked = (
+        borrowed(table),
+        borrowed(state),
+        borrowed(samples),
+        borrowed(checked),
+    )
+    n = samples.shape[2]
+    sample, one = np.empty((3, n)), np.empty((3, n))
     for k in range(samples.shape[1]):
-        sample[:] = samples[:, k]
+        for row in range(3):
+            for j in range(n):
+                sample[row, j] = samples[row, k, j]
         codes[k] = check_sample(table, state, periods[k], sample, one)
-        checked[:, k] = one
+        for row in range(3):
+            for j in range(n):
+                checked[row, k, j] = one[row, j]

@@ -76,6 +76,7 @@ def read_recording(
     check: bool = True,
     accept_signs: bool = False,
     joint_signals: bool = False,
+    further: dict[str, SignalColumns] | None = None,
 ) -> Recording:
     """Reads a whole log into memory; `RecordingReader` streams a long one.
 
@@ -92,11 +93,12 @@ def read_recording(
             notice says so.
         joint_signals: whether the log must hold what an identification needs, see
             `RecordingReader.require_joint_signals`.
+        further: as `RecordingReader`.
 
     Raises:
         InputError: the log is missing, damaged or implausible.
     """
-    reader = RecordingReader(path, description, robot, check, accept_signs=accept_signs)
+    reader = RecordingReader(path, description, robot, check, further, accept_signs=accept_signs)
     if joint_signals:
         reader.require_joint_signals()
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)

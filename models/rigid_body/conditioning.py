@@ -19,6 +19,7 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
 from wrenchsight.models.row_blocks import in_row_blocks
+from wrenchsight.models.views import borrowed
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _ROUNDING = float(np.finfo(np.float64).eps)
@@ -95,6 +96,14 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
     The others are (lanes,) scratch. Every inner loop runs over the lanes without a branch.
     """
     count, length, lanes = rows.shape
+    rows, a, b, g, c, s = (
+        borrowed(rows),
+        borrowed(a),
+        borrowed(b),
+        borrowed(g),
+        borrowed(c),
+        borrowed(s),
+    )
     turned = 0.0
     for i in range(count - 1):
         for j in range(i + 1, count):

@@ -20,7 +20,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.files.configuration import load_configuration, nearest
+from wrenchsight.models.files.configuration import load_configuration, nearest, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
@@ -199,6 +199,11 @@ class Robot:
             # sine does not make another robot of it.
             digest.update((np.round(np.asarray(array, dtype=np.float64), 9) + 0.0).tobytes())
         return digest.hexdigest()[:16]
+
+    def save(self, path: Path) -> None:
+        """Writes robot.yaml, with its URDF by absolute path."""
+        urdf = _urdf_path(self.config, self.source).resolve()
+        save_configuration(replace(self.config, urdf=urdf), path)
 
     def with_torque_per_ampere(self, values: Sequence[float]) -> "Robot":
         """Returns the same robot with other torques per ampere (n,), N m/A on the joint side."""

@@ -24,15 +24,14 @@ from wrenchsight.analyses.output.figures import (
 from wrenchsight.models.signals.bands import SIGMA_95
 
 LABELS: Final = {
-    "no_sensor": "ours, never a sensor",
-    "command": "by the command alone",
+    "command": "ours, never a sensor",
     "calibrated": "ours, calibrated once",
     "article": "the article's",
     "by_hand": "K (i - i_target) by J^-T",
     "two_joints": "K (i - i_target), joints 2 and 3",
     "carried_over": "ours, friction of another robot",
 }
-_DRAWN = ("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints")
+_DRAWN = ("command", "calibrated", "article", "by_hand", "two_joints")
 _FULL_SCALE = 160.0  # N; impacts leave the picture
 
 
@@ -53,7 +52,7 @@ def force_figure(reads: Sequence[ReadRun]) -> Figure:
     figure, axes = new_figure(len(reads), 1, height=2.1 * len(reads) + 0.6)
     panels: list[Any] = list(axes[:, 0])
     for axis, read in zip(panels, reads, strict=True):
-        run, ours = read.prepared.run, read.readings["no_sensor"]
+        run, ours = read.prepared.run, read.readings["command"]
         assert ours.sd is not None
         t = block_mean(run.t)
         for interval in JUDGED:
@@ -62,7 +61,7 @@ def force_figure(reads: Sequence[ReadRun]) -> Figure:
         fill_band(axis, t, ours.force, SIGMA_95 * ours.sd)
         by_hand = read.readings["two_joints"].force
         axis.plot(t, by_hand, color=COLOUR["article"], lw=0.7, label=LABELS["two_joints"])
-        axis.plot(t, ours.force, color=COLOUR["estimate"], lw=1.2, label=LABELS["no_sensor"])
+        axis.plot(t, ours.force, color=COLOUR["estimate"], lw=1.2, label=LABELS["command"])
         axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
         limit_y(axis, -40.0, _FULL_SCALE, "N")
         axis.set_ylabel("force [N]")
@@ -80,7 +79,7 @@ def error_figure(metrics: dict[str, Any]) -> Figure:
         (group, speed)
         for group in (f"{scene}_{controller}" for scene in SCENES for controller in CONTROLLERS)
         for speed in metrics[group]
-        if any(metrics[group][speed][i]["no_sensor"]["runs"] for i in JUDGED)
+        if any(metrics[group][speed][i]["command"]["runs"] for i in JUDGED)
     ]
     names = [f"{group.replace('_', chr(10))}\n{int(speed[1:]) / 100:.2f}" for group, speed in kinds]
     for axis, interval in zip(panels, JUDGED, strict=True):

@@ -1,7 +1,6 @@
 """The contact runs read by several methods, all on one grid of time.
 
-    ours        as `estimate --contact-axis tool_z` (`models.contact.contact_reading`)
-    command     the same, by the command itself: files in, table out
+    command     what `estimate` writes of a run
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
@@ -19,17 +18,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import FORMAT, ContactRun
-from wrenchsight.analyses.experiments.ur10e_contact.contact_friction import (
-    FrictionRows,
-    friction_rows,
-)
-from wrenchsight.analyses.methods.calibration.specimen_refitting import joint_torques
+from wrenchsight.analyses.methods.calibration.specimen_refitting import LogRows, joint_torques
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.estimation import estimate_log
 from wrenchsight.analyses.methods.sensors.judged_force import ForceReading
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.contact.contact_reading import ContactReader
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
@@ -53,12 +48,13 @@ class PreparedRun:
     Attributes:
         run: as read.
         robot: with the run's tool.
-        model: of its rigid body; friction is put in.
+        model: of its rigid body, masses as published; friction is put in.
         normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
         R_WE: (T, 3, 3).
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
         excess: (T, 6) N m, torque of the rigid body less the motors': friction is still in it.
-        rows: what the run says of friction.
+        air: what its motion in the air says of friction.
+        told: the same and the steady slide, by the sensor.
         truth: (N,) N, the sensor's force, mean over each block.
     """
 
@@ -69,7 +65,8 @@ class PreparedRun:
     R_WE: Array
     J: Array
     excess: Array
-    rows: FrictionRows
+    air: LogRows
+    told: LogRows
     truth: Array
 
     def windows(self, interval: str) -> NDArray[np.int64]:
@@ -84,16 +81,13 @@ class PreparedRun:
         return inside[: count * WINDOW].reshape(count, WINDOW)
 
 
-def prepare(
-    run: ContactRun, robot: Robot, model: IdentifiedModel, known: PreslidingFriction
-) -> PreparedRun:
+def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> PreparedRun:
     """Evaluates kinematics, and collects the rows for friction fits.
 
     Args:
         run: as read.
         robot: with the run's tool.
-        model: of its rigid body.
-        known: law of another specimen.
+        identified: model of another specimen.
     """
     there = np.isfinite(run.q)
     q = np.where(there, run.q, 0.0)
@@ -101,11 +95,20 @@ def prepare(
     whole = np.asarray(there.all(axis=1))
     J = np.where(whole[:, None, None], robot.chain.jacobian(q), np.nan)
     normal = np.nan_to_num(-np.einsum("kaj,ka->kj", J[:, 3:], R_WE[:, :, 2]))
-    terms = joint_torques(run.log, robot, model)
-    rows = friction_rows(run, terms, normal, known)
-    truth = block_mean(run.sensor_force)
+    published = replace(identified, inertial_parameters=robot.chain.inertial_parameters)
+    terms = joint_torques(run.log, robot, published)
     excess = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
-    return PreparedRun(run, robot, model, normal, R_WE, J, excess, rows, truth)
+    slide = np.zeros(len(run.t), np.bool_)
+    if "slide" in run.intervals:
+        first, last = run.intervals["slide"]
+        slide = (run.t >= first) & (run.t <= last) & ~run.corners
+    model, external = with_tool_of(identified, robot), normal * run.sensor_force[:, None]
+    return PreparedRun(
+        *(run, robot, published, normal, R_WE, J, excess),
+        air=LogRows.of(run.log, run.is_free, robot, model),
+        told=LogRows.of(run.log, run.is_free | slide, robot, model, external),
+        truth=block_mean(run.sensor_force),
+    )
 
 
 def block_mean(signal: Array) -> Array:
@@ -130,33 +133,6 @@ def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     return ForceReading(force, sd, valid)
 
 
-def read_ours(
-    prepared: PreparedRun, law: PreslidingFriction, gain: Array | None = None
-) -> ForceReading:
-    """The force along the tool after each block.
-
-    Args:
-        prepared: the run.
-        law: of the joints' friction.
-        gain: (6,) share by which the torque constants are larger; None: by none.
-    """
-    robot, log = prepared.robot, prepared.run.log
-    if gain is not None:
-        robot = robot.with_torque_per_ampere(list(robot.torque_per_ampere * (1.0 + gain)))
-    estimator = _estimator(prepared, robot, replace(prepared.model, friction=law))
-    batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current, conditions=False)
-    K_0 = np.full(robot.num_joints, OBSERVER_GAIN)
-    reader = ContactReader(robot, K_0, log.time_step, ContactConfig(axis=AXIS))
-    measured = np.ones(log.num_samples, np.bool_)
-    tau_J = robot.joint_torque(log.current)
-    parts = [reader.take(log.q, log.v, tau_J, measured, batch), reader.finish()]
-    wrench, covariance = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("wrench", "covariance")
-    )
-    valid = np.concatenate([part.valid for part in parts])
-    return _along_tool(prepared, wrench[:, 3:], covariance[:, 3:, 3:], valid)
-
-
 def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Array) -> ForceReading:
     """The article's chain: observer with Coulomb-viscous friction, then F = J^-T tau_ext.
 
@@ -172,7 +148,13 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
         residual_covariance=np.diag(torque_sd**2),
     )
     log = prepared.run.log
-    estimator = _estimator(prepared, prepared.robot, model)
+    config = WrenchEstimatorConfig(
+        MomentumObserverConfig([OBSERVER_GAIN], log.time_step, "trapezoidal"),
+        WrenchReconstructionConfig("bayesian"),
+        position_resolution=[RESOLUTION] * prepared.robot.num_joints,
+        check_samples=False,  # velocities are rebuilt, and jump
+    )
+    estimator = WrenchEstimator(prepared.robot, model, config)
     seen = estimator.observe(log.q, log.v, log.current)
     inverse = _normal_rows(prepared)
     force = np.einsum("kj,kj->k", inverse, seen.tau_ext)
@@ -204,26 +186,23 @@ def _of_two_joints(prepared: PreparedRun, tau_ext: Array) -> ForceReading:
     return ForceReading(block_mean(own / np.sum(h**2, axis=1)))
 
 
-def read_command(
-    prepared: PreparedRun, log: Path, robot_file: Path, model_file: Path, out: Path
-) -> ForceReading:
-    """What `estimate --contact-axis tool_z --tool --torque-samples trapezoidal` writes of a log.
+def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> ForceReading:
+    """What `estimate --contact-axis tool_z --tool --no-check --no-check-samples` writes of a log.
 
-    Checks of the log are off: its velocities are rebuilt, and do not belong to its positions where
-    a corner is rounded.
+    Checks are off: the velocities are rebuilt, and do not belong to the positions where a corner is
+    rounded.
 
     Args:
         prepared: the run.
         log: its file, with rounded velocities.
-        robot_file: robot.yaml with its tool.
-        model_file: model.yaml of `identify --refresh --other-specimen`.
+        model: folder with model.yaml, of `identify --refresh --other-specimen`, and robot.yaml.
         out: folder for the results.
     """
     config = EstimateConfig(
         contact=ContactConfig(axis=AXIS), tool=True, table="parquet", covariance=True, check=False
     )
     config.estimator.check_samples = False
-    config.estimator.observer = MomentumObserverConfig([OBSERVER_GAIN], 0.0, "trapezoidal")
+    robot_file, model_file = model / "robot.yaml", model / "model.yaml"
     result = estimate_log(log, robot_file, model_file, out, FORMAT, config)
     table = pq.read_table(result.table)
     column = {name: np.asarray(table[name], float) for name in table.column_names}
@@ -234,17 +213,6 @@ def read_command(
         for j, b in enumerate(axes[i:], start=i):
             covariance[:, i, j] = covariance[:, j, i] = column[f"cov_{a}_{b}"]
     return _along_tool(prepared, force, covariance, column["valid"] == 1.0)
-
-
-def _estimator(prepared: PreparedRun, robot: Robot, model: IdentifiedModel) -> WrenchEstimator:
-    step = prepared.run.log.time_step
-    config = WrenchEstimatorConfig(
-        MomentumObserverConfig([OBSERVER_GAIN], step, "trapezoidal"),
-        WrenchReconstructionConfig("bayesian"),
-        position_resolution=[RESOLUTION] * robot.num_joints,
-        check_samples=False,  # velocities are rebuilt, and jump
-    )
-    return WrenchEstimator(robot, model, config)
 
 
 def _along_tool(

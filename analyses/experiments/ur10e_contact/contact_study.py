@@ -17,11 +17,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     read_run,
     write_rounded,
 )
-from wrenchsight.analyses.experiments.ur10e_contact.contact_friction import (
-    air_fit,
-    plain_friction,
-    sensor_fit,
-)
 from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     PreparedRun,
     averaged,
@@ -30,18 +25,22 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     read_by_hand,
     read_command,
     read_gravity,
-    read_ours,
     read_two_joints,
 )
-from wrenchsight.analyses.methods.calibration.specimen_refitting import carried_over, refit_specimen
+from wrenchsight.analyses.methods.calibration.specimen_refitting import (
+    SpecimenRefit,
+    carried_over,
+    fit_rows,
+    presliding_of,
+    refit_rows,
+)
 from wrenchsight.analyses.methods.sensors.judged_force import (
     ForceReading,
     Judgement,
     pooled_judgement,
 )
-from wrenchsight.models.calibration.specimen_friction import SpecimenFit
-from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 
@@ -50,6 +49,9 @@ METHODS: Final = (
     "carried_over",
 )
 SPEEDS: Final = ("v10", "v25", "v90")
+# The UR10e of data set `ur10e`, experiment ur10e-identification, law coulomb-viscous.
+_PLAIN_COULOMB: Final = (16.50, 16.91, 6.61, 2.80, 3.31, 2.73)  # N m
+_PLAIN_VISCOUS: Final = (22.44, 17.91, 10.38, 3.66, 2.44, 3.26)  # N m s/rad
 _UNKNOWN_SCATTER = 2.0  # N m, of a joint that does not move in the air, for the article's band
 
 # The runs on which every constant of `ContactConfig` was settled; all others only check them.
@@ -104,13 +106,11 @@ class ContactStudy:
 
     Attributes:
         runs: read by all methods.
-        air: the friction fit without a sensor.
-        plain: the same with the article's law.
+        air: the friction fit without a sensor, by controller.
     """
 
     runs: tuple[ReadRun, ...]
-    air: SpecimenFit
-    plain: SpecimenFit
+    air: Mapping[str, SpecimenRefit]
 
 
 def prepare_runs(
@@ -119,7 +119,7 @@ def prepare_runs(
     identified: IdentifiedModel,
     progress: Callable[[float], None],
 ) -> list[PreparedRun]:
-    """Reads the runs, with published masses and the rotors of another specimen.
+    """Reads the runs.
 
     Args:
         robots: with the tool of each controller.
@@ -128,16 +128,11 @@ def prepare_runs(
     Raises:
         InputError: one is damaged.
     """
-    known, prepared = carried_over(_law(identified)), []
-    models = {
-        key: replace(identified, inertial_parameters=robot.chain.inertial_parameters)
-        for key, robot in robots.items()
-    }
+    prepared = []
     for k, path in enumerate(files):
         progress(k / len(files))
         run = read_run(path)
-        own = run.name.controller
-        prepared.append(prepare(run, robots[own], models[own], known))
+        prepared.append(prepare(run, robots[run.name.controller], identified))
     return prepared
 
 
@@ -155,62 +150,71 @@ def read_runs(
         identified: model of another specimen.
         progress: told the share of the work.
     """
-    known = carried_over(_law(identified))
-    rows = [run.rows for run in prepared]
-    air, plain = air_fit(rows, known), air_fit(rows, plain_friction())
+    plain = fit_rows([run.air.level for run in prepared], plain_friction())
     torque_sd = np.where(np.isfinite(plain.scatter), plain.scatter, _UNKNOWN_SCATTER)
+    own = {run.run.name.controller: run.robot for run in prepared}
+    air = {
+        controller: refit_rows([run.air for run in _of(prepared, controller)], robot, identified)
+        for controller, robot in own.items()
+    }
+    known = replace(identified, friction=carried_over(presliding_of(identified)))
     runs = []
-    with TemporaryDirectory() as folder:
-        command = _Command(prepared, identified, Path(folder))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        for controller, robot in own.items():
+            _save(folder / f"{controller}_air", robot, air[controller].model)
+            _save(folder / f"{controller}_other", robot, known)
         for k, (run, file) in enumerate(zip(prepared, files, strict=True)):
             progress(k / len(prepared))
-            others = [other for i, other in enumerate(rows) if i != k]
-            calibrated = sensor_fit(others, known) if others else air
+            controller, log = run.run.name.controller, folder / file.name
+            write_rounded(run.run, file, log)
+            others = [other for other in _of(prepared, controller) if other is not run]
+            told = air[controller]
+            if others:
+                told = refit_rows([other.told for other in others], run.robot, identified)
+            once = folder / f"{file.stem}_once"
+            _save(once, told.robot or run.robot, told.model)
+            command = read_command(run, log, folder / f"{controller}_air", folder / file.stem)
             readings = {
-                "no_sensor": read_ours(run, air.law),
-                "command": command.read(run, file),
-                "calibrated": read_ours(run, calibrated.law, calibrated.gain),
+                "no_sensor": command,
+                "command": command,
+                "calibrated": read_command(run, log, once, folder / f"{file.stem}_told"),
                 "article": read_article(run, plain.law, torque_sd),
                 "by_hand": read_by_hand(run),
                 "two_joints": read_two_joints(run),
                 "gravity": read_gravity(run),
-                "carried_over": read_ours(run, known),
+                "carried_over": read_command(
+                    run, log, folder / f"{controller}_other", folder / f"{file.stem}_other"
+                ),
             }
             runs.append(ReadRun(run, readings))
-    return ContactStudy(tuple(runs), air, plain)
+    return ContactStudy(tuple(runs), air)
 
 
-class _Command:
-    """The files that `estimate` is given: robot.yaml with each tool, and today's model.yaml."""
-
-    def __init__(
-        self, prepared: Sequence[PreparedRun], identified: IdentifiedModel, folder: Path
-    ) -> None:
-        self._folder = folder
-        for controller in CONTROLLERS:
-            own = [run for run in prepared if run.run.name.controller == controller]
-            if not own:
-                continue
-            robot = own[0].robot
-            urdf = (robot.source.parent / robot.config.urdf).resolve()
-            save_configuration(replace(robot.config, urdf=urdf), folder / f"{controller}.yaml")
-            free = [(run.run.log, run.run.is_free) for run in own]
-            refit = refit_specimen(free, robot, identified)
-            refit.model.save(folder / f"{controller}_model.yaml")
-
-    def read(self, run: PreparedRun, file: Path) -> ForceReading:
-        """What the command writes of a run."""
-        own = run.run.name.controller
-        robot, model = self._folder / f"{own}.yaml", self._folder / f"{own}_model.yaml"
-        log = self._folder / file.name
-        write_rounded(run.run, file, log)
-        return read_command(run, log, robot, model, self._folder / file.stem)
+def _of(prepared: Sequence[PreparedRun], controller: str) -> list[PreparedRun]:
+    return [run for run in prepared if run.run.name.controller == controller]
 
 
-def _law(identified: IdentifiedModel) -> PreslidingFriction:
-    law = identified.friction
-    assert isinstance(law, PreslidingFriction)
-    return law
+def _save(folder: Path, robot: Robot, model: IdentifiedModel) -> None:
+    """Writes robot.yaml and model.yaml, as `identify --other-specimen` and `estimate` have them."""
+    folder.mkdir()
+    robot.save(folder / "robot.yaml")
+    model.save(folder / "model.yaml")
+
+
+def plain_friction() -> PreslidingFriction:
+    """Coulomb-viscous friction of another UR10e, the article's law."""
+    zero = np.zeros(len(_PLAIN_COULOMB))
+    return PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(zero, np.array(_PLAIN_VISCOUS), zero)),
+        coulomb=np.array(_PLAIN_COULOMB),
+        stribeck=zero,
+        stribeck_velocity=np.ones_like(zero),
+        load=zero,
+        cubic=zero,
+        weight=np.ones((len(zero), 1)),
+        displacement=np.zeros((len(zero), 1)),
+    )
 
 
 def contact_metrics(study: ContactStudy) -> dict[str, Any]:

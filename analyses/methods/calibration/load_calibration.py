@@ -39,7 +39,6 @@ from wrenchsight.models.calibration.gain_calibration import (
     GainProblem,
     KnownLoad,
 )
-from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
@@ -117,9 +116,7 @@ class CalibrationResult:
         """Writes what an identification writes, and robot.yaml and figures/calibration.png."""
         self.identification.write(out, settings)
         out.write_figure("calibration", calibration_figure(self))
-        config = self.robot.config
-        urdf = config.urdf if config.urdf.is_absolute() else self.robot.source.parent / config.urdf
-        save_configuration(replace(config, urdf=urdf.resolve()), out / "robot.yaml")
+        self.robot.save(out / "robot.yaml")
         out.write_json("metrics.json", self.metrics())
 
 

@@ -18,7 +18,6 @@ from wrenchsight.models.calibration.effort_scale import (
     scale_from_weight,
 )
 from wrenchsight.models.calibration.load_parameters import body_parameters
-from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths
 from wrenchsight.models.recordings.log_words import IN_AMPERES, log_words
@@ -104,9 +103,7 @@ def find_scale(
             torque,
             tuple(dict.fromkeys(text for one in (*recordings, *laden) for text in one.notices)),
         )
-        config = result.robot.config
-        urdf = config.urdf if config.urdf.is_absolute() else robot.source.parent / config.urdf
-        save_configuration(replace(config, urdf=urdf.resolve()), folder / "robot.yaml")
+        result.robot.save(folder / "robot.yaml")
         folder.write_settings("config.yaml", settings)
         folder.write_json("metrics.json", result.metrics())
     return result

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_structure import STRUCTURES, structures
@@ -43,6 +44,8 @@ class RefreshConfig:
     other_specimen: bool = False
     # the logs are of another robot of the same make, whose friction has another level; stretches of
     # free motion are enough: LOG=BEGIN,END[,BEGIN,END...] in s
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)
+    """A force sensor in the logs, with `other_specimen`: stretches in contact count, too."""
     coulomb_drift: float = 0.05  # sd of the prior, share of the joint's dry friction
     viscous_drift: float = 0.3  # share of the viscous coefficient
     offset_drift: float = 0.02  # share of the dry friction

@@ -13,6 +13,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
     IdentifySettings,
 )
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.sensors.reference_config import reference_columns
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -115,6 +116,7 @@ def read_log(path: Path, settings: IdentifySettings, robot: Robot) -> Recording:
         robot,
         accept_signs=settings.accept_signs,
         joint_signals=True,
+        further=reference_columns(settings.refreshing.reference),
     )
 
 

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from wrenchsight.analyses.methods.sensors.reference_config import (
     FOUND,
+    REFERENCE,
     ReferenceConfig,
     check_tare,
     tare_numbers,
@@ -28,6 +29,8 @@ from wrenchsight.analyses.methods.sensors.reference_config import (
 from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`
@@ -135,6 +138,43 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
                 "--reference-sign"
             )
     return best, tuple(notices)
+
+
+def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -> Array:
+    """(N, n) N m, torque that a log's force sensor says acts from outside; zero where q is missing.
+
+    The mounting is as given: an axis z of `world` or `tool` for one column. A delay that is left to
+    be found is none.
+
+    Raises:
+        InputError: frame or sign are left to be found, or the tare to be fitted.
+    """
+    if FOUND in (config.frame, config.sign) or config.tare == "fit":
+        problem = "a calibration takes the sensor as it is given, and finds nothing of it"
+        remedy = "give --reference-frame, --reference-sign and numbers for --reference-tare"
+        raise InputError("identify", "--reference", problem, remedy)
+    sensor, known = recording.extra[REFERENCE], np.asarray(np.isfinite(recording.q).all(axis=1))
+    q = np.where(known[:, None], recording.q, 0.0)
+    R = Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix()
+    tare, given = np.zeros(sensor.shape[1]), tare_numbers(config)
+    if given is not None:
+        tare = np.array(given)
+    elif config.tare == "start":
+        tare = sensor[recording.t <= recording.t[0] + TARE_TIME].mean(axis=0)
+    mounting = Mounting(
+        *(config.frame, np.asarray(R), 1 if config.sign == "robot" else -1, tare),
+        0.0 if config.delay == FOUND else float(config.delay),
+    )
+    R_WE, _ = robot.chain.pose(q)
+    own = mounting.on_robot(recording.t, sensor, R_WE)
+    if own.shape[1] == 1:
+        own = own * mounting.direction(R_WE)
+    wrench = np.zeros((len(own), 6))
+    wrench[:, 3:] = own[:, :3]
+    wrench[:, :3] = own[:, 3:] if own.shape[1] == 6 else 0.0
+    tau_ext = np.einsum("kaj,ka->kj", robot.chain.jacobian(q), wrench)
+    known &= np.asarray(np.isfinite(tau_ext).all(axis=1))
+    return np.where(known[:, None], tau_ext, 0.0)
 
 
 def _size(log: SensorLog, mounting: Mounting) -> float:

@@ -62,15 +62,15 @@ def tare_numbers(config: ReferenceConfig) -> list[float] | None:
     return None if config.tare in TARES else [float(word) for word in config.tare.split(",")]
 
 
-def checked_reference(config: ReferenceConfig) -> ReferenceConfig:
-    """Returns `config`.
+def checked_reference(config: ReferenceConfig, command: str = "estimate") -> ReferenceConfig:
+    """Returns `config`; `command` is what a problem names.
 
     Raises:
         InputError: a setting that makes no sense.
     """
 
     def refuse(option: str, problem: str, remedy: str) -> InputError:
-        return InputError("estimate", option, problem, remedy)
+        return InputError(command, option, problem, remedy)
 
     for name, value, known in (
         ("--reference-frame", config.frame, FRAMES),

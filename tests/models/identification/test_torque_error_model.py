@@ -12,6 +12,7 @@ from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     TorqueErrorModel,
     averaged_share,
+    posture_variance,
     take_transmitted,
     torque_sd_tick,
 )
@@ -113,6 +114,7 @@ def test_tick_by_tick_is_the_log() -> None:
     assert state.shape == (TORQUE_ERROR_ROWS, N)
     one, held, drift = np.empty(N), np.empty(N), np.empty(N)
     for k in range(200):
+        posture_variance(table, q[k], one)
         torque_sd_tick(table, state, q[k], v[k], one, held, drift)
         take_transmitted(state, load[k], np.zeros(N))
         np.testing.assert_array_equal(one, sd[k])

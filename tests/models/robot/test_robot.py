@@ -492,6 +492,10 @@ TOOL = {"mass": 1.0, "inertia": [1, 1, 1, 0, 0, 0]}
         ({"drives": drive(torque_per_ampere=None)}, "needs torque_per_ampere, or torque_constant"),
         ({"drives": drive(effort_limit=0.0)}, "effort_limit 0, expected 1e-05 to 1e+06 N m"),
         ({"drives": drive(current_bandwidth=0.0)}, "drives[1].current_bandwidth"),
+        (
+            {"drives": drive(rest_friction_share=1.5)},
+            "drives[1].rest_friction_share: 1.5, expected 0 to 1",
+        ),
         ({"home": [0.0]}, "home: 1 positions, expected 2"),
         ({"home": [0.0, 3.0]}, "home: elbow = 3 lies outside its limits [-2, 2]"),
         ({"payload": 0.0}, "payload: 0, expected 0.001 to 100000 kg"),

@@ -53,11 +53,14 @@ def test_slides_are_read_within_newtons(metrics) -> None:
     assert metrics["ramp_acf"]["v10"]["slide"]["no_sensor"]["rmse_n"] < 5.0
 
 
-def test_the_command_reads_what_the_experiment_does(metrics) -> None:
-    """The same reading; masses are those identified on another specimen instead of published."""
-    for kind, bound in (("slide", 5.0), ("rest", 8.0)):
-        assert metrics["summary"]["command"][kind]["rmse_n"] < bound
+def test_a_sensor_once_earns_its_place(metrics) -> None:
+    """Two runs of one path: each tells what friction the other meets there."""
+    slide = metrics["straight_acf"]["v25"]["slide"]
+    # Measured 1.6 N against 2.4 N; the rest is not the place's.
+    assert slide["calibrated"]["rmse_n"] < 0.9 * slide["command"]["rmse_n"]
+    for kind in ("slide", "rest"):
         assert metrics["summary"]["command"][kind]["inside_95_pct"] > 80.0
+        assert metrics["summary"]["no_sensor"][kind] == metrics["summary"]["command"][kind]
 
 
 def test_only_methods_with_a_band_are_held_to_it(metrics) -> None:

@@ -8,11 +8,15 @@ import pytest
 
 from wrenchsight.analyses.methods.calibration.specimen_refitting import (
     CRAWL,
+    SpecimenRefit,
     carried_over,
     refit_logs,
     refit_specimen,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.sensors.mounting import sensor_torque
+from wrenchsight.analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -81,6 +85,66 @@ def test_the_level_of_joints_that_move_is_found(ur10e: Robot, model: IdentifiedM
     np.testing.assert_array_equal(found.coulomb[[0, 4, 5]], _KNOWN[[0, 4, 5]])
     np.testing.assert_array_equal(refit.fit.rows > 0, [False, True, True, True, False, False])
     assert refit.model.fitted_robot.tool_mass == 0.0  # the model's file stays without the tool
+
+
+def _pressed(robot: Robot, sign: float, gain: float, ripple: float) -> Recording:
+    """The sweep while 33 to 69 N press on E against W's z, of a robot whose torque constants are
+    too small by `gain`, with a torque that repeats over joint 2."""
+    log = _recording(robot, sign)
+    force = 45.0 + 12.0 * sign + 6.0 * log.t  # slow: the observer's lag is none of the matter
+    tau_ext = robot.chain.jacobian(log.q)[:, 5] * force[:, None]
+    wave = np.zeros_like(log.q)
+    wave[:, 1] = ripple * np.sin(log.q[:, 1] / 0.02)
+    current = robot.motor_current((robot.joint_torque(log.current) - tau_ext) / (1.0 + gain) + wave)
+    # Free motion is read as before: what explains it is too small by the same share.
+    return replace(log, current=current, extra={REFERENCE: force[:, None]})
+
+
+def test_a_force_sensor_tells_torque_constants_and_what_the_law_leaves(
+    ur10e: Robot, model: IdentifiedModel
+) -> None:
+    ours = replace(model, inertial_parameters=ur10e.chain.inertial_parameters / 1.04)
+    runs = [_pressed(ur10e, sign, 0.04, 4.0) for sign in (1.0, -1.0) * 4]
+    config = ReferenceConfig(columns="F", frame="world", sign="robot")
+    told = [sensor_torque(run, ur10e, config) for run in runs]
+    everywhere = [(run, np.ones(len(run.t), bool)) for run in runs]
+    refit = refit_specimen(everywhere[:-1], ur10e, ours, told[:-1])
+    # Rows of 15 cm err together: stated is a share of .5 %.
+    assert refit.fit.gain == pytest.approx(0.04, abs=4.0 * refit.fit.gain_sd)
+    assert refit.fit.gain_sd < 0.02
+    robot = refit.robot
+    assert robot is not None
+    scale = robot.torque_per_ampere / ur10e.torque_per_ampere
+    np.testing.assert_allclose(scale, 1.0 + refit.fit.gain, rtol=1e-12)
+    # Free motion off the paths takes the same currents as before the gain was known.
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 6))
+    v = np.random.default_rng(3).uniform(0.1, 0.6, (20, 6))
+    before = replace(ours, friction=refit.fit.law)
+    currents = [
+        arm.motor_current(
+            own.chain(arm).inverse_dynamics(q, v, v) + own.friction.torque_along(q, v, 0.0 * q)
+        )
+        for arm, own in ((robot, refit.model), (ur10e, before))
+    ]
+    np.testing.assert_allclose(*currents, rtol=1e-9)
+    plain = refit_specimen(everywhere[:-1], ur10e, ours)
+    assert plain.robot is None
+    errors = []
+    for arm, found in ((robot, refit.model), (ur10e, refit_of_law(refit)), (ur10e, ours)):
+        config_of = WrenchEstimatorConfig(check_samples=False)
+        config_of.observer.time_step = _STEP
+        estimator = WrenchEstimator(arm, found, config_of)
+        run = runs[-1]
+        batch = estimator.run(estimator.initial_state(), run.q, run.v, run.current)
+        errors.append(np.abs(batch.tau_ext - told[-1])[200:, 1].mean())
+    assert errors[0] < 0.5 * errors[1] < errors[2]
+
+
+def refit_of_law(refit: SpecimenRefit) -> IdentifiedModel:
+    """The refit's level alone, neither torque constants nor places."""
+    scale = 1.0 + refit.fit.gain
+    inertial = refit.model.inertial_parameters / scale
+    return replace(refit.model, friction=refit.fit.law, inertial_parameters=inertial)
 
 
 def test_a_crawl_is_not_carried_over() -> None:

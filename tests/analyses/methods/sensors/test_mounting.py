@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrenchsight.analyses.methods.sensors.mounting import Mounting, error_of, find_mounting
-from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.sensors.mounting import (
+    Mounting,
+    error_of,
+    find_mounting,
+    sensor_torque,
+)
+from wrenchsight.analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
 from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 _N, _STEP = 600, 0.02
 
@@ -117,3 +124,40 @@ def test_a_constant_force_tells_no_delay() -> None:
     found, notices = find_mounting(steady, ReferenceConfig("x"))
     assert found.delay == 0.0
     assert any("delay" in notice for notice in notices)
+
+
+@pytest.mark.parametrize("frame", ["world", "tool"])
+def test_a_calibrations_sensor_is_the_torque_of_its_force(ur10e: Robot, frame: str) -> None:
+    """Against finite differences of E's path: the work of the force."""
+    q = np.array([[0.3, -1.2, 1.5, -1.8, -1.4, 0.2], [0.5, -1.0, 1.2, -1.6, -1.5, 0.4]])
+    q = np.vstack([q, np.full((1, 6), np.nan)])
+    force = np.array([[20.0], [35.0], [10.0]])
+    log = Recording(
+        t=0.01 * np.arange(3), q=q, v=0.0 * q, current=0.0 * q, source="", extra={REFERENCE: force}
+    )
+    config = ReferenceConfig("F", frame=frame, sign="environment", tare="5")
+    found = sensor_torque(log, ur10e, config)
+    for k in range(2):
+        R_WE, _ = ur10e.chain.pose(q[k : k + 1])
+        axis = R_WE[0, :, 2] if frame == "tool" else np.array([0.0, 0.0, 1.0])
+        pushed = -(force[k, 0] - 5.0) * axis  # on the robot
+        for j in range(6):
+            step = 1e-6 * np.eye(6)[j]
+            ends = [ur10e.chain.pose((q[k] + s * step)[None])[1][0] for s in (1, -1)]
+            work = pushed @ (ends[0] - ends[1]) / 2e-6
+            assert found[k, j] == pytest.approx(work, abs=1e-6)  # second differences of 30 N m
+    np.testing.assert_array_equal(found[2], 0.0)
+
+
+def test_a_calibration_finds_nothing_of_its_sensor(ur10e: Robot) -> None:
+    q = np.zeros((2, 6))
+    log = Recording(
+        t=0.01 * np.arange(2), q=q, v=q, current=q, source="", extra={REFERENCE: q[:, :1]}
+    )
+    for config in (
+        ReferenceConfig("F", sign="robot"),
+        ReferenceConfig("F", frame="tool"),
+        ReferenceConfig("F", frame="tool", sign="robot", tare="fit"),
+    ):
+        with pytest.raises(InputError, match="give --reference-frame"):
+            sensor_torque(log, ur10e, config)

@@ -1,0 +1,195 @@
+"""What a friction law leaves along paths that were measured: torque that repeats with the place.
+
+Gears make a torque ripple over position, a posture's gravity is a little off, friction differs from
+place to place. A task's path is driven again and again; where a force sensor has told the force
+there, what is left of the motor torque is known place by place. With that torque r_i (n,) of n_i
+samples about posture q_i and velocity v_i,
+
+    tau_f = law + sum_i w_i r_i / (sum_i w_i + PRIOR)
+
+    w_i = n_i exp(-|q - q_i|^2 / (2 REACH^2) - |v - v_i|^2 / (2 (ALIKE max(|v|, |v_i|))^2))
+
+a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 1964) that is drawn to
+the law where nothing was measured: away from the path, at another speed, in the other direction.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from numba import njit
+
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.friction.extended_friction import LayeredFriction
+from wrenchsight.models.friction.slip_elements import FrictionKernels
+from wrenchsight.models.kernel import kernel
+
+REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
+ALIKE = 0.3  # of the speed, by which velocities that show the same differ
+PRIOR = 5.0  # samples of `PERIOD`: what says that the law leaves nothing
+PERIOD = 0.01  # s that a sample averages
+_FAR = 9.0  # of the exponent, beyond which a place tells nothing
+_SAME_SPEED = 1.25  # ratio of speeds that are one place
+_DIGITS = 6  # after the point, of what is kept
+_COLUMNS = 4  # of a place: q, v, torque, samples
+
+
+class PathPlaces(NamedTuple):
+    """M places of paths.
+
+    Attributes:
+        q: (M, n) rad.
+        v: (M, n) rad/s.
+        torque: (M, n) N m, what the law leaves there, positive against v > 0 as friction is.
+        samples: (M, n) of PERIOD, of which it is the mean; 0 for a joint that does not slide.
+    """
+
+    q: Array
+    v: Array
+    torque: Array
+    samples: Array
+
+    @classmethod
+    def of(cls, q: Array, v: Array, torque: Array, slides: Flags) -> "PathPlaces":
+        """Gathers samples (N, n) that are close to one another, in the order of their places."""
+        speed = np.linalg.norm(v, axis=1)
+        moving = speed > 0.0
+        q, v, torque, slides, speed = (x[moving] for x in (q, v, torque, slides, speed))
+        cells = np.column_stack(
+            [
+                np.round(q / REACH),
+                np.round(np.log(speed) / np.log(_SAME_SPEED)),
+                np.round(2.0 * v / speed[:, None]),
+            ]
+        )
+        _, place = np.unique(cells, axis=0, return_inverse=True)
+        place = place.ravel()
+        size = np.bincount(place).astype(float)[:, None]
+
+        def summed(x: Array) -> Array:
+            total = np.zeros((len(size), q.shape[1]))
+            np.add.at(total, place, x)
+            return total
+
+        count = summed(slides.astype(float))
+        left = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
+        found = summed(q) / size, summed(v) / size, left, count
+        return cls(*(np.round(x, _DIGITS) for x in found))
+
+
+@dataclass(frozen=True, eq=False)
+class PathFriction(LayeredFriction):
+    """A friction law and what it leaves along measured paths; a `friction_law.FrictionLaw`.
+
+    Attributes:
+        places: where that is known.
+
+    Raises:
+        ValueError: shapes that disagree, or a number that is not finite.
+    """
+
+    places: PathPlaces
+
+    def __post_init__(self) -> None:
+        given = PathPlaces(*(np.array(x, float) for x in self.places))
+        object.__setattr__(self, "places", given)
+        expected = (len(given.q), self.law.num_joints)
+        for name, values in given._asdict().items():
+            if values.shape != expected:
+                raise ValueError(f"friction: {name} must be {expected}, not {values.shape}")
+            if not np.isfinite(values).all():
+                raise ValueError(f"friction: {name} of a place is not finite")
+
+    @property
+    def kernels(self) -> FrictionKernels:
+        """Those of the law below, and the places after them."""
+        return _kernels(self.law.kernels, self.law.state_rows > 0)
+
+    @cached_property
+    def _table(self) -> Array:
+        """(n, 4 M + 1) of the places, joint by joint, and how many columns they take."""
+        columns = np.stack(self.places, axis=2).transpose(1, 0, 2).reshape(self.num_joints, -1)
+        size = np.full((self.num_joints, 1), float(columns.shape[1]))
+        return np.ascontiguousarray(np.hstack([columns, size]))
+
+    @cached_property
+    def slip_table(self) -> Array:
+        """The table of the law below, then that of the places."""
+        return np.ascontiguousarray(np.hstack([self.law.slip_table, self._table]))
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """Those of the law below."""
+        return self.law.parameters
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the law with other parameters."""
+        return replace(self, law=self.law.with_parameters(values))
+
+    def torque_along(self, q: Array, v: Array, load: Array) -> Array:
+        """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""
+        tau_f = np.array(self.law.torque_along(q, v, load))
+        for k in range(len(tau_f)):
+            add_place_torque(self._table, 0, q[k], v[k], tau_f[k])
+        return tau_f
+
+
+@kernel
+def add_place_torque(table: Array, first: int, q: Array, v: Array, tau_f: Array) -> None:
+    """Adds to tau_f (n,) what is known of the place; nothing where q or v is not finite.
+
+    Args:
+        table: (n, ...) with the places from column `first` to the last but one.
+        first: column.
+        q, v: (n,).
+        tau_f: changed.
+    """
+    n = q.shape[0]
+    places = (table.shape[1] - 1 - first) // _COLUMNS
+    sums, weights = np.zeros(n), np.zeros(n)
+    squared = 0.0
+    for i in range(n):
+        squared += v[i] ** 2
+    for place in range(places):
+        at = first + _COLUMNS * place
+        distance = 0.0
+        for i in range(n):
+            distance += (q[i] - table[i, at]) ** 2
+        exponent = 0.5 * distance / REACH**2
+        if not exponent < _FAR:
+            continue
+        distance, own = 0.0, 0.0
+        for i in range(n):
+            distance += (v[i] - table[i, at + 1]) ** 2
+            own += table[i, at + 1] ** 2
+        exponent += 0.5 * distance / (ALIKE**2 * max(squared, own))
+        if not exponent < _FAR:
+            continue
+        weight = np.exp(-exponent)
+        for i in range(n):
+            sums[i] += weight * table[i, at + 3] * table[i, at + 2]
+            weights[i] += weight * table[i, at + 3]
+    for i in range(n):
+        tau_f[i] += sums[i] / (weights[i] + PRIOR)
+
+
+@cache
+def _kernels(below: FrictionKernels, remembers: bool) -> FrictionKernels:
+    """The composed kernels; what is kept of them on disk: see `extended_friction`."""
+    add_below, update_below = below.add_torque, below.update
+
+    @njit(error_model="numpy")
+    def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
+        own = table.shape[1] - 1 - int(table[0, -1])
+        if remembers:
+            add_below(np.ascontiguousarray(table[:, :own]), state, q, v, tau_f)
+        add_place_torque(table, own, q, v, tau_f)
+
+    @njit(error_model="numpy")
+    def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
+        if remembers:
+            own = table.shape[1] - 1 - int(table[0, -1])
+            update_below(np.ascontiguousarray(table[:, :own]), state, q, v, transmitted)
+
+    return FrictionKernels(add_torque, update, (*below, add_place_torque))
