@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, with_settings
-from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.learning.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+)
 from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
@@ -249,6 +252,8 @@ def _print(result: "IdentificationResult", out: Path) -> None:
         f"friction {result.law}, {len(result.base.names)} base parameters, "
         f"condition number {result.base.condition_number:.3g}",
     )
+    if result.config.friction == IdentificationConfig().friction:
+        say(console, "note: this law is the default; --friction best lets held-out logs choose")
     links = inconsistent_links_text(metrics["inconsistent_links"], len(model.joint_names))
     notes = [*result.notices, *result.warnings, *([links] if links else [])]
     for note in notes:

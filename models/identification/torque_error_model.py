@@ -528,7 +528,7 @@ def torque_sd_tick(
         q, v: (n,) rad, rad/s.
         sd: (n,) N m, written; holds `posture_variance` of the sample before.
         stiction: (n,) N m, written: the part of it that is stiction.
-        drift: (n,) N m, written: what a drift of the viscous coefficient is at this speed, signed.
+        drift: (n,) N m, written: what a drift of the viscous torque is at this speed, signed.
     """
     for i in range(table.shape[0]):
         row, posture = table[i], sd[i]
@@ -549,7 +549,7 @@ def torque_sd_tick(
             total += row[_BEYOND_LOAD2] * (load - row[_FITTED_LOAD]) ** 2
         sd[i] = np.sqrt(total)
         stiction[i] = np.sqrt(held)
-        drift[i] = np.sqrt(row[_DRIFT2]) * abs(row[_VISCOUS]) * speed
+        drift[i] = np.sqrt(row[_DRIFT2]) * viscous
 
 
 @kernel

@@ -53,7 +53,8 @@ def test_from_a_urdf_to_a_wrench(arm: str, wheel_robots: Path, tmp_path: Path) -
     succeeded("excite", *own, "--config", settings, "--no-record", "--out", motion.parent)
     simulated = ("--motion", motion, "--duration", "5", "--no-recording")
     succeeded("simulate", *own, *simulated, "--out", log.parent)
-    succeeded("identify", log, *own, "--out", model.parent)
+    said = succeeded("identify", log, *own, "--out", model.parent)
+    assert "--friction best lets held-out logs choose" in " ".join(said.split())
     succeeded("estimate", log, *own, "--model", model, "--out", tmp_path / "estimate")
 
     robot = Robot.load(robot_file)

@@ -90,3 +90,6 @@ def test_the_gain_is_one_for_the_arm() -> None:
     rows = [_rows(np.random.default_rng(k), gain=gain) for k, gain in ((7, 0.03), (8, 0.05))]
     fit = fit_specimen(_KNOWN, rows, SpecimenPrior(dependence=1.0))
     assert fit.gain == pytest.approx(0.04, abs=0.01)
+    # What it does not explain of a joint's own, at the mean of -30 N m, is offset.
+    offset = fit.law.coulomb_viscous.offset
+    assert offset[0] == pytest.approx(0.4 + 30.0 * (fit.gain - 0.03), abs=0.15)

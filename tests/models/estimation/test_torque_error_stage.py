@@ -48,8 +48,10 @@ def test_it_is_the_error_models_sd_and_the_low_passed_jacobian(
     np.testing.assert_array_equal(found.sd, sd)
     np.testing.assert_array_equal(found.stiction, stiction)
     np.testing.assert_array_equal(found.J_seen, jacobian_seen(J, 20.0, T))
-    viscous = model.friction.feedforward.coulomb_viscous.viscous
-    np.testing.assert_allclose(found.drift, error.drifts * viscous * v, rtol=1e-12)
+    law = model.friction.sampled(T)
+    known, _ = error.with_drift(0.0).along(law, q, v, load, T, np.full(N, 20.0))
+    np.testing.assert_allclose(found.sd**2 - found.drift**2, known**2, rtol=1e-9)
+    np.testing.assert_array_equal(np.sign(found.drift), np.sign(v))
 
 
 def test_parts_are_the_whole(model: IdentifiedModel, log: Log) -> None:

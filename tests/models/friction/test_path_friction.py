@@ -73,6 +73,15 @@ def test_torque_is_the_kernel_regression(law: PathFriction) -> None:
     np.testing.assert_array_equal(added[:, 4], 0.0)  # a joint that did not slide tells nothing
 
 
+def test_a_place_knows_what_its_sliding_samples_say() -> None:
+    q, v = np.zeros((8, 2)), np.full((8, 2), 0.1)
+    torque = np.column_stack([np.full(8, 2.0), [1.0] * 4 + [50.0] * 4])
+    slides = np.column_stack([np.ones(8, bool), np.arange(8) < 4])
+    places = PathPlaces.of(q, v, torque, slides)
+    np.testing.assert_array_equal(places.torque, [[2.0, 1.0]])
+    np.testing.assert_array_equal(places.samples, [[8.0, 4.0]])
+
+
 @pytest.mark.parametrize("change", ["off the path", "backwards", "missing"])
 def test_elsewhere_the_law_is_as_it_was(law: PathFriction, change: str) -> None:
     q, v = (x[200:201] for x in _path())

@@ -267,6 +267,23 @@ def test_an_average_over_a_window() -> None:
     assert averaged_share(0.0) == pytest.approx(1.0, abs=1e-5)
 
 
+def test_the_drift_is_the_part_of_the_variance_that_it_adds() -> None:
+    """Who takes its square off, as smoothing does, has what is left without it; cubic included."""
+    friction, (q, v, load) = law(), motion()
+    drift, (sd, plain) = np.empty((len(q), N)), np.empty((2, len(q), N))
+    for share, out in ((0.3, sd), (0.0, plain)):
+        own = model(drift=share)
+        table, state = own.table(friction, STEP, 20.0), own.initial_state()
+        for k in range(len(q)):
+            signed = drift[k] if share else np.empty(N)
+            torque_sd_tick(table, state, q[k], v[k], out[k], np.empty(N), signed)
+            take_transmitted(state, load[k], np.zeros(N))
+    np.testing.assert_allclose(np.sqrt(sd**2 - drift**2), plain, rtol=1e-9)
+    assert (drift * v >= 0.0).all()
+    at = np.abs(v[:, 0]).argmax()
+    assert abs(drift[at, 0]) < 0.95 * 0.3 * VISCOUS[0] * abs(v[at, 0])  # the law bends down
+
+
 def test_a_law_without_memory_has_its_coulomb_friction_as_band() -> None:
     plain = SemiParametricFriction(CoulombViscous(np.array([9.0, 3.0]), VISCOUS, np.zeros(N)))
     _, stiction = model().along(plain, *still(), STEP)

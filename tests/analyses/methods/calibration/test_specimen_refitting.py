@@ -116,6 +116,17 @@ def test_a_force_sensor_tells_torque_constants_and_what_the_law_leaves(
     assert robot is not None
     scale = robot.torque_per_ampere / ur10e.torque_per_ampere
     np.testing.assert_allclose(scale, 1.0 + refit.fit.gain, rtol=1e-12)
+    # Free motion off the paths takes the same currents as before the gain was known.
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 6))
+    v = np.random.default_rng(3).uniform(0.1, 0.6, (20, 6))
+    before = replace(ours, friction=refit.fit.law)
+    currents = [
+        arm.motor_current(
+            own.chain(arm).inverse_dynamics(q, v, v) + own.friction.torque_along(q, v, 0.0 * q)
+        )
+        for arm, own in ((robot, refit.model), (ur10e, before))
+    ]
+    np.testing.assert_allclose(*currents, rtol=1e-9)
     plain = refit_specimen(everywhere[:-1], ur10e, ours)
     assert plain.robot is None
     errors = []
