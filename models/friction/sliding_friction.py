@@ -15,7 +15,16 @@ from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.slip_elements import held_stribeck
+from wrenchsight.models.friction.slip_elements import (
+    BEYOND,
+    COULOMB,
+    CUBIC,
+    LOAD,
+    SLIDING_COLUMNS,
+    SPEED_LIMIT,
+    STRIBECK,
+    held_stribeck,
+)
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 TERMS = ("coulomb", "viscous", "offset")
@@ -59,6 +68,23 @@ def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
         more = replace(here, **{term: getattr(here, term) + 1.0})
         columns.append(with_sliding(law, more).torque_along(q, v, load) - before)
     return np.stack(columns, axis=2)
+
+
+def sliding_table(law: FrictionLaw) -> Array:
+    """(n, SLIDING_COLUMNS) of `slip_elements`; without memory Coulomb friction is the level."""
+    if isinstance(law, CoupledFriction):
+        own = sliding_table(law.law)
+        sizes = (COULOMB, STRIBECK, LOAD, CUBIC, BEYOND)
+        own[:, sizes] = joint_side(law, own[:, sizes])
+        return own
+    if isinstance(law, LayeredFriction):
+        return sliding_table(law.law)
+    if law.state_rows > 0:
+        return np.array(law.slip_table[:, :SLIDING_COLUMNS])
+    columns = np.zeros((law.num_joints, SLIDING_COLUMNS))
+    columns[:, COULOMB] = law.coulomb_viscous.coulomb
+    columns[:, SPEED_LIMIT] = np.inf
+    return columns
 
 
 def dry_and_viscous(law: FrictionLaw, q: Array, v: Array, load: Array) -> tuple[Array, Array]:

@@ -53,9 +53,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, contiguous
-from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
-from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import sliding_table
 from wrenchsight.models.friction.slip_elements import (
     SLIDING_COLUMNS,
     bounded_cubic,
@@ -249,7 +248,7 @@ class TorqueErrorModel:
         K_0 = np.broadcast_to(np.asarray(K_0, float), (n,))
         step = self.resolution if resolution is None else np.asarray(resolution, float)
         table = np.zeros((n, _COLUMNS))
-        table[:, :SLIDING_COLUMNS] = sliding_columns(friction)
+        table[:, :SLIDING_COLUMNS] = sliding_table(friction)
         table[:, _S] = held_stribeck(table[:, _C], table[:, _S])
         viscous = np.abs(friction.feedforward.coulomb_viscous.viscous)
         smooth = K_0 / (1.0 + K_0 * self.correlation_time)
@@ -416,23 +415,6 @@ def averaged_share(x: ArrayLike) -> Array:
     """
     times = np.maximum(np.asarray(x, float), 1e-6)
     return np.asarray(2.0 / times * (1.0 + np.expm1(-times) / times))
-
-
-def sliding_columns(friction: FrictionLaw) -> Array:
-    """(n, SLIDING_COLUMNS) of a friction law; without memory its Coulomb friction is the level."""
-    if isinstance(friction, CoupledFriction):
-        own = sliding_columns(friction.law)
-        sizes = (_C, _S, _LOAD, _CUBIC, _BEYOND)
-        own[:, sizes] = joint_side(friction, own[:, sizes])
-        return own
-    if isinstance(friction, LayeredFriction):
-        friction = friction.law
-    if friction.state_rows > 0:
-        return np.array(friction.slip_table[:, :SLIDING_COLUMNS])
-    columns = np.zeros((friction.num_joints, SLIDING_COLUMNS))
-    columns[:, _C] = friction.coulomb_viscous.coulomb
-    columns[:, _SPEED_LIMIT] = np.inf
-    return columns
 
 
 def initial_torque_error_state(num_joints: int) -> Array:

@@ -14,9 +14,11 @@ from wrenchsight.models.friction.sliding_friction import (
     TERMS,
     dry_and_viscous,
     sliding_columns,
+    sliding_table,
     stiction,
     with_sliding,
 )
+from wrenchsight.models.friction.slip_elements import COULOMB
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 SLIDING = CoulombViscous(np.array([5.0, 2.0]), np.array([3.0, 1.0]), np.array([0.3, -0.2]))
@@ -121,3 +123,13 @@ def test_stiction_is_at_least_half_of_the_friction_that_slides():
     law = replace(presliding(), stribeck=np.array([-4.8, -0.4]))
     found = stiction(law, np.full((3, 2), -8.0))
     np.testing.assert_allclose(found, np.tile([2.5 + 0.4, 1.6], (3, 1)))
+
+
+@pytest.mark.parametrize("below", ["coulomb-viscous", "presliding"])
+def test_what_slides_is_that_of_the_law_at_the_bottom(below: str) -> None:
+    law, ripple = LAWS[below](), FrictionTerm("ripple", njit(lambda q, v: q))
+    own = sliding_table(law)
+    np.testing.assert_array_equal(own[:, COULOMB], SLIDING.coulomb)
+    for _ in range(2):
+        law = ExtendedFriction(law, (ripple,), np.array([[0.3], [0.4]]))
+        np.testing.assert_array_equal(sliding_table(law), own)
