@@ -270,7 +270,7 @@ def test_an_average_over_a_window() -> None:
 def test_the_drift_is_the_part_of_the_variance_that_it_adds() -> None:
     """Who takes its square off, as smoothing does, has what is left without it; cubic included."""
     friction, (q, v, load) = law(), motion()
-    drift, (sd, plain) = np.empty((len(q), N)), np.empty((2, len(q), N))
+    drift, (sd, plain) = np.empty((len(q), N)), np.zeros((2, len(q), N))  # no posture error
     for share, out in ((0.3, sd), (0.0, plain)):
         own = model(drift=share)
         table, state = own.table(friction, STEP, 20.0), own.initial_state()
