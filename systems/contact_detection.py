@@ -117,8 +117,8 @@ class ContactDetection(LeafSystem):
         return np.array(context.get_discrete_state(0).value()).reshape(self._shape)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context))
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept)
             return
         present = self._detector.reads_present_torque
         transmitted = self._transmitted(context) if present else self._nothing

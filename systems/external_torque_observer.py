@@ -164,8 +164,8 @@ class ExternalTorqueObserver(LeafSystem):
         return signals, J
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[: self._n + 1])
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept[: self._n + 1])
             return
         signals, J = self._signals_of(context, self._observer.reads_present_torque)
         state: Any = context.get_discrete_state(self._state).value()
@@ -176,8 +176,8 @@ class ExternalTorqueObserver(LeafSystem):
         reading[:-1] = signals[TAU_EXT]
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[self._n + 1 :])
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept[self._n + 1 :])
             return
         signals, J = self._signals_of(context, self._observer.reads_present_torque)
         state: Any = context.get_discrete_state(self._state).value()

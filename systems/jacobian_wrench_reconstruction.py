@@ -202,8 +202,9 @@ class JacobianWrenchReconstruction(LeafSystem):
         value.set_value((reading, state))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        if self._last is not None and self._last.is_between(context):
-            output.SetFromVector(self._last.values(context))
+        kept = None if self._last is None else self._last.between(context)
+        if kept is not None:
+            output.SetFromVector(kept)
             return
         output.SetFromVector(self._tick.EvalAbstract(context).get_value()[0])
 

@@ -65,8 +65,8 @@ class SampleCheckSystem(LeafSystem):
         )
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[: 2 * self._n + 1])
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept[: 2 * self._n + 1])
             return
         q, v, n = self._q.Eval(context), self._v.Eval(context), self._n
         if self._check is None:
@@ -79,8 +79,8 @@ class SampleCheckSystem(LeafSystem):
         motion[2 * n] = fault
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[-self._n :])
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept[-self._n :])
             return
         current = self._current.Eval(context)
         if self._check is None:

@@ -102,8 +102,8 @@ class TorqueErrorSystem(LeafSystem):
         value.set_value((error, state))
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context))
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept)
             return
         error, _ = self._tick.EvalAbstract(context).get_value()
         output.SetFromVector(error)

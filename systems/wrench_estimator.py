@@ -19,6 +19,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
     tick_sizes,
+    workspace_of,
     workspace_size,
 )
 from wrenchsight.models.estimation.kernel_choice import KernelChoice
@@ -97,8 +98,9 @@ class WrenchEstimatorSystem(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tuned),
             parameters,
         )
+        self._size = sum(self.reading_sizes)
         # Kept: `reading`, the checked current.
-        self._last = LastTick(self, estimator.observer.time_step, sum(self.reading_sizes) + n)
+        self._last = LastTick(self, estimator.observer.time_step, self._size + n)
         prerequisites = self._last.tickets | {
             self._q.ticket(),
             self._v.ticket(),
@@ -110,7 +112,7 @@ class WrenchEstimatorSystem(LeafSystem):
         if self._reads_current:
             prerequisites.add(self._current.ticket())
         self._reading = self.DeclareVectorOutputPort(
-            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
+            "reading", self._size, self._calc_reading, prerequisites
         )
         start = 0
         for name, size in tick_sizes(n).items():
@@ -145,6 +147,7 @@ class WrenchEstimatorSystem(LeafSystem):
         self._unread = np.zeros(n)
         self._checked = np.zeros((3, n))
         self._scratch = np.empty(workspace_size(n))
+        self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
 
     @property
     def estimator(self) -> WrenchEstimator:
@@ -261,8 +264,8 @@ class WrenchEstimatorSystem(LeafSystem):
         )
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[: sum(self.reading_sizes)])
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept[: self._size])
             return
         self.read(
             self._tuned.EvalAbstract(context).get_value()[0],
@@ -276,7 +279,6 @@ class WrenchEstimatorSystem(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         reading = self._reading.Eval(context)
-        self._last.take(context, discrete_state, reading, self._checked_current.Eval(context))
         values, layout, table = self._tuned.EvalAbstract(context).get_value()[0]
         state = discrete_state.get_mutable_value(0)
         q, v, current = (port.Eval(context) for port in (self._q, self._v, self._current))
@@ -285,10 +287,12 @@ class WrenchEstimatorSystem(LeafSystem):
         tick_update(
             self._choice, values, layout, table, state, q, v, current, known, reading, scratch
         )
+        # Not the port of the checked current: a call into Python costs as much as a tick.
+        self._last.take(context, discrete_state, reading, self._checked_in_tick)
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context)[-self._n :])
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept[-self._n :])
             return
         current, check = self._current.Eval(context), self._estimator.check
         if check is not None:

@@ -138,8 +138,8 @@ class MachiningController(LeafSystem):
         return action | self._plan | reading | {"pose": _POSE_SIZE}
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        if self._last.is_between(context):
-            output.SetFromVector(self._last.values(context))
+        if (kept := self._last.between(context)) is not None:
+            output.SetFromVector(kept)
             return
         state, out = context.get_discrete_state(0).value(), output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)

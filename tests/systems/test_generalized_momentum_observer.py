@@ -90,7 +90,7 @@ def test_ports():
     assert observer.GetOutputPort("tau_ext").size() == 2
     assert observer.GetOutputPort("valid").size() == 1
     context = observer.CreateDefaultContext()
-    assert context.num_total_states() == 6 + 1 + 3  # and the last tick: its time, tau_ext, valid
+    assert context.num_total_states() == 6 + 2 + 3  # and times of ticks, tau_ext, valid of the last
     np.testing.assert_array_equal(context.get_numeric_parameter(0).value(), [20.0, 20.0])
 
 
