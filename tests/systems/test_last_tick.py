@@ -15,6 +15,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.systems.recording_player import RecordingPlayer, Samples
+from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 T, N, ROWS = 1e-3, 6, 1500
 PERIODS = (0.1, 1.0 / 30.0, 0.05, 0.0007)  # s, of those who read
@@ -106,3 +107,28 @@ def test_advancing_and_evaluating_reads_the_last_tick(sts, log, fused):
         assert estimator.GetOutputPort("valid").Eval(at)[0] == batch.valid[row]
         assert estimator.GetOutputPort("fault").Eval(at)[0] == 0.0
     assert batch.valid[200:].all()
+
+
+@pytest.mark.parametrize("config", ["momentum", "unchecked"])
+def test_the_checked_current_between_ticks_is_that_of_the_last(sts, log, config):
+    """An impossible current is NaN where samples are checked; the block alone puts it out."""
+    block = WrenchEstimatorSystem(
+        WrenchEstimator(sts, IdentifiedModel.nominal(sts), CONFIGS[config])
+    )
+    context = block.CreateDefaultContext()
+    q, v, current = log
+    for k in range(4):
+        sample = current[k].copy()
+        if k == 2:
+            sample[3] = 1e6
+        for name, value in (("q", q[k]), ("v", v[k]), ("current", sample)):
+            block.GetInputPort(name).FixValue(context, value)
+        context.SetTime(k * T)
+        port = block.GetOutputPort("checked_current")
+        at = port.Eval(context).copy()
+        assert np.isnan(at[3]) == (k == 2 and config == "momentum")
+        updates = block.EvalUniquePeriodicDiscreteUpdate(context)
+        context.SetDiscreteState(updates)
+        context.SetTime((k + 0.5) * T)
+        block.GetInputPort("current").FixValue(context, np.zeros(N))  # of nobody's tick
+        np.testing.assert_array_equal(port.Eval(context), at)

@@ -193,6 +193,7 @@ EXPERIMENT = Experiment(
         "ramp_acf.v10.slide.command.rmse_n",
         "ramp_ur.v10.slide.command.rmse_n",
         "summary.command.rest.rmse_n",
+        "summary.calibrated.rest.rmse_n",
         "summary.command.slide.inside_95_pct",
     ),
 )
