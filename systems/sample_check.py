@@ -49,7 +49,7 @@ class SampleCheckSystem(LeafSystem):
         self._n = n = num_joints
         initial = np.empty((0, n)) if check is None else check.initial_state()
         self._shape = initial.shape
-        self._checked = np.empty((3, n))  # nothing in it outlives a call
+        self._sample, self._checked = np.empty((2, 3, n))  # nothing in them outlives a call
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
@@ -96,5 +96,6 @@ class SampleCheckSystem(LeafSystem):
         if self._check is None:
             return
         memory = discrete_state.get_mutable_value(0).reshape(self._shape)
-        sample = np.stack([port.Eval(context) for port in (self._q, self._v, self._current)])
-        check_sample(self._check.table, memory, self._time_step, sample, self._checked)
+        for row, port in zip(self._sample, (self._q, self._v, self._current), strict=True):
+            row[:] = port.Eval(context)
+        check_sample(self._check.table, memory, self._time_step, self._sample, self._checked)
