@@ -7,10 +7,11 @@ samples about posture q_i and velocity v_i,
 
     tau_f = law + sum_i w_i r_i / (sum_i w_i + PRIOR)
 
-    w_i = n_i exp(-|q - q_i|^2 / (2 REACH^2) - |v - v_i|^2 / (2 (ALIKE max(|v|, |v_i|))^2))
+    w_i = n_i exp(-|q - q_i|^2 / (2 REACH^2) - |v - v_i|^2 / (2 ALIKE^2 |v| |v_i|))
 
 a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 1964) that is drawn to
-the law where nothing was measured: away from the path, at another speed, in the other direction.
+the law where nothing was measured: away from the path, at another speed or at rest, in the other
+direction.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from wrenchsight.models.kernel import kernel
 
 REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
 ALIKE = 0.3  # of the speed, by which velocities that show the same differ
-PRIOR = 5.0  # samples of `PERIOD`: what says that the law leaves nothing
+PRIOR = 1.0  # sample of `PERIOD`: its noise is about as large as what repeats (some 4 N m)
 PERIOD = 0.01  # s that a sample averages
 _FAR = 9.0  # of the exponent, beyond which a place tells nothing
 _SAME_SPEED = 1.25  # ratio of speeds that are one place
@@ -163,7 +164,7 @@ def add_place_torque(table: Array, first: int, q: Array, v: Array, tau_f: Array)
         for i in range(n):
             distance += (v[i] - table[i, at + 1]) ** 2
             own += table[i, at + 1] ** 2
-        exponent += 0.5 * distance / (ALIKE**2 * max(squared, own))
+        exponent += 0.5 * distance / (ALIKE**2 * np.sqrt(squared * own))  # at rest without end
         if not exponent < _FAR:
             continue
         weight = np.exp(-exponent)

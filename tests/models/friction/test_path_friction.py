@@ -63,7 +63,7 @@ def test_torque_is_the_kernel_regression(law: PathFriction) -> None:
     places, load = law.places, np.zeros((30, 6))
     added = law.torque_along(q, v, load) - law.law.torque_along(q, v, load)
     far = ((q[:, None] - places.q) ** 2).sum(axis=2) / (2.0 * REACH**2)
-    size = np.maximum((v**2).sum(axis=1)[:, None], (places.v**2).sum(axis=1))
+    size = np.linalg.norm(v, axis=1)[:, None] * np.linalg.norm(places.v, axis=1)
     unlike = ((v[:, None] - places.v) ** 2).sum(axis=2) / (2.0 * ALIKE**2 * size)
     weight = np.exp(-far - unlike)[:, :, None] * places.samples
     expected = (weight * places.torque).sum(axis=1) / (weight.sum(axis=1) + PRIOR)
@@ -82,7 +82,7 @@ def test_a_place_knows_what_its_sliding_samples_say() -> None:
     np.testing.assert_array_equal(places.samples, [[8.0, 4.0]])
 
 
-@pytest.mark.parametrize("change", ["off the path", "backwards", "missing"])
+@pytest.mark.parametrize("change", ["off the path", "backwards", "at rest", "missing"])
 def test_elsewhere_the_law_is_as_it_was(law: PathFriction, change: str) -> None:
     q, v = (x[200:201] for x in _path())
     if change == "off the path":
@@ -90,7 +90,7 @@ def test_elsewhere_the_law_is_as_it_was(law: PathFriction, change: str) -> None:
     elif change == "missing":
         q = np.full_like(q, np.nan)
     else:
-        v = -v
+        v = -v if change == "backwards" else 0.0 * v
     load = np.zeros((1, 6))
     added = law.torque_along(q, v, load) - law.law.torque_along(q, v, load)
     np.testing.assert_allclose(np.nan_to_num(added), 0.0, atol=0.01)
@@ -105,7 +105,7 @@ def test_another_speed_tells_less(law: PathFriction) -> None:
     ]
     assert found == sorted(found, reverse=True)
     assert found[0] > 2.0
-    assert found[-1] < 1.0
+    assert found[-1] == 0.0
 
 
 def test_the_estimator_reads_as_with_that_torque_taken_off(ur10e: Robot, law: PathFriction) -> None:
@@ -125,7 +125,7 @@ def test_the_estimator_reads_as_with_that_torque_taken_off(ur10e: Robot, law: Pa
     np.testing.assert_allclose(one.tau_ext, other.tau_ext, atol=1e-9)  # sums of 1e2 N m
     wrong = below.run(below.initial_state(), q, v, ur10e.motor_current(tau))
     error, before = (np.abs(batch.tau_ext[300:, :2]).mean(axis=0) for batch in (one, wrong))
-    assert (error < 0.4 * before).all()  # 30 samples about a place say it, against the prior's 5
+    assert (error < 0.4 * before).all()  # 30 samples about a place say it, against the prior's one
 
 
 def test_its_places_are_kept_in_the_model_file(
