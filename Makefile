@@ -69,7 +69,7 @@ bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; PYTHONPATH=tests/sample_models $(BIN)/python $$file; done
 
 docs: .venv/.ready-docs
-	$(BIN)/mkdocs build --strict --quiet
+	$(BIN)/python -m mkdocs build --strict --quiet
 	@echo "out/docs/index.html"
 
 readme: .venv/.ready
