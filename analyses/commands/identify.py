@@ -38,6 +38,7 @@ OPTIONS = (
     Option("identification.cutoff", "cutoff_hz"),
     Option("identification.friction", metavar="LAW"),
     Option("identification.consistent"),
+    Option("check", shown=False),
     Option("accept_signs"),
 )
 
@@ -114,9 +115,9 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
         say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
     if "gain" in metrics:
         gain, sd = (100.0 * metrics["gain"][key] for key in ("share", "sd"))
-        told = f"{gain:+.1f} ± {sd:.1f} %" if gain else "not told, they stay: press harder and less"
-        say(console, f"torque constants by the sensor: {told}")
-        say(console, f"what the law leaves: {metrics['places']} places along the paths")
+        change = f"{gain:+.1f} ± {sd:.1f} %" if gain else "not determined, not changed"
+        say(console, f"torque constants by the sensor: {change}")
+        say(console, f"residual along the paths: known at {metrics['places']} places")
         say(console, f"robot to use with the model: {out / 'robot.yaml'}")
     say(console, f"model: {out / 'model.yaml'}")
 

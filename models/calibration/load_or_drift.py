@@ -209,8 +209,10 @@ def _begin_evidence(
     places: Array,
     every: int,
 ) -> Array:
-    """(K,) of a load that is there from each of the rows `places` (K,) on, against none; by every
-    so manieth row.
+    """(K,) of a load that is there from each of the rows `places` (K,) on, against none.
+
+    Args:
+        every: of so many rows one is used.
     """
     later = np.arange(len(log.rows.t))[::every, None] >= places
     log = log[::every]

@@ -9,9 +9,9 @@ unless the motion says otherwise. Per joint, while it slides,
                                                   + gain tau_ext
 
 is linear in its parameters. The gain is the share by which the torque constants are too small, and
-with them the masses that explain gravity and the friction that explains free motion: a known force
-alone tells it. It is one number for the arm, the mean of the joints that the force loads, weighted
-by their deviations.
+with them the masses that explain gravity and the friction that explains free motion: only a known
+force determines it. It is one number for the arm, the mean of the joints that the force loads,
+weighted by their deviations.
 
 The posterior is Gaussian; rows far off the others (shocks, vibration) weigh less, as under Cauchy
 noise, by iterated reweighting. Rows of one motion err together, by ripple over position and by the
@@ -31,7 +31,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 
 _ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation
-_TOLD = 0.2  # of the prior's sd, below which a joint has told its gain
+_DETERMINED = 0.2  # of the prior's sd, below which a joint determines the gain
 _LEAST_SPREAD = 1e-6  # of a parameter that the known law does not have
 _FAR = 2.0  # sds, at which a row weighs half
 
@@ -79,7 +79,7 @@ class SpecimenFit:
 
     Attributes:
         law: of all joints.
-        gain: share by which the torque constants are too small; 0 where no force has told it.
+        gain: share by which the torque constants are too small; 0 where no force determines it.
         gain_sd: of it.
         deviation: (n, 4) posterior sd of coulomb, load, viscous and offset.
         scatter: (n,) N m, sd of the rows; NaN for a joint without rows.
@@ -110,16 +110,8 @@ def fit_specimen(
     prior = prior if prior is not None else SpecimenPrior()
     if len(rows) != known.num_joints:
         raise ValueError(f"{len(rows)} joints with rows, expected {known.num_joints}")
-    free = _fitted(known, rows, prior, None)
-    gains, deviations = free.values[:, -1], free.deviation[:, -1]
-    told = deviations < _TOLD * prior.gain
-    if not told.any():
-        own, gain, gain_sd = _fitted(known, rows, prior, 0.0), 0.0, prior.gain
-    else:
-        precision = 1.0 / deviations[told] ** 2
-        gain = float(np.sum(precision * gains[told]) / np.sum(precision))
-        gain_sd = float(np.sum(precision) ** -0.5)
-        own = _fitted(known, rows, prior, gain)
+    gain, gain_sd = _gain(known, rows, prior)
+    own = _fitted(known, rows, prior, gain)
     coulomb, load, viscous, offset, _ = own.values.T
     law = replace(
         known,
@@ -139,6 +131,22 @@ class _Fitted(NamedTuple):
     values: Array
     deviation: Array
     scatter: Array
+
+
+def _gain(
+    known: PreslidingFriction, rows: Sequence[SlidingRows], prior: SpecimenPrior
+) -> tuple[float, float]:
+    """The arm's gain and its sd; 0 and the prior's where no joint determines it."""
+    if not any(own.external.any() for own in rows):
+        return 0.0, prior.gain
+    free = _fitted(known, rows, prior, None)
+    gains, deviations = free.values[:, -1], free.deviation[:, -1]
+    counts = deviations < _DETERMINED * prior.gain
+    if not counts.any():
+        return 0.0, prior.gain
+    precision = 1.0 / deviations[counts] ** 2
+    mean = np.sum(precision * gains[counts]) / np.sum(precision)
+    return float(mean), float(np.sum(precision) ** -0.5)
 
 
 def _fitted(

@@ -1,17 +1,16 @@
-"""What a friction law leaves along paths that were measured: torque that repeats with the place.
+"""The residual of a friction law along measured paths, where it repeats from run to run.
 
 Gears make a torque ripple over position, a posture's gravity is a little off, friction differs from
-place to place. A task's path is driven again and again; where a force sensor has told the force
-there, what is left of the motor torque is known place by place. With that torque r_i (n,) of n_i
-samples about posture q_i and velocity v_i,
+place to place. A task's path is driven again and again; where a force sensor has measured the force
+there, the residual of the motor torque is known. With its mean r_i (n,) of n_i samples about
+posture q_i and velocity v_i,
 
     tau_f = law + sum_i w_i r_i / (sum_i w_i + PRIOR)
 
     w_i = n_i exp(-|q - q_i|^2 / (2 REACH^2) - |v - v_i|^2 / (2 ALIKE^2 |v| |v_i|))
 
-a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 1964) that is drawn to
-the law where nothing was measured: away from the path, at another speed or at rest, in the other
-direction.
+a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 1964) with a prior of
+zero: the law alone counts away from the path, at another speed, at rest and in the other direction.
 """
 
 from dataclasses import dataclass, replace
@@ -28,10 +27,10 @@ from wrenchsight.models.kernel import kernel
 
 REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
 ALIKE = 0.3  # of the speed, by which velocities that show the same differ
-PRIOR = 1.0  # sample of `PERIOD`: its noise is about as large as what repeats (some 4 N m)
+PRIOR = 1.0  # sample of `PERIOD`: its noise is about as large as the residual that repeats (4 N m)
 PERIOD = 0.01  # s that a sample averages
-_FAR = 9.0  # of the exponent, beyond which a place tells nothing
-_SAME_SPEED = 1.25  # ratio of speeds that are one place
+_FAR = 9.0  # exponent beyond which a weight is taken as zero
+_SAME_SPEED = 1.25  # ratio of speeds that are averaged
 _DIGITS = 6  # after the point, of what is kept
 _COLUMNS = 4  # of a place: q, v, torque, samples
 
@@ -42,7 +41,7 @@ class PathPlaces(NamedTuple):
     Attributes:
         q: (M, n) rad.
         v: (M, n) rad/s.
-        torque: (M, n) N m, what the law leaves there, positive against v > 0 as friction is.
+        torque: (M, n) N m, residual of the law, positive against v > 0 as friction is.
         samples: (M, n) of PERIOD, of which it is the mean; 0 for a joint that does not slide.
     """
 
@@ -53,7 +52,7 @@ class PathPlaces(NamedTuple):
 
     @classmethod
     def of(cls, q: Array, v: Array, torque: Array, slides: Flags) -> "PathPlaces":
-        """Gathers samples (N, n) that are close to one another, in the order of their places."""
+        """Averages samples (N, n) that are close to one another."""
         speed = np.linalg.norm(v, axis=1)
         moving = speed > 0.0
         q, v, torque, slides, speed = (x[moving] for x in (q, v, torque, slides, speed))
@@ -74,20 +73,20 @@ class PathPlaces(NamedTuple):
             return total
 
         count = summed(slides.astype(float))
-        left = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
-        found = summed(q) / size, summed(v) / size, left, count
+        mean = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
+        found = summed(q) / size, summed(v) / size, mean, count
         return cls(*(np.round(x, _DIGITS) for x in found))
 
 
 @dataclass(frozen=True, eq=False)
 class PathFriction(LayeredFriction):
-    """A friction law and what it leaves along measured paths; a `friction_law.FrictionLaw`.
+    """A friction law and its residual along measured paths; a `friction_law.FrictionLaw`.
 
     Attributes:
-        places: where that is known.
+        places: where the residual is known.
 
     Raises:
-        ValueError: shapes that disagree, or a number that is not finite.
+        ValueError: shapes that disagree, a number that is not finite, samples below zero.
     """
 
     places: PathPlaces
@@ -101,6 +100,8 @@ class PathFriction(LayeredFriction):
                 raise ValueError(f"friction: {name} must be {expected}, not {values.shape}")
             if not np.isfinite(values).all():
                 raise ValueError(f"friction: {name} of a place is not finite")
+        if (self.places.samples < 0.0).any():
+            raise ValueError("friction: samples of a place must be zero or more")
 
     @property
     def kernels(self) -> FrictionKernels:
@@ -138,7 +139,7 @@ class PathFriction(LayeredFriction):
 
 @kernel
 def add_place_torque(table: Array, first: int, q: Array, v: Array, tau_f: Array) -> None:
-    """Adds to tau_f (n,) what is known of the place; nothing where q or v is not finite.
+    """Adds the residual at q and v to tau_f (n,); zero where one is not finite.
 
     Args:
         table: (n, ...) with the places from column `first` to the last but one.

@@ -534,7 +534,10 @@ def _with_places(path: Path, block: _FrictionBlock, law: FrictionLaw) -> Frictio
     numbers = {
         key: _numbers(path, f"{place}.{key}", values, shape) for key, values in block.places.items()
     }
-    return PathFriction(law, PathPlaces(**numbers))
+    try:
+        return PathFriction(law, PathPlaces(**numbers))
+    except ValueError as error:
+        raise InputError(path, place, str(error).removeprefix("friction: ")) from None
 
 
 def _read_covariance(path: Path, values: list[list[float]], n: int) -> Array:

@@ -407,13 +407,7 @@ def answer_log(
     for k in range(N - 1, -1, -1):
         if kinds[k, _KNOWN]:
             _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-            for b in range(n, M):
-                for c in range(columns):
-                    total = A[b, b] * small[b, c]
-                    for i in range(n):
-                        if A[i, b] != 0.0:
-                            total += A[i, b] * small[i, c]
-                    small[b, c] = total
+            _transposed(A, n, small)
             for i in range(n):
                 small[n + 6 + i] *= period[k, _KEEPS, i]
         if kinds[k, _MEASURED]:
@@ -468,6 +462,18 @@ def _weigh_change(
 
 
 @kernel
+def _transposed(A: Array, n: int, x: Array) -> None:
+    """x <- A^T x, (M, columns) in place; below its first n rows A is diagonal."""
+    for b in range(n, x.shape[0]):
+        for c in range(x.shape[1]):
+            total = A[b, b] * x[b, c]
+            for i in range(n):
+                if A[i, b] != 0.0:
+                    total += A[i, b] * x[i, c]
+            x[b, c] = total
+
+
+@kernel
 def _adjoint(
     A: Array,
     small: Array,
@@ -488,13 +494,7 @@ def _adjoint(
                 if A[i, b] != 0.0:
                     total += large[a, i] * A[i, b]
             large[a, b] = total
-    for b in range(n, M):
-        for c in range(M):
-            total = A[b, b] * large[b, c]
-            for i in range(n):
-                if A[i, b] != 0.0:
-                    total += A[i, b] * large[i, c]
-            large[b, c] = total
+    _transposed(A, n, large)
 
 
 @kernel

@@ -54,7 +54,7 @@ class PreparedRun:
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
         excess: (T, 6) N m, torque of the rigid body less the motors': friction is still in it.
         air: what its motion in the air says of friction.
-        told: the same and the steady slide, by the sensor.
+        measured: the same and the steady slide, with the sensor's force.
         truth: (N,) N, the sensor's force, mean over each block.
     """
 
@@ -66,7 +66,7 @@ class PreparedRun:
     J: Array
     excess: Array
     air: LogRows
-    told: LogRows
+    measured: LogRows
     truth: Array
 
     def windows(self, interval: str) -> NDArray[np.int64]:
@@ -106,7 +106,7 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     return PreparedRun(
         *(run, robot, published, normal, R_WE, J, excess),
         air=LogRows.of(run.log, run.is_free, robot, model),
-        told=LogRows.of(run.log, run.is_free | slide, robot, model, external),
+        measured=LogRows.of(run.log, run.is_free | slide, robot, model, external),
         truth=block_mean(run.sensor_force),
     )
 

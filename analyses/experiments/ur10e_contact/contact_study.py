@@ -169,16 +169,16 @@ def read_runs(
             controller, log = run.run.name.controller, folder / file.name
             write_rounded(run.run, file, log)
             others = [other for other in _of(prepared, controller) if other is not run]
-            told = air[controller]
+            refit = air[controller]
             if others:
-                told = refit_rows([other.told for other in others], run.robot, identified)
+                refit = refit_rows([other.measured for other in others], run.robot, identified)
             once = folder / f"{file.stem}_once"
-            _save(once, told.robot or run.robot, told.model)
+            _save(once, refit.robot or run.robot, refit.model)
             command = read_command(run, log, folder / f"{controller}_air", folder / file.stem)
             readings = {
                 "no_sensor": command,
                 "command": command,
-                "calibrated": read_command(run, log, once, folder / f"{file.stem}_told"),
+                "calibrated": read_command(run, log, once, folder / f"{file.stem}_calibrated"),
                 "article": read_article(run, plain.law, torque_sd),
                 "by_hand": read_by_hand(run),
                 "two_joints": read_two_joints(run),

@@ -8,11 +8,11 @@ keep the known robot's.
 What acts only at a crawl is not carried over: of two UR10e, one shows at joint 2 a Stribeck part
 below .05 rad/s of half its Coulomb friction, the other none.
 
-With a force sensor in the logs (`--reference`) stretches in contact count, too. It tells the level
-of joints that hardly move in the air, by what share the torque constants are too small, and what
-the law leaves along the paths of the logs (`models.friction.path_friction`). The torque constants
-are those of the robot.yaml that is then written; masses, rotors and friction grow with them, so
-that free motion is read as before.
+With a force sensor in the logs (`--reference`) stretches in contact count, too. They determine the
+level of joints that hardly move in the air, by what share the torque constants are too small, and
+the law's residual along the paths of the logs (`models.friction.path_friction`). The torque
+constants are those of the robot.yaml that is then written; masses, rotors and friction grow with
+them, so that free motion is read as before.
 """
 
 from collections.abc import Callable, Sequence
@@ -98,37 +98,6 @@ def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) ->
     return JointTorques(q, v, tau_J, excess + tau_J, known, step)
 
 
-def sliding_rows(
-    terms: JointTorques,
-    external: Array,
-    where: Flags,
-    sliding: Flags,
-    side: Array,
-    period: float = ROW,
-) -> "Rows":
-    """Means over successive periods in which the motion is known.
-
-    Args:
-        terms: of the log.
-        external: (N, n) N m, torque from outside, positive along the motion it causes.
-        where: (N,) samples to use.
-        sliding: (N, n).
-        side: (N, n) of the friction, -1 to 1.
-        period: s.
-    """
-    size = max(round(period / terms.time_step), 1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (where & terms.known).astype(int), [0]])))
-    starts = [
-        start for begin, end in edges.reshape(-1, 2) for start in range(begin, end - size + 1, size)
-    ]
-    index = np.array(starts, int)[:, None] + np.arange(size)
-    load = terms.rigid - external
-    signals = (terms.q, terms.v, side, load, terms.tau_J - load, external)
-    q, v, own, carried, torque, outside = (x[index].mean(axis=1) for x in signals)
-    slides = np.asarray(sliding[index].all(axis=1))
-    return Rows(q, v, own, carried, torque, outside, slides)
-
-
 class Rows(NamedTuple):
     """R means over successive periods of a log.
 
@@ -155,8 +124,8 @@ class Rows(NamedTuple):
         own = self.side, self.v, self.load, self.torque, self.external
         return SlidingRows(*(x[where, j] for x in own))
 
-    def left(self, law: PreslidingFriction, gain: float) -> Array:
-        """(R, n) N m, torque that the law leaves."""
+    def residual(self, law: PreslidingFriction, gain: float) -> Array:
+        """(R, n) N m, of the law and the gain."""
         level = sliding_level(law, self.v, self.load)
         own = sliding_torque(law, self.v, level, self.side)
         return np.asarray(self.torque - own - gain * self.external)
@@ -169,22 +138,33 @@ def rows_of(
     known: PreslidingFriction,
     period: float = ROW,
 ) -> Rows:
-    """The rows of the stretches `where` (N,) of a log.
+    """Means over successive periods of the stretches `where` (N,) in which the motion is known.
 
     Args:
         terms: of the log.
         where: nothing touches the arm, or `external` is known.
-        external: (N, n) N m as `sliding_rows`; None: nothing touches the arm.
+        external: (N, n) N m, torque from outside, positive along the motion it causes; None:
+            nothing touches the arm.
         known: law whose elements say when a joint in contact slides.
         period: s.
     """
     if external is None:
-        fast = np.abs(terms.v) >= SLIDING_SPEED
-        return sliding_rows(
-            terms, np.zeros_like(terms.v), where, fast, np.sign(terms.v), period=period
-        )
-    side = slip_sides(known, terms.v, terms.time_step)
-    return sliding_rows(terms, external, where, np.abs(side) >= SLIDING_SIDE, side, period=period)
+        external = np.zeros_like(terms.v)
+        side, sliding = np.sign(terms.v), np.abs(terms.v) >= SLIDING_SPEED
+    else:
+        side = slip_sides(known, terms.v, terms.time_step)
+        sliding = np.abs(side) >= SLIDING_SIDE
+    size = max(round(period / terms.time_step), 1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (where & terms.known).astype(int), [0]])))
+    starts = [
+        start for begin, end in edges.reshape(-1, 2) for start in range(begin, end - size + 1, size)
+    ]
+    index = np.array(starts, int)[:, None] + np.arange(size)
+    load = terms.rigid - external
+    signals = (terms.q, terms.v, side, load, terms.tau_J - load, external)
+    q, v, own, carried, torque, outside = (x[index].mean(axis=1) for x in signals)
+    slides = np.asarray(sliding[index].all(axis=1))
+    return Rows(q, v, own, carried, torque, outside, slides)
 
 
 def carried_over(law: PreslidingFriction) -> PreslidingFriction:
@@ -199,7 +179,7 @@ class LogRows:
 
     Attributes:
         level: means over ROW, from which the law's level is fitted.
-        places: means over `path_friction.PERIOD`, where a force sensor has told the force.
+        places: means over `path_friction.PERIOD`, where a force sensor has measured the force.
     """
 
     level: Rows
@@ -233,7 +213,7 @@ class LogRows:
 
 
 def presliding_of(model: IdentifiedModel) -> PreslidingFriction:
-    """The model's friction, or the law below what it leaves along paths.
+    """The model's friction, without a residual along paths.
 
     Raises:
         InputError: another friction law than the presliding one.
@@ -265,7 +245,7 @@ class SpecimenRefit:
         model: the new one.
         before: the law that was carried over.
         fit: what the logs say.
-        robot: with the torque constants that a force sensor has told; None: there was none.
+        robot: with the torque constants that a force sensor gives; None: there was none.
     """
 
     model: IdentifiedModel
@@ -315,7 +295,7 @@ def refit_logs(
 
     Args:
         settings: logs as LOG or LOG=BEGIN,END[,BEGIN,END...], s from its start, of the stretches in
-            which nothing touches the arm, or a force sensor tells what does.
+            which nothing touches the arm, or a force sensor measures what does.
 
     Raises:
         InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refit_specimen`,
@@ -331,8 +311,10 @@ def refit_logs(
             lambda path: read_log(path, settings, robot),
         )
         logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in given]
-        told = [sensor_torque(log, robot, sensor) if sensor.columns else None for log, _ in logs]
-        refit = refit_specimen(logs, robot, model, told)
+        external = [
+            sensor_torque(log, robot, sensor) if sensor.columns else None for log, _ in logs
+        ]
+        refit = refit_specimen(logs, robot, model, external)
         folder.write_json("metrics.json", refit.metrics())
         folder.write_settings("config.yaml", settings)
         refit.model.save(folder / "model.yaml")
@@ -361,10 +343,10 @@ def refit_specimen(
         InputError: another friction law than the presliding one; no joint slides.
     """
     tooled = with_tool_of(model, robot)
-    told = [None] * len(recordings) if external is None else external
+    external = [None] * len(recordings) if external is None else external
     rows = [
         LogRows.of(log, where, robot, tooled, own)
-        for (log, where), own in zip(recordings, told, strict=True)
+        for (log, where), own in zip(recordings, external, strict=True)
     ]
     return refit_rows(rows, robot, model)
 
@@ -380,9 +362,9 @@ def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) ->
     if not fine:
         return SpecimenRefit(replace(model, friction=fit.law), before, fit)
     scale = 1.0 + fit.gain
-    left = np.concatenate([own.left(fit.law, fit.gain) for own in fine])
+    residual = np.concatenate([own.residual(fit.law, fit.gain) for own in fine])
     q, v, slides = (np.concatenate([getattr(x, k) for x in fine]) for k in ("q", "v", "slides"))
-    friction = PathFriction(_scaled(fit.law, scale), PathPlaces.of(q, v, scale * left, slides))
+    friction = PathFriction(_scaled(fit.law, scale), PathPlaces.of(q, v, scale * residual, slides))
     renewed = robot.with_torque_per_ampere((scale * robot.torque_per_ampere).tolist())
     tooled = with_tool_of(model, robot)
     own = replace(tooled.fitted_robot, torque_per_ampere=renewed.torque_per_ampere.tolist())

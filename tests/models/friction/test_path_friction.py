@@ -166,5 +166,7 @@ def test_the_rest_is_that_of_the_law_below(law: PathFriction) -> None:
 def test_numbers_that_are_none_are_refused(law: PathFriction) -> None:
     with pytest.raises(ValueError, match="torque must be"):
         PathFriction(law.law, law.places._replace(torque=np.zeros((1, 6))))
+    with pytest.raises(ValueError, match="samples of a place must be zero or more"):
+        PathFriction(law.law, law.places._replace(samples=-law.places.samples))
     with pytest.raises(ValueError, match="v of a place is not finite"):
         PathFriction(law.law, law.places._replace(v=np.full_like(law.places.v, np.nan)))

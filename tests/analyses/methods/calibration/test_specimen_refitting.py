@@ -100,7 +100,7 @@ def _pressed(robot: Robot, sign: float, gain: float, ripple: float) -> Recording
     return replace(log, current=current, extra={REFERENCE: force[:, None]})
 
 
-def test_a_force_sensor_tells_torque_constants_and_what_the_law_leaves(
+def test_a_force_sensor_tells_torque_constants_and_the_residual_along_paths(
     ur10e: Robot, model: IdentifiedModel
 ) -> None:
     ours = replace(model, inertial_parameters=ur10e.chain.inertial_parameters / 1.04)
@@ -181,3 +181,18 @@ def test_the_command_takes_stretches_of_several_logs(
         settings.logs = [f"{tmp_path / 'up.csv'}={wrong}"]
         with pytest.raises(InputError, match="BEGIN,END"):
             refit_logs(settings, tmp_path / "wrong")
+
+
+def test_a_log_that_contradicts_itself_is_taken_where_that_is_asked_for(
+    ur10e: Robot, model: IdentifiedModel, tmp_path: Path
+) -> None:
+    model.save(tmp_path / "model.yaml")
+    log = _recording(ur10e, 1.0)
+    write_recording(replace(log, v=0.7 * log.v), tmp_path / "log.csv")
+    settings = IdentifySettings(
+        robot="ur10e", logs=[str(tmp_path / "log.csv")], refresh=str(tmp_path / "model.yaml")
+    )
+    with pytest.raises(InputError, match="dq/dt"):
+        refit_logs(settings, tmp_path / "out")
+    settings.check = False
+    assert refit_logs(settings, tmp_path / "out").fit.rows.any()
