@@ -158,7 +158,7 @@ def weigh_begin(
     sd = float(np.sqrt(likely @ (t - mean) ** 2 / likely.sum()))
     row = int(places[best])
     odds = np.log(likely.sum()) - np.log(last - first + 1)
-    found = _weighed(hanging_from(log, row), law, prior, noise, row, float(odds))
+    found = _weighed(loaded_from(log, row), law, prior, noise, row, float(odds))
     return replace(found, begin=float(log.rows.t[row]), begin_sd=sd)
 
 
@@ -188,7 +188,7 @@ def _weighed(
     )
 
 
-def hanging_from(log: LoadRows, row: int) -> LoadRows:
+def loaded_from(log: LoadRows, row: int) -> LoadRows:
     """The rows with a load that is there from a row on."""
     load = log.load.copy()
     load[:row] = 0.0

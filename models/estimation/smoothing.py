@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
-from wrenchsight.models.observers.force_changes import IntervalSmoother, OfRead
+from wrenchsight.models.observers.force_changes import IntervalSmoother, ProportionalError
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from wrenchsight.models.observers.observer import NUM_SIGNALS
 
@@ -88,9 +88,9 @@ class WrenchSmoother:
         error = estimator.model.torque_error
         self._scale = 0.0 if error is None else error.scale
         table = KalmanObserver(config, n).informed(estimator.knowledge).table
-        of_read = None if error is None else OfRead(error.scale, error.beyond_load)
+        proportional = None if error is None else ProportionalError(error.scale, error.beyond_load)
         kept = float(np.exp(-step / DRIFT_TIME))
-        self._smoother = IntervalSmoother(table, n, kept, of_read)
+        self._smoother = IntervalSmoother(table, n, kept, proportional)
         self._kept: list[_Kept] = []
 
     def take(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> EstimateBatch:

@@ -4,9 +4,9 @@ The equations are those of `models.estimation.smoothing`; z = [p, F, x, beta] of
 has the parts of `models.observers.kalman_observer`, and beta. Where F is thought to change, its
 noise grows, and the adjoint tells what speaks for such a change (`models.observers.force_changes`).
 
-What is read answers a torque d(t) of one joint that the model does not have by some dF(t). Both
+A torque d(t) of one joint that the model does not have changes what is read by some dF(t). Both
 passes are linear in what was seen, and the gains do not depend on it. So dF follows from the same
-two passes over d alone (`answer_log`).
+two passes over d alone (`response_log`).
 """
 
 from typing import NamedTuple
@@ -346,31 +346,31 @@ def backward_log(
 
 
 @kernel
-def answer_log(
+def response_log(
     table: Array,
     kept_drift: float,
     log: FilterLog,
     J: Array,
     torque: Array,
     error: Array,
-    answer: Array,
+    response: Array,
 ) -> None:
-    """What the two passes read of torques that they know nothing of, one joint at a time.
+    """What the two passes read of torques that the model does not have, one joint at a time.
 
     Args:
         log: of `forward_log`, over the same N samples.
         torque: (N, C, n) N m, held for a period. Each joint's is a case of its own: c n + j for
             torque[:, c, j].
         error: (M, C n) of z before the first sample; changed to that before the first one that is
-            not in `answer`.
-        answer: (K, 6, C n) with K at most N, written: dF.
+            not in `response`.
+        response: (K, 6, C n) with K at most N, written: dF.
         others: as `forward_log`.
     """
     _, P_log, period, kinds = log
     N, _, n = period.shape
     M, columns = P_log.shape[1], error.shape[1]
     numbers, sixes, joints, _ = split_table(table, n)
-    rounding, T, ready = joints[ROUND], numbers[PERIOD], answer.shape[0]
+    rounding, T, ready = joints[ROUND], numbers[PERIOD], response.shape[0]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     seen = np.empty((N, n + 6, columns))
     own, small = error.copy(), np.zeros((M, columns))
@@ -423,10 +423,10 @@ def answer_log(
             small[:n] = 0.0
         if k < ready:
             for a in range(6):
-                answer[k, a] = seen[k, n + a]
+                response[k, a] = seen[k, n + a]
                 for b in range(M):
                     for c in range(columns):
-                        answer[k, a, c] -= P_log[k, n + a, b] * small[b, c]
+                        response[k, a, c] -= P_log[k, n + a, b] * small[b, c]
 
 
 @kernel

@@ -41,9 +41,9 @@ from wrenchsight.models.observers.fixed_interval import (
     NUM_PERIOD,
     FilterLog,
     FilterState,
-    answer_log,
     backward_log,
     forward_log,
+    response_log,
 )
 from wrenchsight.models.observers.kalman_kernels import JUMP_F, PERIOD, START_F, split_table
 from wrenchsight.models.observers.kalman_observer import CHANGE_ODDS, CHANGE_TIMES
@@ -81,7 +81,7 @@ class ChangesSought(NamedTuple):
     more_numbers: int
 
 
-class OfRead(NamedTuple):
+class ProportionalError(NamedTuple):
     """Errors of a joint in proportion to the torque that is read, N m per N m.
 
     Attributes:
@@ -106,11 +106,15 @@ class IntervalSmoother:
         table: KalmanObserver.table.
         num_joints: n.
         kept_drift: share of the slow part of the torque error that outlasts a period.
-        of_read: what of the torque that is read each joint errs by.
+        proportional: what of the torque that is read each joint errs by.
     """
 
     def __init__(
-        self, table: Array, num_joints: int, kept_drift: float, of_read: OfRead | None = None
+        self,
+        table: Array,
+        num_joints: int,
+        kept_drift: float,
+        proportional: ProportionalError | None = None,
     ) -> None:
         n = num_joints
         M = 3 * n + 6
@@ -123,8 +127,8 @@ class IntervalSmoother:
             round(max(CHANGE_TIMES) / T), round(min(CHANGE_TIMES) / T), n - size
         )
         self._start = FilterState(z, P, np.zeros(1, np.bool_), np.zeros(n))
-        self._of_read = of_read
-        self._answer = np.zeros((M, len(OfRead._fields) * n))
+        self._proportional = proportional
+        self._response = np.zeros((M, len(ProportionalError._fields) * n))
 
     def read(self, signals: Array, J: Array, ready: int) -> tuple[Array, Array]:
         """Wrench (ready, 6) and covariance (ready, 6, 6) of the first samples, given all.
@@ -144,24 +148,26 @@ class IntervalSmoother:
             changes += more
             found, after = self.smoothed(signals, J, changes, ready)
         self._start = after
-        return found.wrench, found.covariance + self._of_what_is_read(signals, J, found)
+        return found.wrench, found.covariance + self._proportional_covariance(signals, J, found)
 
-    def _of_what_is_read(self, signals: Array, J: Array, found: IntervalReading) -> Array:
+    def _proportional_covariance(self, signals: Array, J: Array, found: IntervalReading) -> Array:
         """Covariance (K, 6, 6) from the errors in proportion to what is read; or zero."""
         K, n = len(found.wrench), J.shape[2]
-        if self._of_read is None:
+        if self._proportional is None:
             return np.zeros((K, 6, 6))
         wrench = found.log.z[:, n : n + 6].copy()  # what has not been smoothed yet
         wrench[:K] = found.wrench
         read = np.einsum("kai,ka->ki", J, wrench)
         against = -np.sign(signals[:, V]) * np.abs(read)
-        torque = np.stack([self._of_read.gain * read, self._of_read.friction * against], axis=1)
-        answer = np.empty((K, 6, self._answer.shape[1]))
-        answer_log(
-            *(self._table, self._kept_drift, found.log, J),
-            *(np.nan_to_num(torque), self._answer, answer),
+        torque = np.stack(
+            [self._proportional.gain * read, self._proportional.friction * against], axis=1
         )
-        return np.asarray(answer @ answer.transpose(0, 2, 1))
+        response = np.empty((K, 6, self._response.shape[1]))
+        response_log(
+            *(self._table, self._kept_drift, found.log, J),
+            *(np.nan_to_num(torque), self._response, response),
+        )
+        return np.asarray(response @ response.transpose(0, 2, 1))
 
     def smoothed(
         self, signals: Array, J: Array, changes: Array, ready: int

@@ -20,7 +20,7 @@ from wrenchsight.models.calibration.friction_refresh import refresh_friction
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
 from wrenchsight.models.calibration.load_or_drift import (
     LoadOrDrift,
-    hanging_from,
+    loaded_from,
     weigh,
     weigh_begin,
     without_load,
@@ -194,7 +194,7 @@ class FrictionWatch:
                     begun = weigh_begin(whole, law, prior)
                     if begun is not None and begun.is_told and begun.begin is not None:
                         found, since = begun, whole.rows.t >= begun.begin
-                        log = hanging_from(whole, int(np.argmax(since)))[free | since]
+                        log = loaded_from(whole, int(np.argmax(since)))[free | since]
                 if found is not None and found.is_told:
                     rows = without_load(log, found.load).rows
             self._weighed, self._judged = (self._count, found), rows

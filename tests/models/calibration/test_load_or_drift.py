@@ -10,7 +10,7 @@ from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
 from wrenchsight.models.calibration.load_or_drift import (
     FEWEST,
-    hanging_from,
+    loaded_from,
     weigh,
     weigh_begin,
     without_load,
@@ -92,7 +92,7 @@ def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift
     assert f"since t = {found.begin:.1f} +- 0.1 s" in found.sentence()
     assert found.metrics()["begin_s"] == found.begin
     row = int(np.searchsorted(log.rows.t, found.begin))
-    left = without_load(hanging_from(log, row), found.load).rows.residual
+    left = without_load(loaded_from(log, row), found.load).rows.residual
     bare = log_of(ur10e, seed, None, drift).rows.residual
     assert np.linalg.norm(left - bare) < 0.2 * np.linalg.norm(log.rows.residual - bare)
 
