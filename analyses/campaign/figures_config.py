@@ -61,6 +61,7 @@ class FiguresConfig:
     # the posterior is of those
     late: list[str] = field(default_factory=list)
     late_arms: int = 40  # see late
+    fastest_feed: bool = False  # of experiments at several feeds (machining), the fastest alone
     rows: dict[str, FigureRow] = field(default_factory=dict, metadata=REQUIRED)
 
 

@@ -132,7 +132,13 @@ def fit_figures(
         late = [name for name in figures.experiments if name in figures.config.late]
         early = [name for name in figures.experiments if name not in late]
         settings = CampaignSettings(
-            early, worlds, seed=seed, quick=quick, data=data, source=figures.source
+            early,
+            worlds,
+            seed=seed,
+            quick=quick,
+            data=data,
+            source=figures.source,
+            fastest_feed=figures.config.fastest_feed,
         )
 
         def run(settings: CampaignSettings, anew: bool) -> int:

@@ -129,6 +129,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
                         quick=task.quick,
                         draws=task.out is not None,
                         world=world.robot,
+                        hand=world.hand,
                         fastest_feed=task.fastest_feed,
                     )
                     result = experiment.run(context)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 if TYPE_CHECKING:
     from wrenchsight.analyses.output.figures import Figure
     from wrenchsight.models.robot.robot import Robot
+    from wrenchsight.models.truth.worlds import Hand
 
 Drawing: TypeAlias = "tuple[str, Figure, str]"
 """Name, figure and caption, not written yet."""
@@ -32,6 +33,8 @@ class ExperimentContext:
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
+    # who pushes in one of wrenchsight.models.truth.worlds.SESSIONS; None: as the scenario has it
+    hand: Callable[[str], "Hand | None"] = lambda session: None
     fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
 
     def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:

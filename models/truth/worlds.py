@@ -15,7 +15,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -98,11 +98,34 @@ class WorldRanges:
     transmission_speed: tuple[float, float] = (0.7, 1.4)
     # Velocity by which dry friction has turned round, where it is a function of velocity; judged
     transition_velocity: tuple[float, float] = (0.5, 1.5)
+    # N, standard deviation along each axis of a hand that pushes, itself no factor: not stated in
+    # the article, each session has its own
+    hand_force_friction: tuple[float, float] = (10.0, 20.0)
+    hand_force_combined: tuple[float, float] = (10.0, 20.0)
+    hand_force_cycles: tuple[float, float] = (10.0, 20.0)
+    # Hz, up to which that hand pushes, itself no factor
+    hand_bandwidth_friction: tuple[float, float] = (2.0, 4.0)
+    hand_bandwidth_combined: tuple[float, float] = (2.0, 4.0)
+    hand_bandwidth_cycles: tuple[float, float] = (2.0, 4.0)
 
 
-ABSOLUTE: Final = ("torque_constant", "start_rise", "latency")
+SESSIONS: Final = ("friction", "combined", "cycles")
+"""In which a hand pushes."""
+ABSOLUTE: Final = (
+    "torque_constant",
+    "start_rise",
+    "latency",
+    *(f"hand_{what}_{session}" for what in ("force", "bandwidth") for session in SESSIONS),
+)
 """Ranges of the quantity itself; all others are of factors."""
 PER_JOINT: Final = ("torque_constant",)
+
+
+class Hand(NamedTuple):
+    """A hand that pushes at the tool."""
+
+    force_sd: float  # N, along each axis
+    bandwidth: float  # Hz, above which it has nothing
 
 
 @dataclass
@@ -188,6 +211,12 @@ class World:
         if self.posterior_of and robot.name == self.posterior_of:
             world = replace(self, factors=self.factors | self.of_robot)
         return robot.with_truth(world.truth(about, robot.num_joints))
+
+    def hand(self, session: str) -> Hand | None:
+        """The hand that pushes in one of SESSIONS; None: not drawn."""
+        drawn = self.factors | self.of_robot
+        force, bandwidth = (drawn.get(f"hand_{what}_{session}") for what in ("force", "bandwidth"))
+        return None if force is None or bandwidth is None else Hand(force[0], bandwidth[0])
 
     def truth(self, about: SimulatedTruthConfig, num_joints: int) -> SimulatedTruthConfig:
         """The truth of this world, drawn about `about`; what is off there stays off."""

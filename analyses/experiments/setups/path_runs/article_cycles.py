@@ -13,9 +13,9 @@ from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetit
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     line_of,
     on_path,
+    planned_task,
     run_task,
     task_path,
-    task_scenario,
 )
 from wrenchsight.analyses.methods.reading.force_errors import force_metrics, reductions
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
@@ -37,7 +37,7 @@ def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str,
     found: dict[str, Any] = {}
     for k, path in enumerate(_PATHS):
         context.progress(0.5 * k, f"{path} path")
-        planned = task_scenario(scenario, context.seed, ONE_WAY_QUICK if context.quick else None)
+        planned = planned_task(context, scenario, ONE_WAY_QUICK)
         motion = line_of(planned)
         period = round(2 * motion.one_way / planned.time_step)
         moved = on_path(planned, robot, *task_path(robot, path))

@@ -13,10 +13,10 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
     line_of,
     on_path,
+    planned_task,
     read_run,
     run_task,
     task_path,
-    task_scenario,
     uniform_motion,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import article_models
@@ -37,7 +37,6 @@ def method_by_model(context: ExperimentContext) -> dict[str, Any]:
     robot = context.robot(ROBOT)
     context.progress(0.0, "identification")
     result, semi_parametric = article_models(robot, context.seed, context.quick)
-    one_way = ONE_WAY_QUICK if context.quick else None
     laws = {"coulomb_viscous": result.model, "semi_parametric": semi_parametric}
     read = {law: _estimator(robot, model) for law, model in laws.items()}
 
@@ -45,11 +44,11 @@ def method_by_model(context: ExperimentContext) -> dict[str, Any]:
         return errors_alone(read_run(law, run, read[law]).metrics())
 
     context.progress(0.5, "friction")
-    turned = _task(context, robot, "FrictionAtReversal", "initial", one_way)
+    turned = _task(context, robot, "FrictionAtReversal", "initial")
     friction = {law: figures(turned, law) for law in laws}
     context.progress(0.7, "combined")
-    before = figures(_task(context, robot, "Combined", "initial", one_way), "coulomb_viscous")
-    after = figures(_task(context, robot, "Combined", "optimised", one_way), "semi_parametric")
+    before = figures(_task(context, robot, "Combined", "initial"), "coulomb_viscous")
+    after = figures(_task(context, robot, "Combined", "optimised"), "semi_parametric")
     return {
         "identification": {"cross_validation": {"rmse_nm": result.validation[0].rmse}},
         "friction": {
@@ -60,10 +59,8 @@ def method_by_model(context: ExperimentContext) -> dict[str, Any]:
     }
 
 
-def _task(
-    context: ExperimentContext, robot: Robot, name: str, path: str, one_way: float | None
-) -> TaskRun:
-    scenario = task_scenario(name, context.seed, one_way)
+def _task(context: ExperimentContext, robot: Robot, name: str, path: str) -> TaskRun:
+    scenario = planned_task(context, name, ONE_WAY_QUICK)
     scenario = on_path(scenario, robot, *task_path(robot, path))
     return run_task(scenario, robot, path).between(*uniform_motion(line_of(scenario)))
 

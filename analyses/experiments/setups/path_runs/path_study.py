@@ -8,8 +8,8 @@ from typing import Any
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
     line_of,
+    planned_task,
     run_task,
-    task_scenario,
     uniform_motion,
     write_runs_page,
 )
@@ -104,7 +104,7 @@ def pushed_arm(
         context.part(0.0, share),
         contact_noise=context.draws,
     )
-    return models, task_scenario(scenario, context.seed, ONE_WAY_QUICK if context.quick else None)
+    return models, planned_task(context, scenario, ONE_WAY_QUICK)
 
 
 def pushed_runs(

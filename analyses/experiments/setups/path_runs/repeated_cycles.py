@@ -19,10 +19,10 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     TaskRun,
     line_of,
     on_path,
+    planned_task,
     read_repetition,
     run_task,
     task_path,
-    task_scenario,
 )
 from wrenchsight.analyses.methods.reading.force_errors import (
     ForceReading,
@@ -104,7 +104,7 @@ class RepeatedCycles:
 def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
     """Simulates two cycles on each path, and reads the second one with every variant."""
     robot = context.robot(ROBOT)
-    scenario = task_scenario(scenario_name, context.seed, ONE_WAY_QUICK if context.quick else None)
+    scenario = planned_task(context, scenario_name, ONE_WAY_QUICK)
     motion = line_of(scenario)
     period = round(2 * motion.one_way / scenario.time_step)
     learnt = repetition_errors(

@@ -30,7 +30,7 @@ from wrenchsight.analyses.methods.advance import run_loop
 from wrenchsight.analyses.methods.reading.force_errors import ForceReading
 from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
-from wrenchsight.analyses.study.experiment import FigureFile
+from wrenchsight.analyses.study.experiment import ExperimentContext, FigureFile
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
@@ -48,9 +48,15 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
 from wrenchsight.models.truth.log_clock import clocked
+from wrenchsight.models.truth.worlds import Hand
 
 PATHS = ("initial", "optimised", "found")
 HAND_HZ = 3.0  # Hz, up to which the stated band covers a low-pass's lag behind a hand
+_SESSIONS = {
+    "FrictionAtReversal": "friction",
+    "Combined": "combined",
+    "RepeatCyclePush": "cycles",
+}  # scenarios in which a hand pushes
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
 _STRETCH = 0.5  # s between two reports of progress
@@ -184,6 +190,34 @@ def task_scenario(name: str, seed: int, one_way: float | None = None) -> Scenari
             motion, one_way=one_way, ramp=min(0.2, motion.ramp / share), lead_in=lead_in
         ),
         wrench=pushes,
+    )
+
+
+def planned_task(context: ExperimentContext, name: str, one_way_quick: float) -> Scenario:
+    """`task_scenario` as an experiment runs it, with the hand of its world.
+
+    Args:
+        context: of the experiment.
+        name: of the scenario.
+        one_way_quick: s, `one_way` of a quick run.
+    """
+    scenario = task_scenario(name, context.seed, one_way_quick if context.quick else None)
+    hand = context.hand(_SESSIONS[name]) if name in _SESSIONS else None
+    if hand is None:
+        return scenario
+    return replace(scenario, wrench=[_by_hand(segment, hand) for segment in scenario.wrench])
+
+
+def _by_hand(segment: WrenchSegment, hand: Hand) -> WrenchSegment:
+    """A push by another hand: its moment grows with its force."""
+    if not isinstance(segment, HandPush):
+        return segment
+    share = hand.force_sd / max(segment.force)
+    return replace(
+        segment,
+        force=[share * value for value in segment.force],
+        moment=[share * value for value in segment.moment],
+        bandwidth=hand.bandwidth,
     )
 
 
