@@ -123,7 +123,9 @@ def test_a_row_that_nothing_measures_is_named(tmp_path, experiment, figures):
 
 def test_the_article_s_figures_are_bundled():
     figures = load_figures("article")
-    assert figures.experiments == ("article-method", "article-cycles")
+    own = ("article-method", "article-cycles", "polishing", "grinding")
+    assert figures.experiments == own
+    assert figures.config.fastest_feed
     assert 10 <= figures.settles.sum() < len(figures.names)
     truth = draw_world(0, 3, figures.source).robot(Robot.load("sts_sre4_600")).config
     about = figures.source.about.friction

@@ -40,7 +40,12 @@ def test_numbers_are_those_of_a_study_in_the_same_world(tmp_path, monkeypatch):
         out = tmp_path / name
         out.mkdir()
         context = ExperimentContext(
-            out=out, data=tmp_path, seed=world.seed, quick=True, world=world.robot
+            out=out,
+            data=tmp_path,
+            seed=world.seed,
+            quick=True,
+            world=world.robot,
+            hand=world.hand,
         )
         result = import_module(module).EXPERIMENT.run(context)
         assert numbers_in(plain_metrics(result.metrics)) == outcome.values[name]

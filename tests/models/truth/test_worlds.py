@@ -13,7 +13,10 @@ from wrenchsight.models.truth.worlds import (
     ABSOLUTE,
     MOST_JOINTS,
     PER_JOINT,
+    SESSIONS,
+    ArmPosterior,
     WorldRanges,
+    WorldSource,
     draw_world,
 )
 
@@ -124,6 +127,20 @@ def test_what_is_off_stays_off():
     assert truth.friction.viscous.size == 0
     assert len(truth.friction.coulomb) == 2
     assert truth.friction.stiction[1] == pytest.approx(truth.friction.coulomb[1])
+
+
+def test_each_session_has_a_hand_of_its_own():
+    world = draw_world(0, 4)
+    for session in SESSIONS:
+        hand = world.hand(session)
+        assert hand.force_sd == world.factors[f"hand_force_{session}"][0]
+        assert hand.bandwidth == world.factors[f"hand_bandwidth_{session}"][0]
+    assert len({world.hand(session) for session in SESSIONS}) == len(SESSIONS)
+    assert draw_world(0, 4, WorldSource(only=("coulomb",))).hand("combined") is None
+    found = ArmPosterior("any", {"hand_force_combined": [7.0]})  # a hand is not the robot's
+    drawn = draw_world(0, 4, WorldSource(posterior=found)).hand("combined")
+    assert drawn.force_sd == 7.0
+    assert drawn.bandwidth == world.hand("combined").bandwidth
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     RepetitionReader,
     highest_speed,
     on_path,
+    planned_task,
     read_repetition,
     read_run,
     run_task,
@@ -18,12 +19,14 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     task_scenario,
     uniform_motion,
 )
+from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import LineMotion, make_trajectory
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.repetition_error import RepetitionError
 from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.truth.worlds import SESSIONS, Hand
 
 
 def repetition_error(n, level=0.0, K_0=None):
@@ -80,6 +83,26 @@ def test_a_shortened_task_keeps_its_parts_in_order():
     (push,) = short.wrench
     assert push.start == pytest.approx(short.motion.lead_in + 4.0)  # with the second cycle
     assert push.start + push.duration == pytest.approx(short.duration)
+
+
+def test_each_session_is_pushed_by_the_hand_of_its_world(tmp_path):
+    hands = {session: Hand(5.0 + k, 1.0 + k) for k, session in enumerate(SESSIONS)}
+    plain = ExperimentContext(tmp_path, tmp_path, seed=3)
+    drawn = replace(plain, hand=hands.get)
+    names = ("FrictionAtReversal", "Combined", "RepeatCyclePush")
+    for name, hand in zip(names, hands.values(), strict=True):
+        own, other = (planned_task(context, name, 2.0) for context in (plain, drawn))
+        assert own == task_scenario(name, 3)
+        (mine,), (pushed,) = own.wrench, other.wrench
+        assert pushed.force == pytest.approx([hand.force_sd] * 3)
+        assert pushed.bandwidth == hand.bandwidth
+        lever = np.divide(pushed.moment, pushed.force)
+        np.testing.assert_allclose(lever, np.divide(mine.moment, mine.force))
+        changed = replace(pushed, force=mine.force, moment=mine.moment, bandwidth=mine.bandwidth)
+        assert replace(other, wrench=[changed]) == own
+    assert planned_task(drawn, "RepeatCycle", 2.0) == task_scenario("RepeatCycle", 3)
+    quick = planned_task(replace(drawn, quick=True), "Combined", 2.0)
+    assert quick.motion == task_scenario("Combined", 3, 2.0).motion
 
 
 def test_the_highest_speed_is_the_fastest_joints_of_all_runs(sts):
