@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.campaign.posterior import FEWEST
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
@@ -15,13 +16,13 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import load_truth
 from wrenchsight.models.truth.worlds import ArmPosterior, WorldRanges, WorldSource, check_ranges
 
-RANGES: Final = "ranges.yaml"
-"""What a fit writes of the parameters that agree, for `--narrow`."""
+DRAWS, ARMS = "draws.yaml", "arms.parquet"
+"""What a fit writes for `--narrow`: parameters that agree, and all arms that it knows."""
 WORLDS: Final = "worlds.yaml"
 """Beside robot.yaml: arms that give printed figures, see `ArmPosterior`."""
 ROBOT: Final = "sts_sre4_600"
 _MOST = 4.0  # tolerances that a row may be off by and still count more
-_NO_FIGURE = 1e3
+_FARTHEST = 20.0  # tolerances
 
 
 @dataclass
@@ -38,13 +39,6 @@ class FigureRow:
 
 
 @dataclass
-class FoundRanges:
-    """5 to 95 % of each parameter over the arms that agree."""
-
-    ranges: dict[str, list[float]] = field(default_factory=dict)
-
-
-@dataclass
 class FiguresConfig:
     """What a fit is made to."""
 
@@ -56,9 +50,7 @@ class FiguresConfig:
     # between what each drawn parameter lies, by the names of WorldRanges; others stay
     ranges: dict[str, list[float]] = field(default_factory=dict, metadata=REQUIRED)
     alike: bool = True  # whether all arms have the same noise, phases and day
-    accept: float = 0.2  # share of the arms that is accepted, the nearest
-    # experiments that take long: only the nearest `late_arms` by the others' rows run them, and
-    # the posterior is of those
+    # experiments that take long: only the nearest `late_arms` by the others' rows run them
     late: list[str] = field(default_factory=list)
     late_arms: int = 40  # see late
     fastest_feed: bool = False  # of experiments at several feeds (machining), the fastest alone
@@ -73,11 +65,13 @@ class Figures:
         path: of the file.
         config: what it says.
         source: of the worlds.
+        earlier: folder of an earlier fit, whose arms count as well; None: none.
     """
 
     path: Path
     config: FiguresConfig
     source: WorldSource
+    earlier: Path | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,7 +100,7 @@ class Figures:
         return np.array([row.settles for row in self.config.rows.values()])
 
     def off(self, values: Array) -> Array:
-        """(N, R) by how many tolerances figures (N, R) are off, at most some; NaN: at the most."""
+        """(N, R) by how many tolerances figures (N, R) are off; NaN stays NaN."""
         out = np.empty_like(values)
         for k, row in enumerate(self.config.rows.values()):
             own = values[:, k]
@@ -115,7 +109,23 @@ class Figures:
                 out[:, k] = np.log(ratio) / math.log1p(row.tolerance)
             else:
                 out[:, k] = (own - row.figure) / row.tolerance
-        return np.clip(np.nan_to_num(out, nan=_NO_FIGURE), -_MOST, _MOST)
+        return np.clip(out, -_FARTHEST, _FARTHEST)
+
+    def at(self, off: Array) -> Array:
+        """(N, R) figures that are off by so many tolerances (N, R): the inverse of `off`."""
+        out = np.empty_like(off)
+        for k, row in enumerate(self.config.rows.values()):
+            if row.share:
+                out[:, k] = row.figure * np.exp(off[:, k] * math.log1p(row.tolerance))
+            else:
+                out[:, k] = row.figure + off[:, k] * row.tolerance
+        return out
+
+    @staticmethod
+    def distance(off: Array) -> Array:
+        """(N,) root mean square of what figures (N, R) are off by, each at most some; NaN: so."""
+        bounded = np.clip(np.nan_to_num(off, nan=_FARTHEST), -_MOST, _MOST)
+        return np.asarray(np.sqrt(np.mean(bounded**2, axis=1)))
 
     def values(self, measured: Mapping[str, Mapping[str, float | None]]) -> Array:
         """(R,) figures of one arm, NaN where it has none.
@@ -152,7 +162,7 @@ def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
 
     Args:
         file: its path, or the name of a bundled one.
-        narrowed_by: folder of an earlier fit, whose ranges are taken in the place of the file's.
+        narrowed_by: folder of an earlier fit: arms are drawn from what agreed there.
 
     Raises:
         InputError: a key that is unknown or of the wrong type, a range or tolerance that is none.
@@ -161,9 +171,6 @@ def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
     path = bundled if bundled.is_file() and not Path(file).exists() else Path(file)
     config = load_configuration(path, FiguresConfig)
     given: dict[str, Any] = dict(config.ranges)
-    if narrowed_by is not None:
-        found = load_configuration(narrowed_by / "posterior" / RANGES, FoundRanges).ranges
-        given |= {name: pair for name, pair in found.items() if name in given}
     known = WorldRanges()
     for name, pair in given.items():
         if not hasattr(known, name):
@@ -180,10 +187,13 @@ def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
         if not (math.isfinite(row.tolerance) and row.tolerance > 0.0):
             problem = f"{row.tolerance}, expected a number above 0"
             raise InputError(path, f"rows.{name}.tolerance", problem)
-    if not 0.0 < config.accept <= 1.0:
-        raise InputError(path, "accept", f"{config.accept}, expected above 0, up to 1")
+    if config.late and config.late_arms < FEWEST:
+        raise InputError(path, "late_arms", f"{config.late_arms}, expected {FEWEST} or more")
     ranges = WorldRanges(**{name: (pair[0], pair[1]) for name, pair in given.items()})
     check_ranges(ranges, even=True)
     about = load_truth(path.parent / config.about) if config.about else None
-    source = WorldSource(ranges, None, about, tuple(given), config.alike, even=True)
-    return Figures(path, config, source)
+    posterior = None
+    if narrowed_by is not None:
+        posterior = load_configuration(narrowed_by / "posterior" / DRAWS, ArmPosterior)
+    source = WorldSource(ranges, posterior, about, tuple(given), config.alike, even=True)
+    return Figures(path, config, source, narrowed_by)

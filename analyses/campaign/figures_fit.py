@@ -1,9 +1,11 @@
 """Which arms give printed figures? A campaign over wide ranges, and what of it agrees with them.
 
     OUT/arms        the campaign: one world an arm; goes on where it stopped
-    OUT/posterior   metrics.json, figures, and two files that other commands read:
+    OUT/posterior   metrics.json, figures, and files that other commands read:
         worlds.yaml     arms that agree, equally likely, as parameters over those of the nearest
         truth.yaml      the nearest arm, as a simulated truth
+        draws.yaml      the same arms as in worlds.yaml and more, as drawn, for `--narrow`
+        arms.parquet    all arms that were measured, for `--narrow`
 
 First the fit sees half of the rows and is judged on the others (`held_out`), then all (`fitted`).
 """
@@ -17,38 +19,39 @@ from typing import Any, Final
 import numpy as np
 
 from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
-from wrenchsight.analyses.campaign.campaign_store import TABLE, CampaignRecord, read_table
-from wrenchsight.analyses.campaign.figures_config import RANGES, WORLDS, Figures, FoundRanges
+from wrenchsight.analyses.campaign.campaign_store import (
+    TABLE,
+    CampaignRecord,
+    read_table,
+    write_table,
+)
+from wrenchsight.analyses.campaign.figures_config import ARMS, DRAWS, WORLDS, Figures
 from wrenchsight.analyses.campaign.figures_report import parameters_figure, rows_figure
 from wrenchsight.analyses.campaign.influences import Influence, influences
-from wrenchsight.analyses.campaign.posterior import (
-    Posterior,
-    approximate_posterior,
-    weighted_quantile,
-)
+from wrenchsight.analyses.campaign.posterior import FEWEST, Emulator
 from wrenchsight.analyses.output.outputs import json_text, plain
 from wrenchsight.analyses.output.progress import Progress
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.study.registry import REGISTRY
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.truth.worlds import ABSOLUTE, PER_JOINT, ArmPosterior, draw_world
+from wrenchsight.models.truth.worlds import ABSOLUTE, PER_JOINT, ArmPosterior, World
 
 COMMAND: Final = "campaign-fit"
-FEWEST_ARMS: Final = 12
 _ARMS_WRITTEN: Final = 100
 
 
 @dataclass(frozen=True, eq=False)
 class FittedRow:
-    """One printed figure over the arms that agree best.
+    """One printed figure over the arms that agree.
 
     Attributes:
         name, printed: of the row.
         best: of the nearest arm.
-        median, p05, p95: over the accepted arms, by their weights.
+        median, p05, p95: over the arms that agree, as emulated.
+        error: of the emulator, standard deviation, in tolerances.
         inside: whether the printed figure lies between the latter two.
         agrees: whether the nearest arm's is within the row's tolerance.
         moved_by: the drawn parameters that move it, over all arms.
@@ -60,6 +63,7 @@ class FittedRow:
     median: float
     p05: float
     p95: float
+    error: float
     inside: bool
     agrees: bool
     moved_by: tuple[Influence, ...]
@@ -120,7 +124,7 @@ def fit_figures(
         seed, quick, data, jobs, cluster, fresh, watch: as in `run_campaign`.
 
     Raises:
-        InputError: as `run_campaign`; a row that no experiment measures; fewer than FEWEST_ARMS
+        InputError: as `run_campaign`; a row that no experiment measures; fewer than FEWEST
             arms with figures.
         KeyboardInterrupt: passed on after what is done was kept.
     """
@@ -153,78 +157,93 @@ def fit_figures(
             numbers = _nearest(figures, record)
             failures += run(replace(settings, experiments=late, numbers=numbers), False)
             record = _arms(out)
-    return write_fit(figures, record, out, seed, failures)
+    return write_fit(figures, _with_earlier(figures, record), out, failures)
 
 
 def _arms(out: Path) -> CampaignRecord:
     record = read_table(out / "arms" / TABLE)
-    if record is None or len(record.worlds) < FEWEST_ARMS:
+    if record is None or len(record.worlds) < FEWEST:
         problem = f"{0 if record is None else len(record.worlds)} arms have figures"
-        raise InputError(out, "", problem, f"draw at least {FEWEST_ARMS}: --worlds")
+        raise InputError(out, "", problem, f"draw at least {FEWEST}: --worlds")
     return record
+
+
+def _with_earlier(figures: Figures, record: CampaignRecord) -> CampaignRecord:
+    """The record with the arms of the earlier fit behind its own."""
+    if figures.earlier is None:
+        return record
+    path = figures.earlier / "posterior" / ARMS
+    earlier = read_table(path)
+    if earlier is None:
+        raise InputError(path, "", "no such file", "run the earlier fit again")
+    first = 1 + max(record.worlds)
+    behind = {
+        first + number: replace(world, number=first + number)
+        for number, world in earlier.worlds.items()
+    }
+    return replace(record, worlds=record.worlds | behind)
 
 
 def _nearest(figures: Figures, record: CampaignRecord) -> tuple[int, ...]:
     """World numbers of the arms that are nearest by the rows that all have."""
     numbers = sorted(record.worlds)
     values = np.stack([figures.values(record.worlds[number].values) for number in numbers])
-    off = figures.off(values)[:, figures.early]
-    order = np.argsort(np.mean(off**2, axis=1), kind="stable")
+    order = np.argsort(figures.distance(figures.off(values)[:, figures.early]), kind="stable")
     return tuple(numbers[k] for k in order[: figures.config.late_arms])
 
 
-def write_fit(
-    figures: Figures, record: CampaignRecord, out: Path, seed: int, failures: int = 0
-) -> FiguresFit:
+def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int = 0) -> FiguresFit:
     """Writes OUT/posterior from the arms of a campaign.
 
     Raises:
         InputError: as `fit_figures`.
     """
-    whole = figures.experiments
-    numbers = [number for number in sorted(record.worlds) if not record.missing(number, whole)]
-    if len(numbers) < FEWEST_ARMS:
-        problem = f"{len(numbers)} arms have all figures"
-        raise InputError(out, "", problem, f"at least {FEWEST_ARMS} are needed: --worlds")
+    late = figures.config.late
+    early = [name for name in figures.experiments if name not in late]
+    numbers = [number for number in sorted(record.worlds) if not record.missing(number, early)]
+    whole = [not record.missing(number, figures.experiments) for number in numbers]
+    if sum(whole) < FEWEST:
+        problem = f"{sum(whole)} arms have all figures"
+        raise InputError(out, "", problem, f"at least {FEWEST} are needed: --worlds")
     worlds = [record.worlds[number] for number in numbers]
     values = np.stack([figures.values(world.values) for world in worlds])
     names, ranges = _drawn(figures)
     parameters = np.array([[world.parameters[name] for name in names] for world in worlds])
     off, settles = figures.off(values), figures.settles
+    near = figures.distance(off[:, figures.early])
 
-    accept = 1.0 if figures.config.late else figures.config.accept
-
-    def posterior(rows: Flags) -> Posterior:
-        return approximate_posterior(parameters, off[:, rows], ranges, accept)
-
-    everything = posterior(np.ones_like(settles))
+    try:
+        emulator = Emulator(parameters, off, near, ranges)
+    except ValueError as error:
+        raise InputError(out, "", str(error), "draw more: --worlds") from error
+    agreeing = emulator.draws(np.ones_like(settles))
     drawn = {name: parameters[:, k].tolist() for k, name in enumerate(names)}
-    rows = _rows(figures, values, off, everything, drawn)
+    distance = np.where(whole, figures.distance(off), np.inf)
+    best = int(np.argmin(distance))
+    rows = _rows(figures, values, best, emulator, agreeing, drawn)
     held_out = float("nan")
     if settles.any() and not settles.all():
-        half = _rows(figures, values, off, posterior(settles), {})
-        held_out = float(
-            np.mean([row.inside for row, own in zip(half, settles, strict=True) if not own])
-        )
-    best = numbers[int(everything.accepted[0])]
+        low, high = _range(figures, emulator, emulator.draws(settles))
+        inside = (low <= figures.printed) & (figures.printed <= high)
+        held_out = float(np.mean(inside[~settles]))
     found = FiguresFit(
         out,
         len(numbers),
-        best,
-        float(everything.distance.min()),
+        numbers[best],
+        float(distance[best]),
         rows,
         held_out,
         float(np.mean([row.inside for row in rows])),
         {
             name: (
-                weighted_quantile(everything.adjusted[:, k], everything.weight, 0.05),
-                weighted_quantile(everything.adjusted[:, k], everything.weight, 0.95),
+                float(np.quantile(agreeing[:, k], 0.05)),
+                float(np.quantile(agreeing[:, k], 0.95)),
             )
             for k, name in enumerate(names)
         },
         failures,
     )
-    _write(figures, found, everything, names, ranges, parameters, seed)
+    _write(figures, found, agreeing, names, ranges, parameters, parameters[best], record)
     return found
 
 
@@ -241,50 +260,53 @@ def _drawn(figures: Figures) -> tuple[list[str], Array]:
     return names, np.array(ranges)
 
 
+def _range(figures: Figures, emulator: Emulator, draws: Array) -> tuple[Array, Array]:
+    """5 and 95 % of each figure (R,) over draws of parameters (A, P)."""
+    low, high = np.quantile(figures.at(emulator.off(draws)), [0.05, 0.95], axis=0)
+    return low, high
+
+
 def _rows(
     figures: Figures,
     values: Array,
-    off: Array,
-    posterior: Posterior,
+    best: int,
+    emulator: Emulator,
+    agreeing: Array,
     drawn: Mapping[str, list[float]],
 ) -> tuple[FittedRow, ...]:
-    rows, near = [], posterior.accepted
-    for k, (name, printed) in enumerate(zip(figures.names, figures.printed, strict=True)):
-        finite = np.isfinite(values[near, k])
-        own, weight = values[near, k][finite], posterior.weight[finite]
-        low, middle, high = (
-            weighted_quantile(own, weight, q) if len(own) else float("nan")
-            for q in (0.05, 0.5, 0.95)
+    low, high = _range(figures, emulator, agreeing)
+    middle = np.median(figures.at(emulator.off(agreeing)), axis=0)
+    off = figures.off(values[best : best + 1])[0]
+    return tuple(
+        FittedRow(
+            name,
+            float(printed),
+            float(values[best, k]),
+            float(middle[k]),
+            float(low[k]),
+            float(high[k]),
+            float(emulator.error[k]),
+            bool(low[k] <= printed <= high[k]),
+            bool(abs(off[k]) <= 1.0),
+            influences(values[:, k], drawn, float(printed)),
         )
-        rows.append(
-            FittedRow(
-                name,
-                float(printed),
-                float(values[near[0], k]),
-                middle,
-                low,
-                high,
-                bool(low <= printed <= high),
-                bool(abs(off[near[0], k]) <= 1.0),
-                influences(values[:, k], drawn, float(printed)) if drawn else (),
-            )
-        )
-    return tuple(rows)
+        for k, (name, printed) in enumerate(zip(figures.names, figures.printed, strict=True))
+    )
 
 
 def _write(
     figures: Figures,
     fit: FiguresFit,
-    posterior: Posterior,
+    agreeing: Array,
     names: list[str],
     ranges: Array,
     parameters: Array,
-    seed: int,
+    best: Array,
+    record: CampaignRecord,
 ) -> None:
     truth = Robot.load(figures.config.robot)
-    world = draw_world(seed, fit.best, figures.source)
-    nearest = {name: parameters[int(posterior.accepted[0]), k] for k, name in enumerate(names)}
-    arms = posterior.resampled(_ARMS_WRITTEN)
+    nearest = dict(zip(names, best.tolist(), strict=True))
+    arms = agreeing[:: len(agreeing) // _ARMS_WRITTEN][:_ARMS_WRITTEN]
     about_nearest = {
         name: (arms[:, k] if name in ABSOLUTE else arms[:, k] / nearest[name]).tolist()
         for k, name in enumerate(names)
@@ -297,7 +319,6 @@ def _write(
     metrics = {
         figures.config.name: {
             "arms": fit.arms,
-            "accepted": len(posterior.accepted),
             "nearest": {"world": fit.best, "distance": fit.distance, "parameters": nearest},
             "held_out": {"share_inside_pct": 100.0 * fit.held_out_inside},
             "fitted": {"share_inside_pct": 100.0 * fit.fitted_inside},
@@ -311,11 +332,14 @@ def _write(
     with result_folder(fit.out / "posterior", COMMAND) as folder:
         folder.write_text("metrics.json", json_text(dict(plain(metrics))))
         save_configuration(ArmPosterior(figures.config.robot, about_nearest), folder / WORLDS)
-        found = {name: list(pair) for name, pair in fit.ranges.items()}
-        save_configuration(FoundRanges(found), folder / RANGES)
+        draws = {name: agreeing[:, k].tolist() for k, name in enumerate(names)}
+        save_configuration(ArmPosterior(figures.config.robot, draws), folder / DRAWS)
+        write_table(record, folder / ARMS, figures.experiments)
+        factors: dict[str, tuple[float, ...]] = {name: (x,) for name, x in nearest.items()}
+        world = World(fit.best, 0, 0, 0, factors, about=figures.source.about)
         own = world.robot(truth).config.simulated_truth
         save_configuration(own, folder / "truth.yaml")
         folder.write_figure(
-            "parameters", parameters_figure(names, ranges, parameters, posterior, arms)
+            "parameters", parameters_figure(names, ranges, parameters, best, agreeing)
         )
         folder.write_figure("rows", rows_figure(fit.rows, figures.settles))

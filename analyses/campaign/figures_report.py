@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrenchsight.analyses.campaign.posterior import Posterior
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.models.arrays import Array, Flags
 
@@ -19,14 +18,14 @@ _BINS = 14
 
 
 def parameters_figure(
-    names: Sequence[str], ranges: Array, parameters: Array, posterior: Posterior, arms: Array
+    names: Sequence[str], ranges: Array, parameters: Array, best: Array, arms: Array
 ) -> Figure:
     """Each parameter: what was drawn, what agrees, and the nearest arm.
 
     Args:
         names, ranges: of the P parameters, and from where to where each was drawn.
         parameters: (N, P) of all arms.
-        posterior: of them.
+        best: (P,) of the nearest.
         arms: (A, P) that agree, equally likely.
     """
     rows = -(-len(names) // _COLUMNS)
@@ -40,8 +39,7 @@ def parameters_figure(
         style = {"bins": bins.tolist(), "density": True}
         panel.hist(parameters[:, k], color=COLOUR["reference"], alpha=0.35, label="drawn", **style)
         panel.hist(arms[:, k], color=COLOUR["estimate"], alpha=0.6, label="agrees", **style)
-        nearest = parameters[int(posterior.accepted[0]), k]
-        panel.axvline(nearest, color=COLOUR["after"], label="nearest arm")
+        panel.axvline(best[k], color=COLOUR["after"], label="nearest arm")
         panel.set_title(names[k].replace("_", " "), fontsize=8.5)
         panel.set_yticks([])
         panel.set_xlim(low, high)

@@ -1,89 +1,126 @@
-"""Approximate Bayesian computation: which draws give printed figures? (Beaumont et al. 2002)
+"""Which parameters give printed figures? An emulator of every figure, and draws that agree with it.
 
-Of many draws those nearest to the figures are accepted, each with a weight that falls with its
-distance (Epanechnikov). What is left of the distance is taken off the parameters by a weighted
-linear regression on the figures, in logits of the ranges, so that none leaves its range. There are
-more figures than draws can tell apart: the regression is a ridge, as strong as leaving each draw
-out once says (Blum, Nunes, Prangle, Sisson, Statistical Science 28(2), 2013).
+By how much a figure is off is a quadratic of the parameters, each from -1 to 1 over its range: a
+ridge over the arms that have the figure, the near ones counting more, as strong as leaving each arm
+out once says. The same tells the emulator's own error. A parameter set is as likely as
+
+    exp(-1/2 sum_r off_r^2 / (1 + error_r^2)),    off and error in tolerances,
+
+within the ranges; Metropolis steps draw from that (Kennedy, O'Hagan, J. R. Stat. Soc. B 63, 2001;
+Vernon, Goldstein, Bower, Bayesian Analysis 5(4), 2010).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 
-FEWEST = 12  # draws that are accepted, if there are as many
-_EDGE = 1e-3  # of a range: nearer to its ends a logit tells nothing
-_RIDGES = 10.0 ** np.arange(-2.0, 4.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """Draws that agree with figures.
-
-    Attributes:
-        accepted: (A,) rows of the draws, the nearest first.
-        distance: (N,) of all draws, in tolerances, root mean square over the figures.
-        weight: (A,) sum 1.
-        adjusted: (A, P) parameters, with what is left of the distance taken off.
-    """
-
-    accepted: NDArray[np.int_]
-    distance: Array
-    weight: Array
-    adjusted: Array
-
-    def resampled(self, count: int) -> Array:
-        """(count, P) adjusted parameters, equally likely: systematic resampling."""
-        at = np.searchsorted(np.cumsum(self.weight), (np.arange(count) + 0.5) / count)
-        return np.asarray(self.adjusted[np.minimum(at, len(self.weight) - 1)])
+FEWEST = 12  # arms that a figure's emulator is made of, at least
+_NEAR = 0.2  # share of the arms that count more than half
+_RIDGES = 10.0 ** np.arange(-2.0, 3.0)
+_SQUARES, _PRODUCTS = 3.0, 10.0  # ridge of these terms, over that of the linear ones
+_MOST = 4.0  # tolerances: what is off by more counts no more
+_STEPS, _UNUSED, _DRAWS = 300, 0.2, 400  # per parameter; share before the chain has settled
+_FAR = 0.3  # share of steps that go anywhere in the range
+_STEP = 0.25  # of the others, of half a range
 
 
-def approximate_posterior(parameters: Array, off: Array, ranges: Array, share: float) -> Posterior:
-    """Accepts the nearest draws, weighs and adjusts them.
+class Emulator:
+    """By how much each of R figures is off, as a quadratic of P parameters.
 
     Args:
-        parameters: (N, P) drawn.
-        off: (N, R) by how much each figure is off, in tolerances.
+        parameters: (N, P) of the arms.
+        off: (N, R) by how much each figure is off, in tolerances; NaN: the arm has no such figure.
+        near: (N,) distance of each arm from the figures; the near ones count more.
         ranges: (P, 2) from, to.
-        share: of the draws to accept, at least FEWEST.
+
+    Attributes:
+        error: (R,) standard deviation of the emulator itself, in tolerances.
+
+    Raises:
+        ValueError: fewer than FEWEST arms have a figure.
     """
-    distance = np.sqrt(np.mean(off**2, axis=1))
-    count = min(len(distance), max(FEWEST, round(share * len(distance))))
-    accepted = np.argsort(distance, kind="stable")[:count]
-    near = distance[accepted]
-    reach = near[-1] * 1.05 + 1e-12  # the farthest counts a little, too
-    weight = 1.0 - (near / reach) ** 2
-    weight /= weight.sum()
-    width = ranges[:, 1] - ranges[:, 0]
-    share_of_range = (parameters[accepted] - ranges[:, 0]) / width
-    logit = np.log(1.0 / np.clip(share_of_range, _EDGE, 1.0 - _EDGE) - 1.0)
-    adjusted = logit - off[accepted] @ _slopes(off[accepted], logit, weight)
-    return Posterior(accepted, distance, weight, ranges[:, 0] + width / (1.0 + np.exp(adjusted)))
+
+    def __init__(self, parameters: Array, off: Array, near: Array, ranges: Array) -> None:
+        self._low, self._half = ranges[:, 0], 0.5 * (ranges[:, 1] - ranges[:, 0])
+        terms, known = _terms(self._inside(parameters)), np.isfinite(off)
+        if known.sum(axis=0).min() < FEWEST:
+            raise ValueError(f"a figure of fewer than {FEWEST} arms")
+        reach = max(float(np.quantile(near, _NEAR)), 1e-12)
+        weight = 1.0 / (1.0 + (near / reach) ** 2)
+        self._slopes, self.error = np.empty((terms.shape[1], off.shape[1])), np.empty(off.shape[1])
+        for r in range(off.shape[1]):
+            rows = known[:, r]
+            fitted = _ridge(terms[rows], off[rows, r], weight[rows], len(ranges))
+            self._slopes[:, r], self.error[r] = fitted
+        self._start = self._inside(parameters[int(np.argmin(near))])
+
+    def _inside(self, parameters: Array) -> Array:
+        """Parameters from -1 to 1 over their ranges."""
+        return np.asarray((parameters - self._low) / self._half - 1.0)
+
+    def off(self, parameters: Array) -> Array:
+        """(A, R) by how much figures are off at parameters (A, P), in tolerances."""
+        return np.asarray(_terms(self._inside(parameters)) @ self._slopes)
+
+    def draws(self, rows: Flags, seed: int = 0) -> Array:
+        """(_DRAWS, P) parameters that agree with some of the figures, equally likely.
+
+        Args:
+            rows: (R,) which figures.
+            seed: of the draws.
+        """
+        slopes, variance = self._slopes[:, rows], 1.0 + self.error[rows] ** 2
+        chain = _metropolis(slopes, variance, self._start, np.random.default_rng(seed))
+        return np.asarray(self._low + (chain + 1.0) * self._half)
 
 
-def weighted_quantile(values: Array, weight: Array, q: float) -> float:
-    """The value below which a share q of the weight lies, linear between values."""
-    order = np.argsort(values)
-    at = np.cumsum(weight[order]) - 0.5 * weight[order]
-    return float(np.interp(q, at / weight.sum(), values[order]))
+def _terms(u: Array) -> Array:
+    """(N, 1 + P + P (P + 1) / 2): one, u, its squares and products, for u (N, P)."""
+    first, second = np.triu_indices(u.shape[1], 1)
+    one = np.ones((len(u), 1))
+    return np.hstack([one, u, u**2, u[:, first] * u[:, second]])
 
 
-def _slopes(off: Array, logit: Array, weight: Array) -> Array:
-    """(R, P) of the ridge that predicts left-out draws best."""
-    root = np.sqrt(weight)[:, None]
-    centre, level = weight @ off, weight @ logit
-    X, Y = root * (off - centre), root * (logit - level)
+def _ridge(terms: Array, off: Array, weight: Array, P: int) -> tuple[Array, float]:
+    """Slopes of the ridge that predicts left-out arms best, and its error."""
+    penalty = np.full(terms.shape[1], _PRODUCTS)
+    penalty[: 1 + P], penalty[1 + P : 1 + 2 * P] = 1.0, _SQUARES
+    penalty[0] = 1e-9  # the level is free
+    root = np.sqrt(weight / weight.mean())
+    # In terms over the root of their penalties all are alike.
+    X, y = root[:, None] * terms / np.sqrt(penalty), root * off
     U, s, Vt = np.linalg.svd(X, full_matrices=False)
-    best, slopes = np.inf, np.zeros((off.shape[1], logit.shape[1]))
-    scale = float(np.mean(s**2)) or 1.0
-    for ridge in _RIDGES * scale:
+    best, slopes = np.inf, np.zeros(terms.shape[1])
+    for ridge in _RIDGES:
         shrunk = s**2 / (s**2 + ridge)
-        hat = (U**2) @ shrunk + root[:, 0] ** 2
-        left = (Y - (U * shrunk) @ (U.T @ Y)) / np.maximum(1.0 - hat, 1e-3)[:, None]
-        error = float(np.sum(left**2))
+        hat = (U**2) @ shrunk
+        left = (y - (U * shrunk) @ (U.T @ y)) / np.maximum(1.0 - hat, 1e-3)
+        error = float(np.mean(left**2))
         if error < best:
-            best, slopes = error, (Vt.T * (s / (s**2 + ridge))) @ (U.T @ Y)
-    return np.asarray(slopes)
+            best = error
+            slopes = (Vt.T * (s / (s**2 + ridge))) @ (U.T @ y) / np.sqrt(penalty)
+    return slopes, float(np.sqrt(best))
+
+
+def _metropolis(slopes: Array, variance: Array, start: Array, rng: np.random.Generator) -> Array:
+    """(_DRAWS, P) of -1 to 1, one parameter a step."""
+
+    def density(u: Array) -> float:
+        off = np.clip(_terms(u[None])[0] @ slopes, -_MOST, _MOST)
+        return float(-0.5 * np.sum(off**2 / variance))
+
+    P = len(start)
+    u, own = np.clip(start, -1.0, 1.0), -np.inf
+    steps = _STEPS * P
+    kept = np.linspace(_UNUSED * steps, steps - 1, _DRAWS).astype(int)
+    draws = np.empty((steps, P))
+    for k in range(steps):
+        j, far, chance = int(rng.integers(P)), rng.random(), np.log(rng.random())
+        tried = u.copy()
+        tried[j] = rng.uniform(-1.0, 1.0) if far < _FAR else u[j] + _STEP * rng.standard_normal()
+        if abs(tried[j]) < 1.0:
+            other = density(tried)
+            if chance < other - own:
+                u, own = tried, other
+        draws[k] = u
+    return np.asarray(draws[kept])
