@@ -210,7 +210,7 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int
     names, ranges = _drawn(figures)
     parameters = np.array([[world.parameters[name] for name in names] for world in worlds])
     off, settles = figures.off(values), figures.settles
-    near = figures.distance(off[:, figures.early])
+    near = np.sqrt(np.mean(np.nan_to_num(off[:, figures.early]) ** 2, axis=1))
 
     try:
         emulator = Emulator(parameters, off, near, ranges)

@@ -15,8 +15,8 @@ import numpy as np
 from wrenchsight.models.arrays import Array, Flags
 
 FEWEST = 12  # arms that a figure's emulator is made of, at least
-_NEAR = 0.2  # share of the arms that count more than half
-_RIDGES = 10.0 ** np.arange(-2.0, 3.0)
+_NEAR = 0.2  # share of the arms that count more than a quarter
+_RIDGES = 10.0 ** np.arange(-4.0, 3.0)
 _SQUARES, _PRODUCTS = 3.0, 10.0  # ridge of these terms, over that of the linear ones
 _MOST = 4.0  # tolerances: what is off by more counts no more
 _STEPS, _UNUSED, _DRAWS = 300, 0.2, 400  # per parameter; share before the chain has settled
@@ -46,7 +46,7 @@ class Emulator:
         if known.sum(axis=0).min() < FEWEST:
             raise ValueError(f"a figure of fewer than {FEWEST} arms")
         reach = max(float(np.quantile(near, _NEAR)), 1e-12)
-        weight = 1.0 / (1.0 + (near / reach) ** 2)
+        weight = 1.0 / (1.0 + (near / reach) ** 2) ** 2
         self._slopes, self.error = np.empty((terms.shape[1], off.shape[1])), np.empty(off.shape[1])
         for r in range(off.shape[1]):
             rows = known[:, r]

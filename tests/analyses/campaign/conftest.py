@@ -51,6 +51,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 class Fake:
     """In the place of a robot: a world makes another of it."""
 
+    name = "sts_sre4_600"
     num_joints = 1
     source = Path("nowhere/robot.yaml")
 

@@ -1,66 +1,80 @@
-"""Rejection with regression against posteriors that are known in closed form."""
+"""The emulator against figures that are known, and its draws against posteriors in closed form."""
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from wrenchsight.analyses.campaign.posterior import FEWEST, approximate_posterior, weighted_quantile
+from wrenchsight.analyses.campaign.posterior import FEWEST, Emulator
+
+ALL = np.ones(1, bool)
 
 
-def test_of_linear_figures_with_noise_it_is_the_gaussian_one():
-    """y = 3 x + sd N, an even prior: x given y is Gaussian, mean y / 3, sd / 3."""
+def emulator(drawn, off, ranges):
+    return Emulator(drawn, off, np.sqrt(np.mean(np.nan_to_num(off) ** 2, axis=1)), ranges)
+
+
+def test_of_a_linear_figure_with_noise_the_posterior_is_gaussian():
+    """off = 3 x - 1.2 + .3 N in tolerances: x is Gaussian about .4, sqrt(1 + .3^2) / 3."""
     rng = np.random.default_rng(0)
-    x = rng.uniform(-2.0, 2.0, 6000)
-    sd, seen = 0.3, 1.2
-    off = (3.0 * x + sd * rng.standard_normal(len(x)) - seen)[:, None]
-    ranges = np.array([[-2.0, 2.0]])
-    found = approximate_posterior(x[:, None], off, ranges, 0.1)
-    assert len(found.accepted) == 600
-    assert found.weight.sum() == pytest.approx(1.0)
-    adjusted = found.adjusted[:, 0]
+    x = rng.uniform(-2.0, 2.0, (400, 1))
+    off = 3.0 * x - 1.2 + 0.3 * rng.standard_normal(x.shape)
+    own = emulator(x, off, np.array([[-2.0, 2.0]]))
+    assert own.error[0] == pytest.approx(0.3, rel=0.15)  # four standard errors of 400
+    draws = own.draws(ALL)[:, 0]
     for q in (0.05, 0.25, 0.5, 0.75, 0.95):
-        expected = seen / 3.0 + norm.ppf(q) * sd / 3.0
-        # A quantile of 600 draws in the tail is known to .12 sd (one standard error), of .1
-        assert weighted_quantile(adjusted, found.weight, q) == pytest.approx(expected, abs=0.03)
-    # Without the regression they spread as far as the accepted distance lets them
-    plain = x[found.accepted]
-    assert np.std(plain) > 1.1 * np.std(adjusted)
+        expected = 0.4 + norm.ppf(q) * np.hypot(1.0, 0.3) / 3.0
+        # Of 300 steps 240 count; near ones correlate: some 60 independent ones, .045 each
+        assert np.quantile(draws, q) == pytest.approx(expected, abs=0.15)
+    np.testing.assert_array_equal(draws, own.draws(ALL)[:, 0])  # the same again
 
 
 def test_what_the_figures_do_not_say_stays_as_wide_as_it_was_drawn():
     rng = np.random.default_rng(1)
-    drawn = rng.uniform([0.5, 1.0], [1.5, 3.0], (2000, 2))
-    off = np.log(drawn[:, :1] / 0.8) / 0.1
     ranges = np.array([[0.5, 1.5], [1.0, 3.0]])
-    found = approximate_posterior(drawn, off, ranges, 0.02)
-    low, high = (weighted_quantile(found.adjusted[:, 0], found.weight, q) for q in (0.05, 0.95))
-    assert low == pytest.approx(0.8, abs=0.02) and high == pytest.approx(0.8, abs=0.02)
-    low, high = (weighted_quantile(found.adjusted[:, 1], found.weight, q) for q in (0.05, 0.95))
-    assert high - low > 0.8 * 0.9 * 2.0
-    assert np.all((found.adjusted > ranges[:, 0]) & (found.adjusted < ranges[:, 1]))
+    drawn = rng.uniform(*ranges.T, (300, 2))
+    draws = emulator(drawn, np.log(drawn[:, :1] / 0.8) / 0.1, ranges).draws(ALL)
+    assert np.ptp(np.quantile(draws[:, 0], [0.05, 0.95])) < 0.4  # 3.3 sd of .08 are .26
+    assert np.median(draws[:, 0]) == pytest.approx(0.8, abs=0.04)
+    assert np.ptp(np.quantile(draws[:, 1], [0.05, 0.95])) > 0.7 * 0.9 * 2.0
+    assert np.all((draws > ranges[:, 0]) & (draws < ranges[:, 1]))
+
+
+def test_squares_and_products_are_emulated():
+    def off(u):
+        return (1.0 + u[:, 0] - 2.0 * u[:, 0] * u[:, 1] + 1.5 * u[:, 1] ** 2)[:, None]
+
+    rng = np.random.default_rng(2)
+    ranges = np.array([[2.0, 4.0], [-1.0, 3.0]])
+    u, other = rng.uniform(-1.0, 1.0, (80, 2)), rng.uniform(-1.0, 1.0, (50, 2))
+
+    def drawn(u):
+        return ranges.mean(axis=1) + 0.5 * np.ptp(ranges, axis=1) * u
+
+    own = emulator(drawn(u), off(u), ranges)
+    np.testing.assert_allclose(own.off(drawn(other)), off(other), atol=0.02)  # the least ridge
+    assert own.error[0] < 0.02
 
 
 def test_figures_that_no_draw_reaches_keep_the_parameters_in_their_ranges():
-    rng = np.random.default_rng(2)
-    drawn = rng.uniform(0.5, 1.5, (60, 4))
-    off = drawn @ rng.normal(size=(4, 30)) + 3.0  # far from zero, more figures than draws tell
-    found = approximate_posterior(drawn, off, np.tile([[0.5, 1.5]], (4, 1)), 0.05)
-    assert len(found.accepted) == FEWEST
-    assert np.isfinite(found.adjusted).all()
-    assert found.adjusted.min() > 0.5 and found.adjusted.max() < 1.5
-    assert found.distance[found.accepted[0]] == found.distance.min()
-
-
-def test_resampled_draws_are_as_likely_as_their_weights():
     rng = np.random.default_rng(3)
-    drawn = rng.uniform(0.0, 1.0, (400, 1))
-    found = approximate_posterior(drawn, (drawn - 0.3) / 0.05, np.array([[0.0, 1.0]]), 0.2)
-    again = found.resampled(4000)[:, 0]
-    for row, weight in zip(found.adjusted[:, 0], found.weight, strict=True):
-        assert abs(np.sum(again == row) - 4000 * weight) <= 1.0
+    drawn = rng.uniform(0.5, 1.5, (60, 4))
+    off = 3.0 + drawn @ rng.normal(size=(4, 30))
+    draws = emulator(drawn, off, np.tile([[0.5, 1.5]], (4, 1))).draws(np.ones(30, bool))
+    assert np.isfinite(draws).all()
+    assert draws.min() > 0.5 and draws.max() < 1.5
 
 
-def test_weighted_quantiles_of_equal_weights_are_those_of_the_values():
-    values = np.array([3.0, 1.0, 2.0, 4.0])
-    assert weighted_quantile(values, np.ones(4), 0.5) == 2.5
-    assert weighted_quantile(values, np.array([0.0, 1e9, 0.0, 0.0]), 0.5) == 1.0
+def test_a_figure_that_few_arms_have_is_emulated_from_these():
+    rng = np.random.default_rng(4)
+    drawn = rng.uniform(-1.0, 1.0, (100, 1))
+    off = np.hstack([drawn, 2.0 * drawn - 1.0])
+    off[20:, 1] = np.nan
+    ranges = np.array([[-1.0, 1.0]])
+    own = emulator(drawn, off, ranges)
+    assert own.off(np.array([[0.25]]))[0] == pytest.approx([0.25, -0.5], abs=0.05)
+    # Of one figure alone the other's zero, .5, is no aim
+    alone = own.draws(np.array([True, False]))[:, 0]
+    assert abs(np.median(alone)) < 0.2 < np.median(own.draws(np.array([False, True])))
+    off[FEWEST - 1 :, 1] = np.nan
+    with pytest.raises(ValueError, match="fewer than 12"):
+        emulator(drawn, off, ranges)
