@@ -4,7 +4,7 @@
     OUT/posterior   metrics.json, figures, and files that other commands read:
         worlds.yaml     arms that agree, equally likely, as parameters over those of the nearest
         truth.yaml      the nearest arm, as a simulated truth
-        draws.yaml      the same arms as in worlds.yaml and more, as drawn, for `--narrow`
+        draws.yaml      arms near the likeliest, as drawn, for `--narrow`
         arms.parquet    all arms that were measured, for `--narrow`
 
 First the fit sees half of the rows and is judged on the others (`held_out`), then all (`fitted`).
@@ -41,6 +41,7 @@ from wrenchsight.models.truth.worlds import ABSOLUTE, PER_JOINT, ArmPosterior, W
 
 COMMAND: Final = "campaign-fit"
 _ARMS_WRITTEN: Final = 100
+_SHARPNESS: Final = 8.0  # of the draws for `--narrow`
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +217,8 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int
         emulator = Emulator(parameters, off, near, ranges)
     except ValueError as error:
         raise InputError(out, "", str(error), "draw more: --worlds") from error
-    agreeing = emulator.draws(np.ones_like(settles))
+    every = np.ones_like(settles)
+    agreeing, likeliest = emulator.draws(every), emulator.draws(every, _SHARPNESS)
     drawn = {name: parameters[:, k].tolist() for k, name in enumerate(names)}
     distance = np.where(whole, figures.distance(off), np.inf)
     best = int(np.argmin(distance))
@@ -243,7 +245,7 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int
         },
         failures,
     )
-    _write(figures, found, agreeing, names, ranges, parameters, parameters[best], record)
+    _write(figures, found, agreeing, names, ranges, parameters, parameters[best], likeliest, record)
     return found
 
 
@@ -302,6 +304,7 @@ def _write(
     ranges: Array,
     parameters: Array,
     best: Array,
+    likeliest: Array,
     record: CampaignRecord,
 ) -> None:
     truth = Robot.load(figures.config.robot)
@@ -332,7 +335,7 @@ def _write(
     with result_folder(fit.out / "posterior", COMMAND) as folder:
         folder.write_text("metrics.json", json_text(dict(plain(metrics))))
         save_configuration(ArmPosterior(figures.config.robot, about_nearest), folder / WORLDS)
-        draws = {name: agreeing[:, k].tolist() for k, name in enumerate(names)}
+        draws = {name: likeliest[:, k].tolist() for k, name in enumerate(names)}
         save_configuration(ArmPosterior(figures.config.robot, draws), folder / DRAWS)
         write_table(record, folder / ARMS, figures.experiments)
         factors: dict[str, tuple[float, ...]] = {name: (x,) for name, x in nearest.items()}

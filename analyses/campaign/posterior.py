@@ -62,14 +62,15 @@ class Emulator:
         """(A, R) by how much figures are off at parameters (A, P), in tolerances."""
         return np.asarray(_terms(self._inside(parameters)) @ self._slopes)
 
-    def draws(self, rows: Flags, seed: int = 0) -> Array:
+    def draws(self, rows: Flags, sharpness: float = 1.0, seed: int = 0) -> Array:
         """(_DRAWS, P) parameters that agree with some of the figures, equally likely.
 
         Args:
             rows: (R,) which figures.
+            sharpness: power of the density that is drawn from: above 1 nearer to the likeliest.
             seed: of the draws.
         """
-        slopes, variance = self._slopes[:, rows], 1.0 + self.error[rows] ** 2
+        slopes, variance = self._slopes[:, rows], (1.0 + self.error[rows] ** 2) / sharpness
         chain = _metropolis(slopes, variance, self._start, np.random.default_rng(seed))
         return np.asarray(self._low + (chain + 1.0) * self._half)
 

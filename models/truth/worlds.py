@@ -148,7 +148,8 @@ class WorldSource:
 
     Attributes:
         ranges: between what each parameter lies.
-        posterior: arms that are drawn from instead, as far as they say; None: none.
+        posterior: arms that are drawn from instead, as far as they say, of worlds that are alike
+            one after another; None: none.
         about: truth that is drawn about, of whatever robot; None: the robot's own.
         only: parameters that are drawn, all others stay as the truth has them; None: all.
         alike: whether worlds have one seed, individual and day, 0: only parameters differ.
@@ -359,7 +360,8 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     world = World(number, own, individual, day, factors, about=source.about)
     if source.posterior is None or source.posterior.num_arms == 0:
         return world
-    arm = int(generator.integers(source.posterior.num_arms))
+    drawn = int(generator.integers(source.posterior.num_arms))
+    arm = number % source.posterior.num_arms if source.alike else drawn
     arms = source.posterior.arms
     of_robot: dict[str, tuple[float, ...]] = {name: (values[arm],) for name, values in arms.items()}
     return replace(world, of_robot=of_robot, posterior_of=source.posterior.robot)
