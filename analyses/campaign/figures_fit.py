@@ -41,7 +41,7 @@ from wrenchsight.models.truth.worlds import ABSOLUTE, PER_JOINT, ArmPosterior, W
 
 COMMAND: Final = "campaign-fit"
 _ARMS_WRITTEN: Final = 100
-_SHARPNESS: Final = 8.0  # of the draws for `--narrow`
+_SHARPNESS: Final = 20.0  # of the draws for `--narrow`
 
 
 @dataclass(frozen=True, eq=False)
