@@ -26,6 +26,9 @@ def test_of_a_linear_figure_with_noise_the_posterior_is_gaussian():
         # Of 300 steps 240 count; near ones correlate: some 60 independent ones, .045 each
         assert np.quantile(draws, q) == pytest.approx(expected, abs=0.15)
     np.testing.assert_array_equal(draws, own.draws(ALL)[:, 0])  # the same again
+    sharp = own.draws(ALL, 25.0)[:, 0]  # a fifth as wide
+    assert np.std(sharp) == pytest.approx(np.hypot(1.0, 0.3) / 15.0, rel=0.4)
+    assert np.mean(sharp) == pytest.approx(0.4, abs=0.03)
 
 
 def test_what_the_figures_do_not_say_stays_as_wide_as_it_was_drawn():

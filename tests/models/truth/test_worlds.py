@@ -143,6 +143,16 @@ def test_each_session_has_a_hand_of_its_own():
     assert drawn.bandwidth == world.hand("combined").bandwidth
 
 
+def test_worlds_that_are_alike_take_the_arms_one_after_another():
+    found = ArmPosterior("any", {"coulomb": [0.8, 0.9, 1.1]})
+    source = WorldSource(posterior=found, alike=True)
+    taken = [draw_world(0, number, source).of_robot["coulomb"][0] for number in range(5)]
+    assert taken == [0.8, 0.9, 1.1, 0.8, 0.9]
+    others = [draw_world(0, k, WorldSource(posterior=found)) for k in range(60)]
+    counts = np.bincount([found.arms["coulomb"].index(w.of_robot["coulomb"][0]) for w in others])
+    assert counts.min() > 8  # of 20 expected each, three standard deviations of 3.7
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
