@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from wrenchsight.analyses.output.outputs import json_text, plain_metrics
+from wrenchsight.analyses.output.outputs import json_text, plain, plain_metrics
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.analyses.study.figure_files import written_figures
 from wrenchsight.analyses.study.fingerprint import software_hash
@@ -176,7 +176,7 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float | None]]:
 
 
 def _description(experiment: Experiment, result: ExperimentResult) -> dict[str, Any]:
-    rows = [asdict(row) for row in result.comparison]
+    rows = [plain(asdict(row)) for row in result.comparison]  # tuples are lists, as in a table
     return {"title": experiment.title, "section": experiment.section, "comparison": rows}
 
 

@@ -43,7 +43,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         ),
         comparison=[
             ComparisonRow("RMSE, with", "optimised.rmse_n", 1.5, ours="ours.rmse_n"),
-            ComparisonRow("Torque RMSE", "rmse_nm", [0.1, 0.2, 0.3]),
+            ComparisonRow("Torque RMSE", "rmse_nm", (0.1, 0.2, 0.3)),
         ],
     )
 
