@@ -19,7 +19,7 @@ _NEAR = 0.2  # share of the arms that count more than a quarter
 _RIDGES = 10.0 ** np.arange(-4.0, 3.0)
 _SQUARES, _PRODUCTS = 3.0, 10.0  # ridge of these terms, over that of the linear ones
 _MOST = 4.0  # tolerances: what is off by more counts no more
-_STEPS, _UNUSED, _DRAWS = 300, 0.2, 400  # per parameter; share before the chain has settled
+_STEPS, _UNUSED, _DRAWS = 1500, 0.2, 400  # per parameter; share before the chain has settled
 _FAR = 0.3  # share of steps that go anywhere in the range
 _STEP = 0.25  # of the others, of half a range
 

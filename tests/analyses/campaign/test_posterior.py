@@ -23,7 +23,7 @@ def test_of_a_linear_figure_with_noise_the_posterior_is_gaussian():
     draws = own.draws(ALL)[:, 0]
     for q in (0.05, 0.25, 0.5, 0.75, 0.95):
         expected = 0.4 + norm.ppf(q) * np.hypot(1.0, 0.3) / 3.0
-        # Of 300 steps 240 count; near ones correlate: some 60 independent ones, .045 each
+        # Of 1500 steps 1200 count; near ones correlate: some 300 independent ones, .03 in the tail
         assert np.quantile(draws, q) == pytest.approx(expected, abs=0.15)
     np.testing.assert_array_equal(draws, own.draws(ALL)[:, 0])  # the same again
     sharp = own.draws(ALL, 25.0)[:, 0]  # a fifth as wide
