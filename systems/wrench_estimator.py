@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
@@ -89,7 +88,6 @@ class WrenchEstimatorSystem(LeafSystem):
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
         self._initial = estimator.initial_state()
-        state: DiscreteStateIndex = self.DeclareDiscreteState(self._initial)
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         parameters = {self.numeric_parameter_ticket(index) for index in self.parameters.values()}
         # Constants, friction law and pole: they change only with the parameters.
@@ -100,11 +98,11 @@ class WrenchEstimatorSystem(LeafSystem):
         )
         self._size = sum(self.reading_sizes)
         # Kept: `reading`, the checked current.
-        self._last = LastTick(self, estimator.observer.time_step, self._size + n)
+        period = estimator.observer.time_step
+        self._last = LastTick(self, self._initial, period, self._size + n)
         prerequisites = self._last.tickets | {
             self._q.ticket(),
             self._v.ticket(),
-            self.discrete_state_ticket(state),
             self._tuned.ticket(),
         }
         # An observer that does not read the present torque leaves a loop over it open.
@@ -127,8 +125,7 @@ class WrenchEstimatorSystem(LeafSystem):
                     prerequisites,
                 )
             start += size
-        memory = self._last.tickets | {self.discrete_state_ticket(state)}
-        drives = memory | {self._current.ticket()}
+        drives = self._last.tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_checked_current, drives
         )
@@ -264,12 +261,13 @@ class WrenchEstimatorSystem(LeafSystem):
         )
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        state, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept[: self._size])
             return
         self.read(
             self._tuned.EvalAbstract(context).get_value()[0],
-            context.get_discrete_state(0).value(),
+            state,
             self._q.Eval(context),
             self._v.Eval(context),
             self._current.Eval(context) if self._reads_current else self._unread,
@@ -279,8 +277,8 @@ class WrenchEstimatorSystem(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         reading = self._reading.Eval(context)
+        state, kept = self._last.take(context, discrete_state, reading)
         values, layout, table = self._tuned.EvalAbstract(context).get_value()[0]
-        state = discrete_state.get_mutable_value(0)
         q, v, current = (port.Eval(context) for port in (self._q, self._v, self._current))
         # Of `known` an update asks no more than how many rows it has.
         known, scratch = self._known, self._scratch
@@ -288,15 +286,16 @@ class WrenchEstimatorSystem(LeafSystem):
             self._choice, values, layout, table, state, q, v, current, known, reading, scratch
         )
         # Not the port of the checked current: a call into Python costs as much as a tick.
-        self._last.take(context, discrete_state, reading, self._checked_in_tick)
+        kept[self._size :] = self._checked_in_tick
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        state, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept[-self._n :])
             return
         current, check = self._current.Eval(context), self._estimator.check
         if check is not None:
-            memory = self._estimator.parts(context.get_discrete_state(0).value()).check
+            memory = self._estimator.parts(state).check
             period = self._estimator.observer.time_step
             check_current(check.table, memory, period, current, self._checked)
             current = self._checked[2]
