@@ -128,7 +128,7 @@ class MachiningController(LeafSystem):
         reading = dict(
             zip(
                 ("tau_ext", "wrench", "covariance", "condition_number", "valid", "rest"),
-                self._estimator.reading_sizes,
+                self._estimator.tick_sizes,
                 strict=True,
             )
         )
