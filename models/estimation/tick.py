@@ -230,10 +230,15 @@ def tick_output(
     copy_whole(tick.reading_state, s.reading)
     read_wrench(
         (p.read_load[0], p.lag[0], p.explained[0], p.faults[0], p.wrench),
-        *(tick.reading_state, tick.error, J, tick.tau_ext),
+        tick.reading_state,
+        tick.error,
+        J,
+        tick.tau_ext,
         counts,
         int(tick.flags[FAULT]) & BEYOND != 0,
-        *(observed, tick.reading, work.reading),
+        observed,
+        tick.reading,
+        work.reading,
     )
 
 

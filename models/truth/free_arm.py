@@ -312,7 +312,7 @@ def _run(
                 state[i, j] = after[i, j]
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _step(n: int, M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
     """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
 
