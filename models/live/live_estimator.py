@@ -14,8 +14,11 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
-from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
+from wrenchsight.models.detection.contact_detector import (
+    ContactDetectionConfig,
+    ContactEstimator,
+    Reader,
+)
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError

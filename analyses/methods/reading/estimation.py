@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from wrenchsight.analyses.methods.reading.engines import estimates
+from wrenchsight.analyses.methods.reading.engines import estimates, without_breaks
 from wrenchsight.analyses.methods.reading.estimate_config import (
     EstimateConfig,
     EstimateSettings,
@@ -25,10 +25,7 @@ from wrenchsight.analyses.methods.reading.estimate_data_set import (
     write_data_set,
 )
 from wrenchsight.analyses.methods.reading.first_pass import first_pass
-from wrenchsight.analyses.methods.reading.known_contact import (
-    with_known_tool,
-    without_breaks,
-)
+from wrenchsight.analyses.methods.reading.known_tool import with_known_tool
 from wrenchsight.analyses.methods.reading.log_readings import LogReadings
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,

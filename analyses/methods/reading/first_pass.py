@@ -22,7 +22,7 @@ from wrenchsight.analyses.methods.reading.uniform_log import (
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.detection.contact_estimator import ContactEstimator
+from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.wrench import live_prior
