@@ -26,9 +26,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.external_torque import ExternalTorqueEstimator
 from wrenchsight.models.live.known_contact import KnownContactEstimator
 from wrenchsight.models.live.reading import Reading
-from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
-from wrenchsight.models.live.stream_order import StreamOrder
+from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, LESS, SampleCheck
 from wrenchsight.models.recordings.position_resolution import position_resolution

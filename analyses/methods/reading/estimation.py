@@ -30,8 +30,8 @@ from wrenchsight.analyses.methods.reading.log_readings import LogReadings
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,
     ProgressCallback,
+    completed,
     screen_of,
-    timed,
     uniform_chunks,
 )
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
@@ -169,13 +169,14 @@ def estimate(
     other = model.fitted_robot.differences(robot)
     model = _with_asked_drift(model, settings.estimate)
     before = first_pass(read, robot, model, settings.estimate, progress, warnings)
-    reader, screen = read(), screen_of(robot, before.config)
+    asked = settings.estimate.estimator
+    reader, screen = read(), screen_of(robot, asked)
     chunks = uniform_chunks(
-        *(reader, screen, before.config, settings.estimate.max_gap),
+        *(reader, screen, asked, settings.estimate.max_gap),
         Part(progress, before.passes, 1.0, "estimating"),
     )
     first = next(chunks)
-    config = timed(before.config, first)
+    config = completed(asked, first, before.resolution, before.prior)
     tracked: TrackedEstimator | None = None
     if settings.estimate.track:
         tracked = TrackedEstimator(robot, model, config, settings.estimate.detection)

@@ -106,10 +106,30 @@ def screen_of(robot: Robot, config: WrenchEstimatorConfig) -> SampleScreen | Non
     return SampleScreen(robot) if config.check_samples else None
 
 
-def timed(config: WrenchEstimatorConfig, chunk: Recording) -> WrenchEstimatorConfig:
-    """The configuration with the time step that the log suggests, unless it states one."""
-    step = config.observer.time_step or float(plausible_step(chunk))
-    return replace(config, observer=replace(config.observer, time_step=step))
+def completed(
+    config: WrenchEstimatorConfig,
+    chunk: Recording,
+    resolution: list[float],
+    prior: tuple[float, float] | None,
+) -> WrenchEstimatorConfig:
+    """The configuration with what the log says where it says nothing itself.
+
+    Args:
+        chunk: of the log, on its grid: whence the time step.
+        resolution: (n,) rad, of the encoders.
+        prior: sds of force and moment, N and N m; None: left open.
+    """
+    observer, reconstruction = config.observer, config.reconstruction
+    if not observer.time_step:
+        observer = replace(observer, time_step=float(plausible_step(chunk)))
+    if prior is not None:
+        reconstruction = reconstruction.with_prior(*prior)
+    return replace(
+        config,
+        observer=observer,
+        reconstruction=reconstruction,
+        position_resolution=resolution,
+    )
 
 
 def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
