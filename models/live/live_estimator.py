@@ -237,9 +237,11 @@ class LiveEstimator:
 
     def _prepare(self, step: float) -> None:
         config = self._config.estimator
-        config = replace(config, observer=replace(config.observer, time_step=step))
-        if self._resolution is not None:
-            config = replace(config, position_resolution=self._resolution)
+        config = replace(
+            config,
+            observer=replace(config.observer, time_step=step),
+            position_resolution=self._resolution or config.position_resolution,
+        )
         self._estimator = WrenchEstimator(self._robot, self._model, config)
         detection = self._config.detection
         self.tracked = None
