@@ -124,7 +124,7 @@ class TorqueErrorStage:
         return error
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def torque_error_tick(
     table: Array,
     poles: Array,
@@ -152,7 +152,7 @@ def torque_error_tick(
             error.rows[i, j] = rows[i, j]
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def torque_error_views(flat: Array, n: int) -> TorqueError:
     """The parts of (ERROR_ROWS n,) memory."""
     end = (3 + JACOBIAN_ROWS) * n

@@ -225,7 +225,7 @@ def judge_reading(
     lag_update(lag, state[:6], wrench, valid)
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def read_wrench(
     tables: tuple[Array, Array, Array, Array, Array],
     state: Array,
