@@ -23,10 +23,7 @@ from wrenchsight.systems.contact_detection import DETECTION, ContactDetection
 from wrenchsight.systems.external_torque_observer import ExternalTorqueObserver
 from wrenchsight.systems.friction_law import FrictionLawSystem
 from wrenchsight.systems.generalized_momentum_observer import GeneralizedMomentumObserver
-from wrenchsight.systems.jacobian_wrench_reconstruction import (
-    READING_SIZES,
-    JacobianWrenchReconstruction,
-)
+from wrenchsight.systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
 from wrenchsight.systems.motor_current_torque_source import MotorCurrentTorqueSource
 from wrenchsight.systems.presliding_friction import PreslidingFrictionSystem
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
@@ -115,8 +112,8 @@ def _staged(
         JacobianWrenchReconstruction(estimator.reading, period if estimator.learnt else 0.0),
     )
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    observed = builder.AddNamedSystem("observed", Demultiplexer([estimator.num_joints, 1]))
-    reading = builder.AddNamedSystem("reading", Demultiplexer(READING_SIZES))
+    observed = builder.AddNamedSystem("observed", Demultiplexer(observer.reading_sizes))
+    reading = builder.AddNamedSystem("reading", Demultiplexer(reconstruction.reading_sizes))
     builder.Connect(observer.GetOutputPort("reading"), observed.get_input_port())
     builder.Connect(reconstruction.GetOutputPort("reading"), reading.get_input_port())
     tau_ext, tau_ext_valid = (observed.get_output_port(i) for i in range(2))
@@ -223,9 +220,9 @@ def _checked_inputs(
     builder.AddNamedSystem("samples", check)
     for signal in ("q", "v", "current"):
         builder.ExportInput(check.GetInputPort(signal), signal)
-    motion = builder.AddNamedSystem("motion", Demultiplexer([n, n, 1]))
+    motion = builder.AddNamedSystem("motion", Demultiplexer(check.motion_sizes))
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
-    q, v, fault = (motion.get_output_port(k) for k in range(3))
+    fault, _, q, v = (motion.get_output_port(k) for k in range(4))
     return q, v, check.GetOutputPort("checked_current"), fault
 
 

@@ -9,6 +9,7 @@ So what changed is compiled again, and what calls it, and nothing else.
 
 import ast
 import hashlib
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -24,6 +25,22 @@ _Definitions = dict[str, tuple[str, tuple[str, ...]]]
 
 _NAME = "wrenchsight"
 _PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def _date(file: str | Path) -> int:
+    """When a file last changed, ns; 0: there is none."""
+    try:
+        return Path(file).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+# Dates of the sources, when this process began: what runs is no younger.
+_dates = {
+    str(file): _date(file)
+    for room in ("models", "systems", "diagrams", "analyses")
+    for file in (_PACKAGE / room).rglob("*.py")
+}
 
 
 @overload
@@ -73,6 +90,9 @@ def kernel_stamp(file: Path, name: str) -> str:
 @cache
 def _definitions(file: str) -> _Definitions:
     """Name -> its digest and what it uses: a name of the same module, or "FILE:NAME"."""
+    # A file that changed since then is not what runs: its stamp is one that no other process finds.
+    date = _date(file)
+    salt = b"" if _dates.get(file, date) == date else os.urandom(16)
     imports: dict[str, str] = {}
     nodes: dict[str, list[ast.AST]] = {}
     for node in ast.parse(Path(file).read_bytes()).body:
@@ -97,7 +117,7 @@ def _definitions(file: str) -> _Definitions:
     for name, group in nodes.items():
         tree = [_bare(node) for node in group]
         used = {n.id for node in tree for n in ast.walk(node) if isinstance(n, ast.Name)} - {name}
-        digest = hashlib.sha256("".join(map(ast.dump, tree)).encode()).hexdigest()
+        digest = hashlib.sha256(salt + "".join(map(ast.dump, tree)).encode()).hexdigest()
         result[name] = (
             digest,
             tuple(sorted(imports.get(n, n) for n in used if n in imports or n in nodes)),
@@ -154,7 +174,23 @@ class _Implementation(caching.CompileResultCacheImpl):
 
 
 class _Cache(caching.FunctionCache):
+    """Looks for its file when it is first asked: a program calls few of the kernels that it
+    imports, and the stamps of all take half a second.
+    """
+
     _impl_class = _Implementation
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+        file = function.__code__.co_filename
+        if not file.startswith(str(_PACKAGE)):
+            _dates.setdefault(str(Path(file).resolve()), _date(file))
+
+    def __getattr__(self, name: str) -> Any:
+        if "_function" not in self.__dict__ or "_impl" in self.__dict__:
+            raise AttributeError(name)
+        super().__init__(self._function)
+        return getattr(self, name)
 
 
 @contextmanager

@@ -52,11 +52,50 @@ def view_2d(context: Any, flat: Any, start: Any, rows: Any, columns: Any) -> Any
     return kind(flat, types.intp, types.intp, types.intp), code
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def part(values: Array, layout: Layout, k: int) -> Array:
     """One of the arrays that were `joined`, (rows, columns)."""
     own: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
     return own
+
+
+@kernel(inline="always")
+def copy_to(target: Array, source: Array) -> None:
+    """Copies (n,) numbers. numba's slices spend a second's compilation on an error's words."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@intrinsic
+def copy_whole(context: Any, target: Any, source: Any) -> Any:
+    """Copies a C-contiguous array into another of as many numbers; nothing is checked."""
+    if target.layout != "C" or source.layout != "C" or target.dtype != source.dtype:
+        return None
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        library: Any = arrayobj  # has no types
+        into, whole = (
+            library.make_array(kind)(context, builder, value)
+            for kind, value in zip(signature.args, arguments, strict=True)
+        )
+        size = context.get_abi_sizeof(whole.data.type.pointee)
+        library.cgutils.raw_memcpy(builder, into.data, whole.data, whole.nitems, size)
+        return context.get_dummy_value()
+
+    return types.void(target, source), code
+
+
+@intrinsic
+def read_only(context: Any, array: Any) -> Any:
+    """The same array as one that may not be written: what takes such arrays, as Drake's contexts
+    give them, is compiled once.
+    """
+    kind = array.copy(readonly=True)
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return impl_ret_borrowed(context, builder, kind, arguments[0])
+
+    return kind(array), code
 
 
 @intrinsic

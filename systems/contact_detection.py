@@ -78,16 +78,14 @@ class ContactDetection(LeafSystem):
             ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_detector),
             {self._pole.ticket(), self._law.ticket()},
         )
-        state = self.DeclareDiscreteState(initial.ravel())
-        self._last = LastTick(self, detector.time_step, len(DETECTION))
+        self._last = LastTick(self, initial, detector.time_step, len(DETECTION))
         self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
         ports = [self._v, self._terms, self._torque_error, self._tau_ext, self._tau_ext_valid]
         if detector.reads_present_torque:
             ports += [self._tau_J, self._tau_f]
-        tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
-        tickets.add(self._tuned.ticket())
+        tickets = {port.ticket() for port in ports} | self._last.tickets
         self._output = self.DeclareVectorOutputPort(
-            "detection", len(DETECTION), self._calc, tickets | self._last.tickets
+            "detection", len(DETECTION), self._calc, tickets | {self._tuned.ticket()}
         )
 
     def _calc_detector(self, context: Context, value: Value) -> None:
@@ -113,20 +111,16 @@ class ContactDetection(LeafSystem):
         torque: Array = self._tau_J.Eval(context) - self._tau_f.Eval(context)
         return torque[np.newaxis]
 
-    def _state(self, context: Context) -> Array:
-        return np.array(context.get_discrete_state(0).value()).reshape(self._shape)
-
     def _calc(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        memory, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept)
             return
         present = self._detector.reads_present_torque
         transmitted = self._transmitted(context) if present else self._nothing
-        found = self._run(context, self._state(context), transmitted)
+        found = self._run(context, np.array(memory).reshape(self._shape), transmitted)
         output.SetFromVector(found[0, : len(DETECTION)])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        self._last.take(context, discrete_state, self._output.Eval(context))
-        state = self._state(context)
-        self._run(context, state, self._transmitted(context))
-        discrete_state.set_value(0, state.ravel())
+        memory, _ = self._last.take(context, discrete_state, self._output.Eval(context))
+        self._run(context, memory.reshape(self._shape), self._transmitted(context))

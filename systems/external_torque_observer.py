@@ -1,13 +1,12 @@
 """An observer of external joint torque as a block, whatever its kind."""
 
-from typing import Any, ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
@@ -16,21 +15,11 @@ from pydrake.systems.framework import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
-from wrenchsight.models.observers.observer import (
-    CTV,
-    GRAVITY,
-    MOMENTUM,
-    NUM_SIGNALS,
-    TAU_EXT,
-    TAU_F,
-    TAU_J,
-    TORQUE_SD,
-    Observer,
-    Q,
-    V,
-)
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_EXT, TAU_J, Observer
+from wrenchsight.models.observers.signals import signals_size, write_signals
 from wrenchsight.systems.last_tick import LastTick
+
+_NOTHING = np.empty(0)
 
 
 class ExternalTorqueObserver(LeafSystem):
@@ -53,7 +42,8 @@ class ExternalTorqueObserver(LeafSystem):
                          that it reads the present torque
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and while it is still
                          settling after the start
-                reading  (n + 1,) these two, one after the other, in one port
+                reading  these two, one after the other, then what the update takes, in one port;
+                         Drake's Demultiplexer splits it with `reading_sizes`
                 pole     (n,) 1/s, below 0 for an observer without one
                 wrench   (42,) F_E_W and its covariance, row by row, of an observer that reads the
                          wrench itself; others have no such port
@@ -89,7 +79,6 @@ class ExternalTorqueObserver(LeafSystem):
             self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         state = observer.initial_state()
         self._state_shape = state.shape
-        self._state: DiscreteStateIndex = self.DeclareDiscreteState(state.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(observer.time_step, 0.0, self._update)
 
         # The constants change only with the parameters, not at every tick.
@@ -103,33 +92,31 @@ class ExternalTorqueObserver(LeafSystem):
             parameters,
         )
         self._has_wrench = observer.kernels.wrench is not None
-        self._last = LastTick(self, observer.time_step, n + 1 + 42 * self._has_wrench)
-        inputs = {self._terms.ticket(), self._tau_f.ticket()}
-        if self.uses_sd:
-            inputs.add(self._torque_error.ticket())
-        # All but the torque of the motors and the estimate, which a tick's halves write.
-        self._signals = self.DeclareCacheEntry(
-            "signals",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_signals),
-            inputs,
-        )
+        self._last = LastTick(self, state, observer.time_step, n + 1 + 42 * self._has_wrench)
         prerequisites = self._last.tickets | {
-            self._signals.ticket(),
-            self.discrete_state_ticket(self._state),
+            self._terms.ticket(),
+            self._tau_f.ticket(),
             self._table.ticket(),
         }
+        if self.uses_sd:
+            prerequisites.add(self._torque_error.ticket())
         if observer.reads_present_torque:
             prerequisites.add(self._tau_J.ticket())
         self.DeclareVectorOutputPort("tau_ext", n, self._calc_tau_ext, prerequisites)
         self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
         self._reading = self.DeclareVectorOutputPort(
-            "reading", n + 1, self._calc_reading, prerequisites
+            "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
             self._wrench = self.DeclareVectorOutputPort(
                 "wrench", 42, self._calc_wrench, prerequisites
             )
+
+    @property
+    def reading_sizes(self) -> list[int]:
+        """Of tau_ext, valid and the rest in `reading`."""
+        return [self._n, 1, signals_size(self._n)]
 
     def _tuned(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
@@ -146,62 +133,57 @@ class ExternalTorqueObserver(LeafSystem):
         pole = self._tuned(context).pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
-    def _calc_signals(self, context: Context, value: Value) -> None:
-        terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        signals = np.empty((NUM_SIGNALS, self._n))
-        signals[Q], signals[V] = terms.q, terms.v
-        signals[MOMENTUM], signals[CTV], signals[GRAVITY] = terms.momentum, terms.CTv, terms.G
-        signals[TAU_F] = self._tau_f.Eval(context)
-        signals[TORQUE_SD:] = 0.0
-        if self.uses_sd and self._torque_error.HasValue(context):
-            sds = self._torque_error.Eval(context)[: (NUM_SIGNALS - TORQUE_SD) * self._n]
-            signals[TORQUE_SD:] = sds.reshape(-1, self._n)
-        value.set_value((signals, terms.J))
-
-    def _signals_of(self, context: Context, with_torque: bool) -> tuple[Array, Array]:
-        signals, J = self._signals.EvalAbstract(context).get_value()
-        signals[TAU_J] = self._tau_J.Eval(context) if with_torque else 0.0
-        return signals, J
+    def _signals(self, reading: Array) -> tuple[Array, Array]:
+        """The signals and J of a reading, as views."""
+        n = self._n
+        rest = reading[n + 1 :]
+        return rest[6 * n :].reshape(NUM_SIGNALS, n), rest[: 6 * n].reshape(6, n)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
-            output.SetFromVector(kept[: self._n + 1])
+        n, reading = self._n, output.get_mutable_value()
+        memory, kept = self._last.at(context)
+        if kept is not None:
+            reading[: n + 1] = kept[: n + 1]
             return
-        signals, J = self._signals_of(context, self._observer.reads_present_torque)
-        state: Any = context.get_discrete_state(self._state).value()
-        reading = output.get_mutable_value()
-        reading[-1] = self._observer.kernels.output(
-            self._table.Eval(context), np.array(state).reshape(self._state_shape), signals, J
-        )
-        reading[:-1] = signals[TAU_EXT]
+        error = _NOTHING
+        if self.uses_sd and self._torque_error.HasValue(context):
+            error = self._torque_error.Eval(context)
+        terms, tau_f = self._terms.Eval(context), self._tau_f.Eval(context)
+        write_signals(terms.record, tau_f, error, reading[n + 1 :])
+        signals, J = self._signals(reading)
+        if self._observer.reads_present_torque:
+            signals[TAU_J] = self._tau_J.Eval(context)
+        state = np.array(memory).reshape(self._state_shape)
+        table = self._table.EvalAbstract(context).get_value()
+        reading[n] = self._observer.kernels.output(table, state, signals, J)
+        reading[:n] = signals[TAU_EXT]
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        memory, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept[self._n + 1 :])
             return
-        signals, J = self._signals_of(context, self._observer.reads_present_torque)
-        state: Any = context.get_discrete_state(self._state).value()
-        reading = output.get_mutable_value()
+        signals, J = self._signals(self._reading.Eval(context))
+        wrench = output.get_mutable_value()
         self._observer.kernels.wrench(
-            self._table.Eval(context),
-            np.array(state).reshape(self._state_shape),
-            *(signals, J, reading[:6], reading[6:].reshape(6, 6)),
+            self._table.EvalAbstract(context).get_value(),
+            np.array(memory).reshape(self._state_shape),
+            *(signals, J, wrench[:6], wrench[6:].reshape(6, 6)),
         )
 
     def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[:-1])
+        output.SetFromVector(self._reading.Eval(context)[: self._n])
 
     def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[-1])
+        output.SetAtIndex(0, self._reading.Eval(context)[self._n])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        last = [self._reading, self._wrench] if self._has_wrench else [self._reading]
-        self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
-        signals, J = self._signals_of(context, True)
-        signals[TAU_EXT] = self._reading.Eval(context)[:-1]
-        self._observer.kernels.update(
-            self._table.Eval(context),
-            discrete_state.get_mutable_value(self._state).reshape(self._state_shape),
-            signals,
-            J,
-        )
+        reading = self._reading.Eval(context)
+        kept = [reading[: self._n + 1]]
+        if self._has_wrench:
+            kept.append(self._wrench.Eval(context))
+        memory, _ = self._last.take(context, discrete_state, *kept)
+        signals, J = self._signals(reading)
+        signals[TAU_J] = self._tau_J.Eval(context)
+        table = self._table.EvalAbstract(context).get_value()
+        self._observer.kernels.update(table, memory.reshape(self._state_shape), signals, J)

@@ -98,15 +98,14 @@ class FrictionLawSystem(LeafSystem):
         value.set_value((law.velocity_law.table, law.slip_table))
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
-        velocity_table, slip_table = self._tables.Eval(context)
-        v, tau_f = self._v.Eval(context), np.empty(self._n)
+        velocity_table, slip_table = self._tables.EvalAbstract(context).get_value()
+        v, tau_f = self._v.Eval(context), output.get_mutable_value()
         friction_torque(velocity_table, v, tau_f)
         if self._rows > 0:
             state = np.array(context.get_discrete_state(self._state).value())
             self._law.kernels.add_torque(
                 slip_table, state.reshape(self._rows, self._n), self._q.Eval(context), v, tau_f
             )
-        output.SetFromVector(tau_f)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._law.kernels.update(

@@ -1,21 +1,18 @@
 """External joint torque to the wrench at the tool."""
 
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
     ValueProducer,
 )
 
-from wrenchsight.models.arrays import contiguous
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
@@ -26,11 +23,8 @@ from wrenchsight.models.estimation.wrench_reading import (
 )
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.observers.sample_check import BEYOND
-from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.last_tick import LastTick
 
-READING_SIZES = (6, 36, 1, 1)
-"""Entries of the port `reading`: wrench, covariance, condition number, valid."""
 _NOTHING = np.empty(0)
 _WRENCH, _COVARIANCE, _CONDITION, _VALID = slice(6), slice(6, 42), 42, 43
 
@@ -73,8 +67,9 @@ class JacobianWrenchReconstruction(LeafSystem):
                  valid              (1,) 1, or 0 where the force is known too poorly (see
                                     `models.estimation.wrench`), J is singular (method "inverse"),
                                     no wrench at E explains tau_ext, or an input cannot be used
-                 reading            (44,) these four, one after the other (READING_SIZES), in
-                                    one port
+                 reading            these four, one after the other, in one port, with a time step
+                                    also what the update takes; Drake's Demultiplexer splits it with
+                                    `reading_sizes`
                  All with direct feedthrough, all from one computation.
     State:       `WrenchReading.initial_state`, with a time step; none without
     Parameters:  prior_sd           (2,) force, N, and moment, N m; inf where nothing is known
@@ -134,24 +129,23 @@ class JacobianWrenchReconstruction(LeafSystem):
         ports += [self._observed, self._torque_error]
         tickets = {port.ticket() for port in ports} | {self._tables.ticket()}
         self._last: LastTick | None = None
+        self._initial = reading.initial_state()
+        self.reading_sizes = [6, 36, 1, 1]
+        """Of wrench, covariance, condition number and valid, and of the rest, in `reading`."""
         if time_step > 0.0:
-            state: DiscreteStateIndex = self.DeclareDiscreteState(reading.initial_state())
-            tickets.add(self.discrete_state_ticket(state))
-            self._last = LastTick(self, time_step, READING)
+            self.reading_sizes.append(len(self._initial))
+            self._last = LastTick(self, self._initial, time_step, sum(self.reading_sizes))
+            tickets |= self._last.tickets
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        # The reading and the state after it, so that the update need not read again.
-        self._tick = self.DeclareCacheEntry(
-            "reading and state",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tick),
-            tickets,
-        )
-        tickets = {self._tick.ticket()} | (set() if self._last is None else self._last.tickets)
+        # Nothing in it outlives a call.
+        self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, tickets)
         self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, tickets)
         self.DeclareVectorOutputPort("condition_number", 1, self._calc_condition_number, tickets)
         self.DeclareVectorOutputPort("valid", 1, self._calc_valid, tickets)
+        # Kept: the reading and the state after it, so that the update need not read again.
         self._reading = self.DeclareVectorOutputPort(
-            "reading", READING, self._calc_reading, tickets
+            "reading", sum(self.reading_sizes), self._calc_reading, tickets
         )
 
     def _calc_tables(self, context: Context, value: Value) -> None:
@@ -178,41 +172,40 @@ class JacobianWrenchReconstruction(LeafSystem):
         constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
         value.set_value((reading.tables, constant))
 
-    def _calc_tick(self, context: Context, value: Value) -> None:
-        tables, constant = self._tables.EvalAbstract(context).get_value()
-        J = contiguous(cast(RigidBodyTerms, self._terms.Eval(context)).J)[0]
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        out = output.get_mutable_value()
+        if self._last is None:
+            state = self._initial.copy()
+        else:
+            memory, kept = self._last.at(context)
+            if kept is not None:
+                out[:] = kept
+                return
+            state = out[READING:]
+            state[:] = memory
+        tables, error = self._tables.EvalAbstract(context).get_value()
+        J = self._terms.Eval(context).record["J"][0]
         if self._torque_error.HasValue(context):
             error = self._torque_error.Eval(context)
         else:
-            error = constant.copy()
             error[3 * self._n : 9 * self._n] = J.ravel()
         observed = self._observed.Eval(context) if self._observed.HasValue(context) else _NOTHING
         counts = not self._tau_ext_valid.HasValue(context) or (
-            self._tau_ext_valid.Eval(context)[0] == 1.0
+            self._tau_ext_valid.Eval(context).item() == 1.0
         )
-        lost = self._fault.HasValue(context) and int(self._fault.Eval(context)[0]) & BEYOND != 0
-        state, reading = self._wrench_reading.initial_state(), np.empty(READING)
-        if self._last is not None:
-            state[:] = context.get_discrete_state(0).value()
-        work = np.empty((READING_WORK_ROWS, max(self._n, 6)))
-        tau_ext = self._tau_ext.Eval(context)
+        lost = self._fault.HasValue(context) and (
+            int(self._fault.Eval(context).item()) & BEYOND != 0
+        )
         read_sample(
-            *(tables, state, error, J, tau_ext, bool(counts), bool(lost), observed, reading, work)
+            *(tables, state, error, J, self._tau_ext.Eval(context), counts, lost),
+            *(observed, out[:READING], self._work),
         )
-        value.set_value((reading, state))
-
-    def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        kept = None if self._last is None else self._last.between(context)
-        if kept is not None:
-            output.SetFromVector(kept)
-            return
-        output.SetFromVector(self._tick.EvalAbstract(context).get_value()[0])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         assert self._last is not None
-        reading, state = self._tick.EvalAbstract(context).get_value()
-        self._last.take(context, discrete_state, reading)
-        discrete_state.set_value(0, state)
+        reading = self._reading.Eval(context)
+        memory, _ = self._last.take(context, discrete_state, reading)
+        memory[:] = reading[READING:]
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._reading.Eval(context)[_WRENCH])

@@ -19,7 +19,7 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.joint_tracking import (
     advance_integral,
     tracking_law,
-    tracking_torque,
+    tracking_torque_of,
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
@@ -127,27 +127,24 @@ class JointTrackingController(LeafSystem):
         gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
         value.set_value(self._make_law(gains=gains))
 
-    def _torque(self, context: Context) -> Array:
-        terms = self._terms.Eval(context)
-        tau = np.empty(self._n)
-        tracking_torque(
-            self._law.Eval(context),
-            *(terms.M, terms.Cv, terms.G, terms.q, terms.v),
-            self._reference.Eval(context),
-            context.get_discrete_state(0).value() if self._integrates else self._no_integral,
-            tau,
+    def _write_torque(self, context: Context, tau: Array) -> None:
+        """Into tau (n,), N m."""
+        state = self._no_integral
+        if self._integrates:
+            state = context.get_discrete_state_vector().value()
+        tracking_torque_of(
+            *(self._law.EvalAbstract(context).get_value(), self._terms.Eval(context).record),
+            *(self._reference.Eval(context), state, tau),
         )
-        return tau
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._torque(context))
+        self._write_torque(context, output.get_mutable_value())
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        integral = context.get_discrete_state(0).value().copy()
-        wanted = self._reference.Eval(context)[: self._n]
-        q, law = self._terms.Eval(context).q, self._law.Eval(context)
-        advance_integral(law, q, wanted, self._torque(context), integral)
-        discrete_state.set_value(integral)
+        tau, law = np.empty(self._n), self._law.EvalAbstract(context).get_value()
+        self._write_torque(context, tau)
+        wanted, q = self._reference.Eval(context)[: self._n], self._terms.Eval(context).q
+        advance_integral(law, q, wanted, tau, discrete_state.get_mutable_value())
 
 
 def _per_joint(config: JointTrackingConfig, name: str, n: int) -> Array:

@@ -67,6 +67,5 @@ class MotorCurrentTorqueSource(LeafSystem):
 
     def _calc_tau_J(self, context: Context, output: BasicVector) -> None:
         gain = context.get_numeric_parameter(self._parameter).value() * self._sign
-        tau_J = np.empty(self._n)
-        joint_torque(gain, self._motor_rates, self._current.Eval(context), tau_J)
-        output.SetFromVector(tau_J)
+        current = self._current.Eval(context)
+        joint_torque(gain, self._motor_rates, current, output.get_mutable_value())

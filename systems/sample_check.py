@@ -4,7 +4,6 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
 )
@@ -13,7 +12,7 @@ from wrenchsight.models.observers.sample_check import (
     SampleCheck,
     check_current,
     check_motion,
-    check_sample,
+    take_sample,
 )
 from wrenchsight.systems.last_tick import LastTick
 
@@ -29,9 +28,11 @@ class SampleCheckSystem(LeafSystem):
 
     Inputs:   q, v             (n,) rad and rad/s (m and m/s)
               current          (n,) A, as the drives report it
-    Outputs:  motion           (2 n + 1,) q and v, then `fault`: what is wrong with them and with
-                               the current of the sample before, a sum of the codes of
-                               `models.observers.sample_check`; no feedthrough from current
+    Outputs:  motion           (4 n + 1,) `fault`: what is wrong with q and v, and with the current
+                               of the sample before, a sum of the codes of
+                               `models.observers.sample_check`; q and v as they came, which the
+                               update takes; q and v. Drake's Demultiplexer splits it with
+                               `motion_sizes`; no feedthrough from current
               checked_current  (n,) A; no feedthrough from q and v
     State:    `SampleCheck.initial_state`, flat
 
@@ -49,53 +50,67 @@ class SampleCheckSystem(LeafSystem):
         self._n = n = num_joints
         initial = np.empty((0, n)) if check is None else check.initial_state()
         self._shape = initial.shape
-        self._sample, self._checked = np.empty((2, 3, n))  # nothing in them outlives a call
+        self._checked = np.empty((3, n))  # nothing in it outlives a call
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
-        state: DiscreteStateIndex = self.DeclareDiscreteState(initial.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        self._last = LastTick(self, time_step, 3 * n + 1)
-        memory = self._last.tickets | {self.discrete_state_ticket(state)}
-        motion = memory | {self._q.ticket(), self._v.ticket()}
-        self._motion = self.DeclareVectorOutputPort("motion", 2 * n + 1, self._calc_motion, motion)
-        drives = memory | {self._current.ticket()}
+        self._sizes = [1, 2 * n, n, n]
+        self._motion_size = sum(self._sizes)
+        # Kept: `motion`, whose end is q and v checked, and behind them the checked current.
+        self._last = LastTick(self, initial, time_step, self._motion_size + n)
+        motion = self._last.tickets | {self._q.ticket(), self._v.ticket()}
+        self._motion = self.DeclareVectorOutputPort(
+            "motion", self._motion_size, self._calc_motion, motion
+        )
+        drives = self._last.tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_current, drives
         )
 
+    @property
+    def motion_sizes(self) -> list[int]:
+        """Of fault, q and v as they came, q and v in `motion`."""
+        return list(self._sizes)
+
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
-            output.SetFromVector(kept[: 2 * self._n + 1])
+        memory, kept = self._last.at(context)
+        motion, n = output.get_mutable_value(), self._n
+        if kept is not None:
+            motion[:] = kept[: self._motion_size]
             return
-        q, v, n = self._q.Eval(context), self._v.Eval(context), self._n
+        motion[1 : n + 1] = q = self._q.Eval(context)
+        motion[n + 1 : 2 * n + 1] = v = self._v.Eval(context)
         if self._check is None:
-            output.SetFromVector(np.concatenate([q, v, [0.0]]))
+            motion[0] = 0.0
+            motion[2 * n + 1 :] = motion[1 : 2 * n + 1]
             return
-        memory = context.get_discrete_state(0).value().reshape(self._shape)
-        fault = check_motion(self._check.table, memory, self._time_step, q, v, self._checked)
-        motion = output.get_mutable_value()
-        motion[: 2 * n] = self._checked[:2].ravel()
-        motion[2 * n] = fault
+        checked = motion[2 * n + 1 :].reshape(2, n)
+        motion[0] = check_motion(
+            self._check.table, memory.reshape(self._shape), self._time_step, q, v, checked
+        )
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        memory, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept[-self._n :])
             return
         current = self._current.Eval(context)
-        if self._check is None:
-            output.SetFromVector(current)
-            return
-        memory = context.get_discrete_state(0).value().reshape(self._shape)
-        check_current(self._check.table, memory, self._time_step, current, self._checked)
-        output.SetFromVector(self._checked[2])
+        if self._check is not None:
+            check_current(
+                *(self._check.table, memory.reshape(self._shape), self._time_step),
+                *(current, self._checked),
+            )
+            current = self._checked[2]
+        output.SetFromVector(current)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        last = [self._motion, self._checked_current]
-        self._last.take(context, discrete_state, *(port.Eval(context) for port in last))
-        if self._check is None:
-            return
-        memory = discrete_state.get_mutable_value(0).reshape(self._shape)
-        for row, port in zip(self._sample, (self._q, self._v, self._current), strict=True):
-            row[:] = port.Eval(context)
-        check_sample(self._check.table, memory, self._time_step, self._sample, self._checked)
+        n, motion = self._n, self._motion.Eval(context)
+        current = self._checked_current.Eval(context)
+        memory, kept = self._last.take(context, discrete_state, motion, current)
+        if self._check is not None:
+            take_sample(
+                *(self._check.table, memory.reshape(self._shape), self._time_step),
+                *(motion[1 : n + 1], motion[n + 1 : 2 * n + 1], self._current.Eval(context)),
+                kept[2 * n + 1 :].reshape(3, n),
+            )

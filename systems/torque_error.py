@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     ValueProducer,
@@ -64,8 +63,7 @@ class TorqueErrorSystem(LeafSystem):
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
-        state: DiscreteStateIndex = self.DeclareDiscreteState(stage.initial_state().ravel())
-        self._last = LastTick(self, time_step, ERROR_ROWS * n)
+        self._last = LastTick(self, stage.initial_state(), time_step, ERROR_ROWS * n)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self._tables = self.DeclareCacheEntry(
             "torque error tables",
@@ -73,7 +71,7 @@ class TorqueErrorSystem(LeafSystem):
             {self._pole.ticket(), self._law.ticket()},
         )
         ports = self._q, self._v, self._terms
-        tickets = {port.ticket() for port in ports} | {self.discrete_state_ticket(state)}
+        tickets = {port.ticket() for port in ports} | self._last.tickets
         # The error and the state after it, so that the update need not compute them again.
         self._tick = self.DeclareCacheEntry(
             "torque error and state",
@@ -93,7 +91,7 @@ class TorqueErrorSystem(LeafSystem):
         value.set_value((stage.table, stage.poles))
 
     def _calc_tick(self, context: Context, value: Value) -> None:
-        state = np.array(context.get_discrete_state(0).value()).reshape(STAGE_ROWS, self._n)
+        state = np.array(self._last.at(context)[0]).reshape(STAGE_ROWS, self._n)
         error = np.empty(ERROR_ROWS * self._n)
         J = cast(RigidBodyTerms, self._terms.Eval(context)).J
         table, poles = self._tables.EvalAbstract(context).get_value()
@@ -102,7 +100,7 @@ class TorqueErrorSystem(LeafSystem):
         value.set_value((error, state))
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        if (kept := self._last.at(context)[1]) is not None:
             output.SetFromVector(kept)
             return
         error, _ = self._tick.EvalAbstract(context).get_value()
@@ -110,7 +108,7 @@ class TorqueErrorSystem(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         error, state = self._tick.EvalAbstract(context).get_value()
-        self._last.take(context, discrete_state, error)
-        state = state.copy()
-        take_transmitted(state, self._tau_J.Eval(context), self._tau_f.Eval(context))
-        discrete_state.set_value(0, state.ravel())
+        memory, _ = self._last.take(context, discrete_state, error)
+        memory[:] = state.ravel()
+        tau_J, tau_f = self._tau_J.Eval(context), self._tau_f.Eval(context)
+        take_transmitted(memory.reshape(STAGE_ROWS, self._n), tau_J, tau_f)

@@ -7,7 +7,6 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
@@ -53,7 +52,8 @@ class WrenchEstimatorSystem(LeafSystem):
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
                 fault; checked_current (n,) A, NaN where it is impossible;
                 reading  the first five one after the other, in this order, then what the update
-                         takes, in one port; Drake's Demultiplexer splits it with `reading_sizes`
+                         takes and the number of the reading, in one port; Drake's Demultiplexer
+                         splits it with `reading_sizes`
     State:      `WrenchEstimator.initial_state`
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
@@ -89,7 +89,6 @@ class WrenchEstimatorSystem(LeafSystem):
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
         self._initial = estimator.initial_state()
-        state: DiscreteStateIndex = self.DeclareDiscreteState(self._initial)
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         parameters = {self.numeric_parameter_ticket(index) for index in self.parameters.values()}
         # Constants, friction law and pole: they change only with the parameters.
@@ -100,11 +99,11 @@ class WrenchEstimatorSystem(LeafSystem):
         )
         self._size = sum(self.reading_sizes)
         # Kept: `reading`, the checked current.
-        self._last = LastTick(self, estimator.observer.time_step, self._size + n)
+        period = estimator.observer.time_step
+        self._last = LastTick(self, self._initial, period, self._size + n)
         prerequisites = self._last.tickets | {
             self._q.ticket(),
             self._v.ticket(),
-            self.discrete_state_ticket(state),
             self._tuned.ticket(),
         }
         # An observer that does not read the present torque leaves a loop over it open.
@@ -127,8 +126,7 @@ class WrenchEstimatorSystem(LeafSystem):
                     prerequisites,
                 )
             start += size
-        memory = self._last.tickets | {self.discrete_state_ticket(state)}
-        drives = memory | {self._current.ticket()}
+        drives = self._last.tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_checked_current, drives
         )
@@ -145,6 +143,11 @@ class WrenchEstimatorSystem(LeafSystem):
         # Memory that is settled once; nothing in it outlives a call.
         self._known = np.zeros((2 + self._planned if taught else 0, n))
         self._unread = np.zeros(n)
+        # Of the last reading: its number, constants, q and v. The update of the same tick, which
+        # knows it by its number, need not ask Drake for them.
+        self._read_last: tuple[float, Packed, Array, Array] = (
+            *(0.0, estimator.packed, self._unread, self._unread),
+        )
         self._checked = np.zeros((3, n))
         self._scratch = np.empty(workspace_size(n))
         self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
@@ -155,10 +158,15 @@ class WrenchEstimatorSystem(LeafSystem):
         return self._estimator
 
     @property
-    def reading_sizes(self) -> list[int]:
-        """Of tau_ext, wrench, covariance, condition_number, valid and the rest in `reading`."""
+    def tick_sizes(self) -> list[int]:
+        """Of tau_ext, wrench, covariance, condition_number, valid and the rest of a Tick."""
         sizes = list(tick_sizes(self._n).values())
         return [*sizes[:5], sum(sizes[5:])]
+
+    @property
+    def reading_sizes(self) -> list[int]:
+        """Of `tick_sizes`, and of the number of the reading, in `reading`."""
+        return [*self.tick_sizes, 1]
 
     def _declare_parameters(self) -> None:
         estimator = self._estimator
@@ -264,39 +272,45 @@ class WrenchEstimatorSystem(LeafSystem):
         )
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
-            output.SetFromVector(kept[: self._size])
+        state, kept = self._last.at(context)
+        out = output.get_mutable_value()
+        if kept is not None:
+            out[:] = kept[: self._size]
+            out[-1] = 0.0
             return
-        self.read(
-            self._tuned.EvalAbstract(context).get_value()[0],
-            context.get_discrete_state(0).value(),
-            self._q.Eval(context),
-            self._v.Eval(context),
-            self._current.Eval(context) if self._reads_current else self._unread,
-            None,
-            output.get_mutable_value(),
-        )
+        packed: Packed = self._tuned.EvalAbstract(context).get_value()[0]
+        q, v = self._q.Eval(context), self._v.Eval(context)
+        current = self._current.Eval(context) if self._reads_current else self._unread
+        values, layout, table = packed
+        known, scratch = self._known, self._scratch
+        tick_output(self._choice, values, layout, table, state, q, v, current, known, out, scratch)
+        out[-1] = number = self._read_last[0] + 1.0
+        self._read_last = number, packed, q, v
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        reading = self._reading.Eval(context)
-        values, layout, table = self._tuned.EvalAbstract(context).get_value()[0]
-        state = discrete_state.get_mutable_value(0)
-        q, v, current = (port.Eval(context) for port in (self._q, self._v, self._current))
+        reading, current = self._reading.Eval(context), self._current.Eval(context)
+        state, kept = self._last.take(context, discrete_state, reading)
+        number, packed, q, v = self._read_last
+        if reading.item(-1) != number:  # that of another context came between
+            packed = self._tuned.EvalAbstract(context).get_value()[0]
+            q, v = self._q.Eval(context), self._v.Eval(context)
+        values, layout, table = packed
         # Of `known` an update asks no more than how many rows it has.
         known, scratch = self._known, self._scratch
         tick_update(
             self._choice, values, layout, table, state, q, v, current, known, reading, scratch
         )
         # Not the port of the checked current: a call into Python costs as much as a tick.
-        self._last.take(context, discrete_state, reading, self._checked_in_tick)
+        kept[self._size :] = self._checked_in_tick
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        state, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept[-self._n :])
             return
         current, check = self._current.Eval(context), self._estimator.check
         if check is not None:
-            memory = self._estimator.parts(context.get_discrete_state(0).value()).check
+            memory = self._estimator.parts(state).check
             period = self._estimator.observer.time_step
             check_current(check.table, memory, period, current, self._checked)
             current = self._checked[2]

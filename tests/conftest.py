@@ -34,17 +34,20 @@ _WHEEL: dict[str, tuple[str, str, str, dict[str, float]]] = {
 }
 
 
-# An estimator's and a posture's in turn.
+# Two workers take them in turn: the estimator, the true arm and rigid bodies, postures.
 _COMPILING = (
     "models/estimation/test_estimator.py",
-    "models/motion/test_posture_measures.py",
-    "diagrams/test_fused_estimator.py",
-    "models/motion/test_path_postures.py",
-    "systems/test_trusted_wrench_reading.py",
-    "models/motion/test_redundancy.py",
-    "diagrams/test_observers_everywhere.py",
     "models/truth/test_free_arm.py",
-    "models/estimation/test_wrench.py",
+    "diagrams/test_observers_everywhere.py",
+    "models/rigid_body/test_serial_chain.py",
+    "models/motion/test_posture_measures.py",
+    "test_extensions.py",
+    "analyses/methods/runs/test_simulation.py",
+    "diagrams/test_fused_estimator.py",
+    "analyses/test_tilted_arm.py",
+    "models/motion/test_redundancy.py",
+    "systems/test_impedance_controller.py",
+    "models/estimation/test_smoothing.py",
     "models/placement/test_placement_program.py",
 )
 
@@ -54,7 +57,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sets the order of the files, which workers take from the front.
 
     First those that compile the most kernels: one worker begins with the estimator's, the other
-    with those of postures, so that neither compiles what the other does. Then those with slow
+    with those of the true arm, so that neither compiles what the other does. Then those with slow
     tests, so that no worker begins one when the others are about to end.
     """
     slow = {item.path for item in items if item.get_closest_marker("slow") is not None}

@@ -18,6 +18,8 @@ from wrenchsight.models.arrays import Array, Record, record
 from wrenchsight.models.control.joint_tracking import friction_feedforward
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.rotations import rotation_vector
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.views import copy_to
 
 _NOTHING = np.zeros((6, 6))
 
@@ -219,19 +221,50 @@ def impedance_torque(
         for j in range(n):
             tau[i] += at.M[i, j] * reference[2 * n + j]
     if n > 6 and law[0].null_space_damping > 0.0:
-        torque = -law[0].null_space_damping * at.v
-        M_inv_JT = np.linalg.solve(at.M, np.ascontiguousarray(at.J.T))
-        # A small share of the identity keeps it solvable where J loses rank.
-        mobility = at.J @ M_inv_JT
-        for k in range(6):
-            mobility[k, k] += 1e-9 * (1.0 + mobility[k, k])
-        through = np.linalg.solve(mobility, M_inv_JT.T @ torque)
-        for i in range(n):
-            tau[i] += torque[i]
-            for k in range(6):
-                tau[i] -= at.J[k, i] * through[k]
+        damp_null_space(law[0].null_space_damping, at.M, at.J, at.v, tau)
     for i in range(n):
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
+
+
+@kernel
+def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) -> None:
+    """Adds a damper's torque, without the part of it that would move E.
+
+        tau += (1 - J^T (J M^-1 J^T)^-1 J M^-1) (-damping v)
+
+    Args:
+        damping: N m s/rad.
+        M: (n, n) kg m^2.
+        J: (6, n).
+        v: (n,) rad/s.
+        tau: (n,) N m, changed.
+    """
+    n = v.shape[0]
+    L, by_M = np.empty((n, n)), np.empty((6, n))  # rows J M^-1
+    for i in range(n):
+        for j in range(i + 1):
+            L[i, j] = M[i, j]
+    factorise_in_place(L, n, 0.0)
+    mobility, through = np.empty((6, 6)), np.empty(6)
+    for k in range(6):
+        copy_to(by_M[k], J[k])
+        solve_factorised(L, n, by_M[k])
+        through[k] = 0.0
+        for i in range(n):
+            through[k] -= damping * by_M[k, i] * v[i]
+    for k in range(6):
+        for m in range(k + 1):
+            mobility[k, m] = 0.0
+            for i in range(n):
+                mobility[k, m] += J[k, i] * by_M[m, i]
+        # A small share of the identity keeps it solvable where J loses rank.
+        mobility[k, k] += 1e-9 * (1.0 + mobility[k, k])
+    factorise_in_place(mobility, 6, 0.0)
+    solve_factorised(mobility, 6, through)
+    for i in range(n):
+        tau[i] -= damping * v[i]
+        for k in range(6):
+            tau[i] -= J[k, i] * through[k]
 
 
 @kernel

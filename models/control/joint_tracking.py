@@ -96,6 +96,15 @@ def tracking_torque(
 
 
 @kernel
+def tracking_torque_of(
+    law: Record, terms: Record, reference: Array, integral: Array, tau: Array
+) -> None:
+    """`tracking_torque` at the terms of RigidBodyTerms."""
+    at = terms[0]
+    tracking_torque(law, at.M, at.Cv, at.G, at.q, at.v, reference, integral, tau)
+
+
+@kernel
 def advance_integral(law: Record, q: Array, q_d: Array, tau: Array, integral: Array) -> None:
     """Advances the integral (n,) in place by one tick, with anti-windup.
 

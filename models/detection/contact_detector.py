@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -348,3 +348,41 @@ def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
     if reconstruction.method == "bayesian" and reconstruction.prior_moment_sd is not None:
         return min(reconstruction.prior_moment_sd, UNKNOWN_MOMENT)
     return UNKNOWN_MOMENT
+
+
+class Reader(Protocol):
+    """What reads successive samples: `ContactEstimator`, or a `TrackedEstimator`."""
+
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
+        """Takes the next samples, (N, n) each: rad, rad/s and A."""
+        ...
+
+    def restart(self) -> None:
+        """The next sample does not follow the last one."""
+        ...
+
+
+class ContactEstimator:
+    """Reads one arm, sample by sample or chunk by chunk, from one thread; the result is the same.
+
+    Args:
+        estimator: that reads.
+        detection: when a reading is contact.
+    """
+
+    def __init__(
+        self, estimator: WrenchEstimator, detection: ContactDetectionConfig | None = None
+    ) -> None:
+        self._estimator = estimator
+        self._detector = ContactDetector.of(estimator, detection)
+        self.restart()
+
+    def restart(self) -> None:
+        """As the protocol."""
+        self._state = self._estimator.initial_state()
+        self._detector_state = self._detector.initial_state()
+
+    def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
+        """As the protocol."""
+        batch = self._estimator.run(self._state, q, v, current)
+        return batch, self._detector.run(self._detector_state, batch)

@@ -90,6 +90,7 @@ from wrenchsight.models.identification.torque_error_model import (
 )
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_lower
+from wrenchsight.models.views import copy_to
 
 WINDOW = 0.3  # s
 MISFIT_WINDOW = 0.1  # s
@@ -502,9 +503,9 @@ def detect_log(
             *(out[k], work),
         )
         if white.misfit.shape[0] > 0:
-            white.z[k] = work[1, :n]
-            white.mean[k] = state[_MEAN]
-            white.change[k] = work[3, :n]
+            copy_to(white.z[k], work[1, :n])
+            copy_to(white.mean[k], state[_MEAN])
+            copy_to(white.change[k], work[3, :n])
             if np.isfinite(tau_ext[k]).all():
                 D = _unexplained(tables[2], tables[3], own.J_seen, tau_ext[k], work)
                 slow += gain * (D - slow)

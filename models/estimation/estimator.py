@@ -232,9 +232,10 @@ class WrenchEstimator:
         config = config if config is not None else WrenchEstimatorConfig()
         self.robot = robot
         self.model = model
-        self.config = replace(
-            config, reconstruction=config.reconstruction.with_prior(*live_prior(robot.payload))
-        )
+        reconstruction = config.reconstruction.with_prior(*live_prior(robot.payload))
+        if reconstruction is not config.reconstruction:
+            config = replace(config, reconstruction=reconstruction)
+        self.config = config
         self.num_joints = n = robot.num_joints
         self.chain = model.chain(robot)
         self.observer = make_observer(self.config.observer, n)

@@ -88,7 +88,7 @@ def packed(
     return Packed(values, layout, np.ascontiguousarray(observer))
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def parameters_of(values: Array, layout: Layout) -> Parameters:
     """The parts of `packed`."""
     return Parameters(
@@ -131,7 +131,7 @@ def state_size(num_joints: int, observer_rows: int, friction_rows: int) -> int:
     return rows * num_joints + READING_NUMBERS
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def state_of(state: Array, layout: Layout, n: int) -> State:
     """The parts of a flat state."""
     rows = layout[layout.shape[0] - 1]
@@ -192,7 +192,7 @@ def tick_sizes(num_joints: int) -> dict[str, int]:
     }
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def tick_of(out: Array, n: int) -> Tick:
     """The parts of a tick's memory."""
     a = n + READING
@@ -237,7 +237,7 @@ def workspace_size(num_joints: int) -> int:
     return 12 + n * SCRATCH_COLUMNS + READING_WORK_ROWS * max(n, 6) + 3 * n
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def workspace_of(scratch: Array, n: int) -> Workspace:
     """The parts of that memory."""
     a = 12 + n * SCRATCH_COLUMNS

@@ -6,11 +6,8 @@ type names the kernels:
 
     choice = kernel_choice(observer.kernels, law.kernels)      # of no length: it costs nothing
 
-    def observe(choice, table, state, signals, J): ...         # never runs by itself
-    @overload(observe)
-    def _(choice, table, state, signals, J):
-        output = chosen(choice, 0).output
-        return lambda choice, table, state, signals, J: output(table, state, signals, J)
+    observe = chosen_kernel(0, "output")
+    observe(choice)(table, state, signals, J)                  # in a kernel
 
 The compiled function is kept on disk like every other. The name in the type holds the kernels'
 stamp (`wrenchsight.models.kernel`): a kernel that changed is another choice. Of a kernel outside
@@ -18,10 +15,14 @@ this package it also holds when its folder's files last changed.
 """
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
+from numba.core import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from wrenchsight.models.kernel import kernel_stamp
@@ -39,8 +40,46 @@ def kernel_choice(*kernels: tuple[Any, ...]) -> KernelChoice:
     return np.zeros(0, np.dtype([(name, np.uint8) for name in names]))
 
 
-def chosen(choice: Any, place: int) -> Any:
-    """Returns the group at a place of a choice, whose numba type is given; for `overload`."""
+def chosen_kernel(
+    place: int, name: str, otherwise: Any = None
+) -> Callable[[KernelChoice], Callable[..., Any]]:
+    """Returns what finds a kernel of a choice, within a kernel.
+
+    Args:
+        place: of its group.
+        name: in that group.
+        otherwise: kernel in the place of one that the group does without.
+    """
+
+    @intrinsic
+    def find(context: Any, choice: Any) -> Any:
+        kind = numba.typeof(getattr(_group(choice, place), name) or otherwise)
+
+        def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return context.get_dummy_value()
+
+        return kind(choice), code
+
+    return find
+
+
+def has_kernel(place: int, name: str) -> Callable[[KernelChoice], bool]:
+    """Returns what tells, within a kernel, whether a choice has this kernel."""
+
+    @intrinsic
+    def tell(context: Any, choice: Any) -> Any:
+        has = getattr(_group(choice, place), name) is not None
+
+        def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return context.get_constant(types.boolean, has)
+
+        return types.boolean(choice), code
+
+    return tell
+
+
+def _group(choice: Any, place: int) -> Any:
+    """The group at a place of a choice, whose numba type is given."""
     (name,) = (name for name in choice.dtype.fields if name.startswith(f"{place}_"))
     return _known[name]
 

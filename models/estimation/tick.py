@@ -15,11 +15,8 @@ is to be added to tau_ext (n,) N m, in its first entry 1 where the reading count
 friction is known from elsewhere, so that the law has no say, its torque (n,) N m.
 """
 
-from typing import Any
-
 import numpy as np
 from numba import prange
-from numba.extending import overload
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator_arrays import (
@@ -31,7 +28,7 @@ from wrenchsight.models.estimation.estimator_arrays import (
     tick_of,
     workspace_of,
 )
-from wrenchsight.models.estimation.kernel_choice import KernelChoice, chosen
+from wrenchsight.models.estimation.kernel_choice import KernelChoice, chosen_kernel, has_kernel
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_tick
 from wrenchsight.models.estimation.wrench_reading import read_wrench
 from wrenchsight.models.friction.velocity_friction import friction_torque
@@ -61,7 +58,7 @@ from wrenchsight.models.observers.sample_check import (
 )
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
-from wrenchsight.models.views import Layout, borrowed, view_2d
+from wrenchsight.models.views import Layout, borrowed, copy_to, copy_whole, read_only, view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
@@ -70,110 +67,19 @@ FAULT, COUNTS = range(2)  # of a tick's flags
 _BLOCK = 256  # rows a thread takes at a time
 
 
-# ----------------------------------------------------------------------------------------------
-# The chosen kernels
-# ----------------------------------------------------------------------------------------------
+@kernel
+def _no_wrench(
+    table: Array, state: Array, signals: Array, J: Array, wrench: Array, covariance: Array
+) -> None:
+    """`wrench` of an observer that does not read it."""
 
 
-def _observe(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
-    """`output` of the chosen observer."""
-    raise NotImplementedError
-
-
-def _take(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
-    """`update` of the chosen observer."""
-    raise NotImplementedError
-
-
-def _add_torque(choice: Any, table: Any, state: Any, q: Any, v: Any, tau_f: Any) -> Any:
-    """`add_torque` of the chosen friction law."""
-    raise NotImplementedError
-
-
-def _remember(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
-    """`update` of the chosen friction law."""
-    raise NotImplementedError
-
-
-def _observe_wrench(
-    choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
-) -> Any:
-    """`wrench` of the chosen observer, if it has one."""
-    raise NotImplementedError
-
-
-def _reads_wrench(choice: Any) -> Any:
-    """Whether the chosen observer has a `wrench`."""
-    raise NotImplementedError
-
-
-@overload(_observe, inline="always")
-def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
-    output = chosen(choice, 0).output
-
-    def call(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
-        return output(table, state, signals, J)
-
-    return call
-
-
-@overload(_observe_wrench, inline="always")
-def _(
-    choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
-) -> Any:
-    own = chosen(choice, 0).wrench
-
-    def call(
-        choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
-    ) -> Any:
-        own(table, state, signals, J, wrench, covariance)
-
-    def leave(
-        choice: Any, table: Any, state: Any, signals: Any, J: Any, wrench: Any, covariance: Any
-    ) -> Any:
-        return None
-
-    return leave if own is None else call
-
-
-@overload(_reads_wrench, inline="always")
-def _(choice: Any) -> Any:
-    reads = chosen(choice, 0).wrench is not None
-
-    def call(choice: Any) -> Any:
-        return reads
-
-    return call
-
-
-@overload(_take, inline="always")
-def _(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
-    update = chosen(choice, 0).update
-
-    def call(choice: Any, table: Any, state: Any, signals: Any, J: Any) -> Any:
-        update(table, state, signals, J)
-
-    return call
-
-
-@overload(_add_torque, inline="always")
-def _(choice: Any, table: Any, state: Any, q: Any, v: Any, tau_f: Any) -> Any:
-    add_torque = chosen(choice, 1).add_torque
-
-    def call(choice: Any, table: Any, state: Any, q: Any, v: Any, tau_f: Any) -> Any:
-        add_torque(table, state, q, v, tau_f)
-
-    return call
-
-
-@overload(_remember, inline="always")
-def _(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
-    update = chosen(choice, 1).update
-
-    def call(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
-        update(table, state, q, v, load)
-
-    return call
+_observe = chosen_kernel(0, "output")
+_observe_wrench = chosen_kernel(0, "wrench", _no_wrench)
+_reads_wrench = has_kernel(0, "wrench")
+_take = chosen_kernel(0, "update")
+_add_torque = chosen_kernel(1, "add_torque")
+_remember = chosen_kernel(1, "update")
 
 
 # ----------------------------------------------------------------------------------------------
@@ -181,7 +87,7 @@ def _(choice: Any, table: Any, state: Any, q: Any, v: Any, load: Any) -> Any:
 # ----------------------------------------------------------------------------------------------
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _terms(
     p: Parameters,
     q: Array,
@@ -211,7 +117,7 @@ def _terms(
             signals[TAU_F, i] = known[KNOWN_TAU_F, i]
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _observed(
     choice: KernelChoice,
     p: Parameters,
@@ -228,15 +134,15 @@ def _observed(
     by an observer that reads it.
     """
     if known.shape[0] <= KNOWN_TAU_F and s.friction.shape[0] > 0:
-        _add_torque(choice, p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
-    fresh: bool = _observe(choice, observer, s.observer, signals, J)
+        _add_torque(choice)(p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
+    fresh: bool = _observe(choice)(observer, s.observer, signals, J)
     if wrench.shape[0] > 0:
         covariance = view_2d(wrench, 6, 6, 6)
-        _observe_wrench(choice, observer, s.observer, signals, J, wrench[:6], covariance)
+        _observe_wrench(choice)(observer, s.observer, signals, J, wrench[:6], covariance)
     return fresh
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _taken(
     choice: KernelChoice,
     p: Parameters,
@@ -247,14 +153,14 @@ def _taken(
     J: Array,
 ) -> None:
     """Takes the sample into what observer, friction law and torque error remember."""
-    _take(choice, observer, s.observer, signals, J)
+    _take(choice)(observer, s.observer, signals, J)
     if known.shape[0] <= KNOWN_TAU_F and s.friction.shape[0] > 0:
         load = signals[TAU_J] - signals[TAU_F]
-        _remember(choice, p.slip, s.friction, signals[Q], signals[V], load)
+        _remember(choice)(p.slip, s.friction, signals[Q], signals[V], load)
     take_transmitted(s.error, signals[TAU_J], signals[TAU_F])
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
     """Writes what is read as tau_ext; returns whether it counts."""
     for i in range(tau_ext.shape[0]):
@@ -310,22 +216,29 @@ def tick_output(
         tick.flags[FAULT] = check_motion(p.check, s.check, p.period[0, 0], q, v, checked)
         check_current(p.check, s.check, p.period[0, 0], current, checked)
     else:
-        checked[0], checked[1], checked[2] = q, v, current
+        copy_to(checked[0], q)
+        copy_to(checked[1], v)
+        copy_to(checked[2], current)
     signals, J = tick.signals, tick.J
     _terms(p, checked[0], checked[1], checked[2], known, signals, J, work.X, work.bodies)
-    tick.error_state[:] = s.error
+    copy_whole(tick.error_state, s.error)
     torque_error_tick(p.error, p.poles[0], tick.error_state, signals[Q], signals[V], J, tick.error)
     observed = tick.observed if _reads_wrench(choice) else tick.observed[:0]
     fresh = _observed(choice, p, observer, s, known, signals, J, observed)
     counts = _corrected(known, signals, tick.tau_ext, fresh)
     tick.flags[COUNTS] = 1.0 if counts else 0.0
-    tick.reading_state[:] = s.reading
+    copy_whole(tick.reading_state, s.reading)
     read_wrench(
         (p.read_load[0], p.lag[0], p.explained[0], p.faults[0], p.wrench),
-        *(tick.reading_state, tick.error, J, tick.tau_ext),
+        tick.reading_state,
+        tick.error,
+        J,
+        tick.tau_ext,
         counts,
         int(tick.flags[FAULT]) & BEYOND != 0,
-        *(observed, tick.reading, work.reading),
+        observed,
+        tick.reading,
+        work.reading,
     )
 
 
@@ -357,14 +270,15 @@ def tick_update(
     tick, work = tick_of(borrowed(out), n), workspace_of(borrowed(scratch), n)
     checked, signals = work.checked, tick.signals
     if p.check.shape[0] > 0:
-        checked[0], checked[1] = signals[Q], signals[V]
+        copy_to(checked[0], signals[Q])
+        copy_to(checked[1], signals[V])
         check_current(p.check, s.check, p.period[0, 0], current, checked)
         take_sample(p.check, s.check, p.period[0, 0], q, v, current, checked)
     else:
-        checked[2] = current
+        copy_to(checked[2], current)
     joint_torque(p.drives[GAIN], p.drives[MOTOR_RATES:], checked[2], signals[TAU_J])
-    s.error[:] = tick.error_state
-    s.reading[:] = tick.reading_state
+    copy_whole(s.error, tick.error_state)
+    copy_whole(s.reading, tick.reading_state)
     _taken(choice, p, observer, s, known, signals, tick.J)
 
 
@@ -382,7 +296,8 @@ def estimate_tick(
 ) -> None:
     """Both halves of a tick; `sample` (3, n) q, v, current, the others as `tick_output`."""
     q, v, current = sample[0], sample[1], sample[2]
-    tick_output(choice, values, layout, observer, state, q, v, current, known, out, scratch)
+    before = read_only(state)
+    tick_output(choice, values, layout, observer, before, q, v, current, known, out, scratch)
     tick_update(choice, values, layout, observer, state, q, v, current, known, out, scratch)
 
 

@@ -85,7 +85,9 @@ class WrenchReconstructionConfig:
     truncation: float = 0.05  # least singular value of the method truncated, share of the largest
 
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
-        """Returns a copy in which the sds that were None are these (N, N m)."""
+        """Returns it with these sds (N, N m) for those that were None."""
+        if self.prior_force_sd is not None and self.prior_moment_sd is not None:
+            return self
         return replace(
             self,
             prior_force_sd=force_sd if self.prior_force_sd is None else self.prior_force_sd,

@@ -480,7 +480,7 @@ def posture_variance(table: Array, q: Array, variance: Array) -> None:
             variance[i] = 0.0
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def posture_variance_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> None:
     """`posture_variance` of links that are placed; bodies (n, 18+) of `place_links`."""
     if table.shape[1] > _COLUMNS:

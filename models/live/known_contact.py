@@ -8,8 +8,7 @@ import numpy as np
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.contact.contact_reading import ContactReader
-from wrenchsight.models.detection.contact_detector import Detection
-from wrenchsight.models.detection.contact_estimator import Reader
+from wrenchsight.models.detection.contact_detector import Detection, Reader
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
 
 

@@ -14,8 +14,11 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
-from wrenchsight.models.detection.contact_estimator import ContactEstimator, Reader
+from wrenchsight.models.detection.contact_detector import (
+    ContactDetectionConfig,
+    ContactEstimator,
+    Reader,
+)
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
@@ -23,9 +26,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.external_torque import ExternalTorqueEstimator
 from wrenchsight.models.live.known_contact import KnownContactEstimator
 from wrenchsight.models.live.reading import Reading
-from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
-from wrenchsight.models.live.stream_order import StreamOrder
+from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, LESS, SampleCheck
 from wrenchsight.models.recordings.position_resolution import position_resolution
@@ -235,9 +237,11 @@ class LiveEstimator:
 
     def _prepare(self, step: float) -> None:
         config = self._config.estimator
-        config = replace(config, observer=replace(config.observer, time_step=step))
-        if self._resolution is not None:
-            config = replace(config, position_resolution=self._resolution)
+        config = replace(
+            config,
+            observer=replace(config.observer, time_step=step),
+            position_resolution=self._resolution or config.position_resolution,
+        )
         self._estimator = WrenchEstimator(self._robot, self._model, config)
         detection = self._config.detection
         self.tracked = None

@@ -63,7 +63,7 @@ class Plan(NamedTuple):
     numbers: Array
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def plan_of(values: Array, layout: Layout) -> Plan:
     """The parts of a Plan that were `joined`."""
     return Plan(

@@ -32,6 +32,7 @@ from wrenchsight.models.rigid_body.small_matrices import (
     solve_factorised,
     solve_lower,
 )
+from wrenchsight.models.views import copy_to, copy_whole
 
 # Kinds of a sample: whether it was measured, and whether the coming period is known.
 _MEASURED, _KNOWN, NUM_KINDS = range(3)
@@ -143,7 +144,8 @@ def forward_log(
     arrived, white = np.empty(n), np.empty(n)
     for k in range(N):
         own = signals[k]
-        z_log[k], P_log[k] = z, P
+        copy_to(z_log[k], z)
+        copy_whole(P_log[k], P)
         seen, known = True, True
         for i in range(n):
             arrived[i] = sample_momentum(numbers, own, i)
@@ -184,7 +186,7 @@ def forward_log(
             continue
         _renew(period[k, _KEEPS], mixing, z, P, n)
         _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-        z[:] = _times(A, z, n)
+        copy_to(z, _times(A, z, n))
         for i in range(n):
             z[i] += T * (own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i])
         _congruent(A, P, n)
@@ -376,8 +378,8 @@ def response_log(
     own, small = error.copy(), np.zeros((M, columns))
     for k in range(N):
         if k == ready:
-            error[:] = own
-        seen[k] = own[: n + 6]
+            copy_whole(error, own)
+        copy_whole(seen[k], own[: n + 6])
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for a in range(M):
@@ -402,7 +404,7 @@ def response_log(
                         total -= T * torque[k, c // n, a]
                 own[a, c] = total
     if ready == N:
-        error[:] = own
+        copy_whole(error, own)
     back = np.empty(n)
     for k in range(N - 1, -1, -1):
         if kinds[k, _KNOWN]:
@@ -413,7 +415,7 @@ def response_log(
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for c in range(columns):
-                back[:] = seen[k, :n, c]
+                copy_to(back, seen[k, :n, c])
                 solve_factorised(L, n, back)
                 for i in range(n):
                     for a in range(M):

@@ -239,7 +239,9 @@ def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
     x[:], P[:], C[:] = 0.0, 0.0, 0.0
     for a in range(6):
         P[n + a, n + a] = sixes[START_F, a]
-    P[n + 6 :, n + 6 :] = mixing
+    for i in range(n):
+        for j in range(n):
+            P[n + 6 + i, n + 6 + j] = mixing[i, j]
 
 
 @kernel

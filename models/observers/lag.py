@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.views import copy_whole
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
 _DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
@@ -140,7 +141,7 @@ def jacobian_seen_log(poles: Array, state: Array, J: Array) -> None:
     for k in range(J.shape[0]):
         see_jacobian(poles, state, J[k], seen)
         take_jacobian(poles, state, J[k], seen)
-        J[k] = seen
+        copy_whole(J[k], seen)
 
 
 @kernel

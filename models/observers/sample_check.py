@@ -234,7 +234,7 @@ def take_sample(
             state[_I, j], state[_I_AGE, j] = current[j], 0.0
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _wrong_motion(
     table: Array,
     state: Array,
@@ -265,7 +265,7 @@ def _wrong_motion(
     return DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _wrong_current(
     table: Array,
     state: Array,
@@ -288,7 +288,7 @@ def _wrong_current(
     return FROZEN if i == state[_I, j] and state[_SAME, j] >= FROZEN_TIME else 0
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _disagreement(
     state: Array,
     age: float,
@@ -301,7 +301,7 @@ def _disagreement(
     return r
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _drift(
     table: Array,
     state: Array,
@@ -320,7 +320,7 @@ def _drift(
     return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _bound(
     table: Array,
     state: Array,

@@ -37,11 +37,12 @@ from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.motion.branches import all_branches, is_closed_form
 from wrenchsight.models.motion.path_postures import solve_poses, track_paths, wrap_within
 from wrenchsight.models.placement.placement_descent import PlacementBatch, PlacementDescent
-from wrenchsight.models.placement.placement_points import between_points, on_path
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
+    between_points,
+    on_path,
     quaternion_from,
 )
 from wrenchsight.models.placement.placement_refinement import finished

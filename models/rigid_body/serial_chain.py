@@ -277,8 +277,7 @@ class SerialChain:
         if np.shape(q) != (n,) or np.shape(v) != (n,):
             shapes = f"{np.shape(q)} and {np.shape(v)}"
             raise ValueError(f"terms: q and v of shapes {shapes}, expected ({n},)")
-        result = RigidBodyTerms.zeros(n)
-        result.q[:], result.v[:] = q, v
+        result = RigidBodyTerms.at(np.asarray(q), np.asarray(v))
         self.write_terms(result)
         return result
 

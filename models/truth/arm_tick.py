@@ -39,6 +39,7 @@ from wrenchsight.models.truth.joint_kernels import (
     joint_tick,
     mixed_currents,
 )
+from wrenchsight.models.views import copy_to
 
 
 class ArmLayout(NamedTuple):
@@ -178,7 +179,8 @@ def arm_motion(
     of_joints, of_process, time_step = layout
     n = of.joints.shape[0]
     at = motion[0]
-    at.q[:], at.v[:] = x[:n], x[n:]
+    copy_to(at.q, x[:n])
+    copy_to(at.v, x[n:])
     all_terms(of.chain, motion, scratch)
     rows = state[:of_joints].reshape(of_joints // n, n)
     tick = _tick_of(t, time_step)
@@ -192,8 +194,8 @@ def arm_motion(
         sample_script(of.script, of.tones, t, wrench)
     own = of_joints + n + of_process
     wrench += state[own : own + 6]
-    at.applied[:] = wrench
-    at.sensed[:] = state[own + 6 : own + 12]
+    copy_to(at.applied, wrench)
+    copy_to(at.sensed, state[own + 6 : own + 12])
     if of_process > 0:
         add_unbalance_force(of.process, t, at.R_WE, at.applied[3:])
     torque, J = at.torque, at.J
@@ -252,10 +254,10 @@ def arm_drives(
         work,
     )
     if of.motors.shape[0] > 0:
-        asked[:] = signals[MOTOR_CURRENT]
+        copy_to(asked, signals[MOTOR_CURRENT])
         mixed_currents(of.motors[1], asked, signals[MOTOR_CURRENT])
     if of.current.shape[0] == 0:
-        current[:] = signals[MOTOR_CURRENT]
+        copy_to(current, signals[MOTOR_CURRENT])
     else:
         gaussian_noise(of.current_seed, tick, noise[:n])
         lagged = state[of_joints : of_joints + n]

@@ -52,6 +52,7 @@ from wrenchsight.models.truth.joint_kernels import (
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot
+from wrenchsight.models.views import copy_to
 
 _CHUNK = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
 VELOCITY_STREAM = 3 * 2**32
@@ -282,7 +283,7 @@ def _run(
         links = Links(M, Cv, G, q, v)
         joint_tick(table, time_step, links, command, tau_ext, draws, state, after, signals, work)
         if motors.shape[0] > 0:
-            current[:] = motor_current
+            copy_to(current, motor_current)
             mixed_currents(motors[1], current, motor_current)
         update_lag(bandwidth, time_step, motor_current, lagged)
         if tick % every == 0:
@@ -312,7 +313,7 @@ def _run(
                 state[i, j] = after[i, j]
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def _step(n: int, M: Array, time_step: float, vdot: Array, q: Array, v: Array) -> None:
     """Takes q and v of the links to the tick's end, in place: M (v+ - v) / h = `vdot`, the torques.
 

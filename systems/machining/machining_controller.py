@@ -84,18 +84,16 @@ class MachiningController(LeafSystem):
         memory = estimator.initial_state()
         self._estimator_end = len(memory)
         initial = np.concatenate([memory, reference.initial_state, np.zeros(1)])
-        state = self.DeclareDiscreteState(initial)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         motion = {self._q.ticket(), self._v.ticket()}
-        known = motion | {self.time_ticket(), self.discrete_state_ticket(state)}
-        if self._wrench is not None:
-            known.add(self._wrench.ticket())
         self._plan = reference.sizes
         sizes = self.sizes
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
         self._size = ends["pose"]
-        self._last = LastTick(self, time_step, self._size)
-        known |= self._last.tickets
+        self._last = LastTick(self, initial, time_step, self._size)
+        known = motion | self._last.tickets
+        if self._wrench is not None:
+            known.add(self._wrench.ticket())
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
         self._reference_from = ends["pose_reference"]
@@ -130,7 +128,7 @@ class MachiningController(LeafSystem):
         reading = dict(
             zip(
                 ("tau_ext", "wrench", "covariance", "condition_number", "valid", "rest"),
-                self._estimator.reading_sizes,
+                self._estimator.tick_sizes,
                 strict=True,
             )
         )
@@ -138,10 +136,11 @@ class MachiningController(LeafSystem):
         return action | self._plan | reading | {"pose": _POSE_SIZE}
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.between(context)) is not None:
+        state, kept = self._last.at(context)
+        if kept is not None:
             output.SetFromVector(kept)
             return
-        state, out = context.get_discrete_state(0).value(), output.get_mutable_value()
+        out = output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
         end, terms = self._estimator_end, self._model_terms
@@ -165,8 +164,8 @@ class MachiningController(LeafSystem):
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        action, state = self._action.Eval(context), discrete_state.get_mutable_value(0)
-        self._last.take(context, discrete_state, action)
+        action = self._action.Eval(context)
+        state, _ = self._last.take(context, discrete_state, action)
         q, end = self._q.Eval(context), self._estimator_end
         tick_update(
             *(*self._taking, state[:end], q, self._v.Eval(context), self._current.Eval(context)),

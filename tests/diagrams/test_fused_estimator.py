@@ -185,10 +185,15 @@ def test_a_broken_parameter_is_refused_when_it_is_used(sts_reversed, model):
         fused.GetOutputPort("wrench").Eval(context)
 
 
-def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log):
-    """What the block keeps on itself is scratch: ticks of two simulations may alternate."""
+@pytest.mark.parametrize("both_first", [False, True])
+def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log, both_first):
+    """Ticks of two simulations may alternate, and the readings of both come before both updates:
+    what the block keeps on itself is scratch, or known by its reading's number.
+    """
     fused = make_estimator(sts_reversed, model, config(), fused=True)
     simulators = [Simulator(fused, fused.CreateDefaultContext()) for _ in range(2)]
+    for simulator in simulators:
+        simulator.Initialize()
     read = [[], []]
     for k in range(60):
         for which, simulator in enumerate(simulators):
@@ -196,8 +201,14 @@ def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log):
             row = k + 100 * which
             for name, signal in zip(("q", "v", "current"), log, strict=True):
                 fused.GetInputPort(name).FixValue(context, signal[row])
+            simulator.AdvanceTo(k * T)
+            if both_first:
+                read[which].append(fused.GetOutputPort("wrench").Eval(context))
+            else:
+                simulator.AdvanceTo((k + 0.5) * T)
+                read[which].append(fused.GetOutputPort("wrench").Eval(context))
+        for simulator in simulators:
             simulator.AdvanceTo((k + 0.5) * T)
-            read[which].append(fused.GetOutputPort("wrench").Eval(context))
     estimator = WrenchEstimator(sts_reversed, model, config())
     for which in range(2):
         rows = slice(100 * which, 100 * which + 60)

@@ -67,6 +67,17 @@ def test_an_overload_belongs_to_what_it_replaces(package: Path) -> None:
     assert kernel_stamp(package / "chain.py", "user") != before
 
 
+def test_a_file_that_changed_since_the_process_began_has_a_stamp_of_its_own(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What runs is older: kept under the file's stamp, it would be taken for the new version."""
+    outer, apart = _stamps(package)
+    monkeypatch.setitem(kernel_module._dates, str(package / "scale.py"), 1)
+    changed_outer, changed_apart = _stamps(package)
+    assert changed_outer != outer and changed_outer != _stamps(package)[0]
+    assert changed_apart == apart
+
+
 PROGRAM = """
 import sys
 sys.path.insert(0, sys.argv[1])

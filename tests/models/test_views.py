@@ -6,7 +6,7 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
-from wrenchsight.models.views import borrowed, view_2d
+from wrenchsight.models.views import borrowed, copy_to, copy_whole, read_only, view_2d
 
 
 @kernel
@@ -51,3 +51,28 @@ def test_a_borrowed_array_is_the_same_memory() -> None:
     np.testing.assert_array_equal(flat, [0.0, 1.0, 4.0, 3.0, 8.0, 5.0])
     np.testing.assert_array_equal(scratch, [0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 8.0, 0.0])
     assert (sys.getrefcount(even), sys.getrefcount(scratch)) == held
+
+
+@kernel
+def summed(flat: Array) -> float:
+    total = 0.0
+    for value in flat:
+        total += value
+    return total
+
+
+@kernel
+def copied(target: Array, source: Array, row: Array) -> float:
+    copy_whole(target[1:], source)
+    copy_to(target[0], row)
+    return float(summed(read_only(source[0])))
+
+
+def test_numbers_are_copied_and_what_may_not_be_written_is_one_type() -> None:
+    target, source, row = np.zeros((3, 4)), np.arange(8.0).reshape(2, 4), np.arange(8.0)[1::2]
+    assert copied(target, source, row) == 6.0
+    np.testing.assert_array_equal(target, [row, *source])
+    closed = np.arange(3.0)
+    closed.flags.writeable = False
+    assert summed(closed) == 3.0
+    assert len(summed.signatures) == 1  # type: ignore[attr-defined]

@@ -41,7 +41,7 @@ from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig,
     RefreshConfig,
 )
-from wrenchsight.analyses.methods.reading.drifted_band import covariance_about
+from wrenchsight.analyses.methods.reading.engines import covariance_about
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (

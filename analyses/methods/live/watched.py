@@ -4,7 +4,7 @@ from pathlib import Path
 
 from wrenchsight.analyses.methods.live.watch_config import WatchSettings, checked_settings
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.reading.known_contact import with_known_tool
+from wrenchsight.analyses.methods.reading.known_tool import with_known_tool
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot

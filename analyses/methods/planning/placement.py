@@ -37,11 +37,11 @@ from wrenchsight.models.motion.posture_measures import (
     PostureMeasure,
 )
 from wrenchsight.models.placement.placement_descent import PlacementDescent
-from wrenchsight.models.placement.placement_points import between_points
 from wrenchsight.models.placement.placement_program import (
     SOLVERS,
     Placement,
     PlacementProgram,
+    between_points,
     quaternion_from,
 )
 from wrenchsight.models.placement.placement_search import (

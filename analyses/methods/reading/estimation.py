@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from wrenchsight.analyses.methods.reading.engines import estimates
+from wrenchsight.analyses.methods.reading.engines import estimates, without_breaks
 from wrenchsight.analyses.methods.reading.estimate_config import (
     EstimateConfig,
     EstimateSettings,
@@ -25,16 +25,13 @@ from wrenchsight.analyses.methods.reading.estimate_data_set import (
     write_data_set,
 )
 from wrenchsight.analyses.methods.reading.first_pass import first_pass
-from wrenchsight.analyses.methods.reading.known_contact import (
-    with_known_tool,
-    without_breaks,
-)
+from wrenchsight.analyses.methods.reading.known_tool import with_known_tool
 from wrenchsight.analyses.methods.reading.log_readings import LogReadings
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,
     ProgressCallback,
+    completed,
     screen_of,
-    timed,
     uniform_chunks,
 )
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
@@ -172,13 +169,14 @@ def estimate(
     other = model.fitted_robot.differences(robot)
     model = _with_asked_drift(model, settings.estimate)
     before = first_pass(read, robot, model, settings.estimate, progress, warnings)
-    reader, screen = read(), screen_of(robot, before.config)
+    asked = settings.estimate.estimator
+    reader, screen = read(), screen_of(robot, asked)
     chunks = uniform_chunks(
-        *(reader, screen, before.config, settings.estimate.max_gap),
+        *(reader, screen, asked, settings.estimate.max_gap),
         Part(progress, before.passes, 1.0, "estimating"),
     )
     first = next(chunks)
-    config = timed(before.config, first)
+    config = completed(asked, first, before.resolution, before.prior)
     tracked: TrackedEstimator | None = None
     if settings.estimate.track:
         tracked = TrackedEstimator(robot, model, config, settings.estimate.detection)

@@ -14,15 +14,15 @@ from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,
     ProgressCallback,
+    completed,
     fault_of,
     screen_of,
     there,
-    timed,
     uniform_chunks,
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.detection.contact_estimator import ContactEstimator
+from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.wrench import live_prior
@@ -41,7 +41,9 @@ class FirstPass:
     """What a log said before it is read.
 
     Attributes:
-        config: with the encoders' resolution and the prior.
+        resolution: (n,) rad, of the encoders.
+        prior: sds of force and moment, N and N m, where the configuration leaves them open; None:
+            it states both.
         rule: by which the prior was found.
         watch: of its friction, and of a load; None: not looked at.
         drift_shown: (n,) share of the viscous torque; None: no drift shows.
@@ -49,7 +51,8 @@ class FirstPass:
         passes: share of the work that is done.
     """
 
-    config: WrenchEstimatorConfig
+    resolution: list[float]
+    prior: tuple[float, float] | None
     rule: str
     watch: FrictionWatch | None
     drift_shown: Array | None
@@ -67,17 +70,17 @@ def first_pass(
 ) -> FirstPass:
     """Asks a log what reading it takes; `read` opens it for one pass, `warnings` gets more."""
     config = settings.estimator
-    if config.position_resolution is None:
+    resolution = config.position_resolution
+    if resolution is None:
         step = position_resolution(next(iter(read().chunks())).q)
         known = robot.position_resolution
-        step = np.where(np.isfinite(known), known, step)
-        config = replace(config, position_resolution=step.tolist())
-    rule = "given"
+        resolution = np.where(np.isfinite(known), known, step).tolist()
+    prior, rule = None, "given"
     stated = stated_prior(settings, robot)
     if stated is None and settings.contact.axis:
         stated, rule = live_prior(robot.payload), "live"  # no pass over the log
     if stated is not None and not _has_prior(config):
-        config = replace(config, reconstruction=config.reconstruction.with_prior(*stated))
+        prior = stated
         if settings.prior == "live":
             rule = "live"
     passes, shown, error, wide = 0.0, None, model.torque_error, model
@@ -85,16 +88,17 @@ def first_pass(
     # A joint's friction is that of several motors where joints are coupled.
     if model.provenance.logs and not robot.is_coupled and not settings.track:
         part = Part(progress, 0.0, 0.3, "looking at friction")
-        watch, passes = friction_of(read(), robot, model, config, settings, part), 0.3
+        watch = friction_of(read(), robot, model, settings, resolution, prior, part)
+        passes = 0.3
     if watch is not None and settings.drift is None and error is not None:
         shown = watch.drifts()
         if shown is not None:
             wide = replace(model, torque_error=replace(error, drift_shown=shown))
-    if not _has_prior(config):
+    if prior is None and not _has_prior(config):
         part = Part(progress, passes, passes + 0.3, "finding the prior")
-        config, rule = with_evidence(read(), robot, model, config, settings.max_gap, part, warnings)
+        prior, rule = evident_prior(read(), robot, model, settings, resolution, part, warnings)
         passes += 0.3
-    return FirstPass(config, rule, watch, shown, wide, passes)
+    return FirstPass(resolution, prior, rule, watch, shown, wide, passes)
 
 
 def _has_prior(config: WrenchEstimatorConfig) -> bool:
@@ -106,17 +110,18 @@ def friction_of(
     reader: LogReader,
     robot: Robot,
     model: IdentifiedModel,
-    config: WrenchEstimatorConfig,
     settings: EstimateConfig,
+    resolution: list[float],
+    prior: tuple[float, float] | None,
     part: Part,
 ) -> FrictionWatch | None:
     """What a log's contact-free stretches say of its friction, and of a load; None: no sample."""
     watch: FrictionWatch | None = None
-    plain = _plain(config)
+    config = settings.estimator
     chunks = uniform_chunks(reader, screen_of(robot, config), config, settings.max_gap, part)
     for chunk in chunks:
         if watch is None:
-            own = timed(plain, chunk)
+            own = completed(_plain(config), chunk, resolution, prior)
             engine = ContactEstimator(WrenchEstimator(robot, model, own), settings.detection)
             observer = make_observer(own.observer, robot.num_joints)
             begin = chunk.t[0] + observer.settling_time
@@ -130,22 +135,24 @@ def friction_of(
     return watch
 
 
-def with_evidence(
+def evident_prior(
     reader: LogReader,
     robot: Robot,
     model: IdentifiedModel,
-    config: WrenchEstimatorConfig,
-    max_gap: float,
+    settings: EstimateConfig,
+    resolution: list[float],
     part: "Part",
     warnings: list[str],
-) -> tuple[WrenchEstimatorConfig, str]:
-    """The configuration with the prior that explains the log best, and the rule's name."""
+) -> tuple[tuple[float, float], str]:
+    """Force sd (N) and moment sd (N m) that explain the log best, and the rule's name."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     estimator: WrenchEstimator | None = None
-    plain = _plain(config)
-    for chunk in uniform_chunks(reader, screen_of(robot, config), config, max_gap, part):
+    config = settings.estimator
+    chunks = uniform_chunks(reader, screen_of(robot, config), config, settings.max_gap, part)
+    for chunk in chunks:
         if estimator is None:
-            estimator = WrenchEstimator(robot, model, timed(plain, chunk))
+            own = completed(_plain(config), chunk, resolution, None)
+            estimator = WrenchEstimator(robot, model, own)
             state = estimator.initial_state()
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
         measured = ~chunk.dropout & (batch.fault == 0)
@@ -171,7 +178,7 @@ def with_evidence(
         if value is not None
     ]
     rule = "evidence of the log" + (f", {given[0]} given" if given else "")
-    return replace(config, reconstruction=prior.with_prior(float(force_sd), float(moment_sd))), rule
+    return (float(force_sd), float(moment_sd)), rule
 
 
 def _plain(config: WrenchEstimatorConfig) -> WrenchEstimatorConfig:

@@ -7,9 +7,9 @@ import numpy as np
 
 from wrenchsight.analyses.methods.reading.contact_episodes import ContactEpisodes
 from wrenchsight.analyses.methods.reading.contact_places import judge_places, of_contacts
+from wrenchsight.analyses.methods.reading.engines import Read
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateSettings
 from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
-from wrenchsight.analyses.methods.reading.known_contact import Read
 from wrenchsight.analyses.methods.reading.uniform_log import fault_of, there
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.reference_config import REFERENCE

@@ -100,7 +100,7 @@ def test_spring_is_blind_along_the_free_direction():
 
 
 def test_null_space_damping_does_not_reach_the_tool():
-    n = 8
+    n = 7
     half = RANDOM.normal(size=(n, n))
     M, J = half @ half.T + np.eye(n), RANDOM.normal(size=(6, n))
     v = RANDOM.normal(size=n)

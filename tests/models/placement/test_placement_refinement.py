@@ -8,11 +8,11 @@ import pytest
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.motion.path_postures import track_paths
 from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
-from wrenchsight.models.placement.placement_points import on_path
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
+    on_path,
     quaternion_from,
 )
 from wrenchsight.models.placement.placement_refinement import finished, refined, standard_member

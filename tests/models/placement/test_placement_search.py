@@ -5,8 +5,11 @@ import pytest
 
 from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
 from wrenchsight.models.placement.placement_descent import PlacementDescent
-from wrenchsight.models.placement.placement_points import between_points
-from wrenchsight.models.placement.placement_program import Placement, PlacementProgram
+from wrenchsight.models.placement.placement_program import (
+    Placement,
+    PlacementProgram,
+    between_points,
+)
 from wrenchsight.models.placement.placement_search import (
     PlacementSearch,
     SearchEffort,

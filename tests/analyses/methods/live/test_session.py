@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from called_commands import refused
 from sample_models import harmonic_motion, knowing_model
 
 from wrenchsight.analyses.methods.live.publishers import DATAGRAM, MAGIC, VALID
@@ -146,8 +147,4 @@ def test_a_refused_source_is_said_once_and_its_folder_will_do_again(model_file, 
     ],
 )
 def test_a_wrong_option_is_one_line_and_code_2(words, expected):
-    command = [sys.executable, "-m", "wrenchsight", "watch", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2
-    assert expected in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert expected in refused("watch", *words)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.analyses.methods.reading.drifted_band import covariance_about, with_band_of
+from wrenchsight.analyses.methods.reading.engines import covariance_about, with_band_of
 from wrenchsight.models.estimation.estimator import EstimateBatch
 
 

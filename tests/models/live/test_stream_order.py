@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrenchsight.models.live.sample_grid import GridSample, SampleGrid
+from wrenchsight.models.live.stream_order import GridSample, SampleGrid
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 

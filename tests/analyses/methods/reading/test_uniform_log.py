@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.analyses.methods.reading.sample_screen import FAULT, SampleScreen
+from wrenchsight.analyses.methods.reading.uniform_log import FAULT, SampleScreen
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot

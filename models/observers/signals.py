@@ -1,0 +1,55 @@
+"""The signals of a sample, for an observer whose stages are apart."""
+
+from wrenchsight.models.arrays import Array, Record
+from wrenchsight.models.kernel import kernel
+from wrenchsight.models.observers.observer import (
+    CTV,
+    DRIFT,
+    GRAVITY,
+    MOMENTUM,
+    NUM_SIGNALS,
+    STICTION,
+    TAU_EXT,
+    TAU_F,
+    TAU_J,
+    TORQUE_SD,
+    Q,
+    V,
+)
+from wrenchsight.models.views import view_2d
+
+
+def signals_size(num_joints: int) -> int:
+    """Entries of J and signals, one after the other."""
+    return (6 + NUM_SIGNALS) * num_joints
+
+
+@kernel
+def write_signals(terms: Record, tau_f: Array, torque_error: Array, out: Array) -> None:
+    """Writes J (6, n), then the signals of a sample but for those of TAU_J and TAU_EXT, which are
+    zero.
+
+    Args:
+        terms: of RigidBodyTerms.
+        tau_f: (n,) N m, friction that opposes motion.
+        torque_error: a flat TorqueError, which begins with sd, stiction and drift, (n,) N m each;
+            (0,): they are zero.
+        out: (`signals_size`,).
+    """
+    at = terms[0]
+    n = tau_f.shape[0]
+    J, signals = view_2d(out, 0, 6, n), view_2d(out, 6 * n, NUM_SIGNALS, n)
+    for j in range(n):
+        for i in range(6):
+            J[i, j] = at.J[i, j]
+        signals[Q, j], signals[V, j] = at.q[j], at.v[j]
+        signals[MOMENTUM, j], signals[CTV, j], signals[GRAVITY, j] = (
+            at.momentum[j],
+            at.CTv[j],
+            at.G[j],
+        )
+        signals[TAU_J, j], signals[TAU_F, j], signals[TAU_EXT, j] = 0.0, tau_f[j], 0.0
+        known = torque_error.shape[0] > 0
+        signals[TORQUE_SD, j] = torque_error[j] if known else 0.0
+        signals[STICTION, j] = torque_error[n + j] if known else 0.0
+        signals[DRIFT, j] = torque_error[2 * n + j] if known else 0.0
