@@ -33,7 +33,8 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
                          controller may close a loop over it; with "trapezoidal" it does
                 valid    (1,) 1, or 0 where tau_ext is the last one, held, and for the first 3 / K_0
                          seconds, in which it is still settling from zero
-                reading  (n + 1,) these two, one after the other, in one port
+                reading  these two, and what the update takes of the same tick, one after the
+                         other in one port, of `reading_sizes`
                 pole     (n,) K_0 as it is now, for what depends on it
     State:      (3 n,) momentum_hat, kg m^2/s, what the model predicts for the coming tick (inf
                 before the first update, NaN after an unusable one); tau_ext, N m; the share of
