@@ -290,10 +290,19 @@ def _rows(
             float(emulator.error[k]),
             bool(low[k] <= printed <= high[k]),
             bool(abs(off[k]) <= 1.0),
-            influences(values[:, k], drawn, float(printed)),
+            _moved_by(values[:, k], drawn, float(printed)),
         )
         for k, (name, printed) in enumerate(zip(figures.names, figures.printed, strict=True))
     )
+
+
+def _moved_by(
+    values: Array, drawn: Mapping[str, list[float]], printed: float
+) -> tuple[Influence, ...]:
+    """Which parameters move a figure (N,), over the arms that have it."""
+    known = np.isfinite(values)
+    own = {name: np.array(column)[known].tolist() for name, column in drawn.items()}
+    return influences(values[known], own, printed)
 
 
 def _write(

@@ -96,6 +96,8 @@ def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, fi
     assert (counted("ran_toy"), counted("ran_slow")) == (30, 13)
     assert fit.arms == 30
     assert {row.name for row in fit.rows} == set(rows)
+    late = next(row for row in fit.rows if row.name == "late")  # over 13 arms alone
+    assert [one.parameter for one in late.moved_by] == ["coulomb"]
 
 
 def test_too_few_arms_are_one_line_and_what_is_done_stays(tmp_path, experiment, figures, counted):
@@ -138,7 +140,7 @@ def test_a_row_that_nothing_measures_is_named(tmp_path, experiment, figures):
 
 def test_the_article_s_figures_are_bundled():
     figures = load_figures("article")
-    own = ("article-method", "article-cycles", "polishing", "grinding")
+    own = ("article-method", "article-cycles", "polishing")
     assert figures.experiments == own
     assert figures.config.fastest_feed
     assert 10 <= figures.settles.sum() < len(figures.names)
