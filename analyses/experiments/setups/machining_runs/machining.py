@@ -79,6 +79,7 @@ class MachiningTask:
         component: of the force, which the article shows: tangential or normal.
         correlation, rmse_n: the article's, by feed.
         figure: of the article.
+        remark: why the RMSE differs.
     """
 
     scenario: str
@@ -87,6 +88,7 @@ class MachiningTask:
     correlation: tuple[float, float, float]
     rmse_n: tuple[float, float, float]
     figure: str
+    remark: str
 
 
 @dataclass(frozen=True, eq=False)
