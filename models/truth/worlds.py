@@ -98,14 +98,18 @@ class WorldRanges:
     transmission_speed: tuple[float, float] = (0.7, 1.4)
     # Velocity by which dry friction has turned round, where it is a function of velocity; judged
     transition_velocity: tuple[float, float] = (0.5, 1.5)
-    # N, standard deviation along each axis of a hand that pushes, itself no factor: not stated in
-    # the article, each session has its own
+    # N, standard deviation along each axis of the hand that pushes in `friction`, itself no factor:
+    # the article does not state it, and each session has its own
     hand_force_friction: tuple[float, float] = (10.0, 20.0)
+    # The same in `combined`
     hand_force_combined: tuple[float, float] = (10.0, 20.0)
+    # The same in `repeat-cycle-push`
     hand_force_cycles: tuple[float, float] = (10.0, 20.0)
-    # Hz, up to which that hand pushes, itself no factor
+    # Hz, up to which the hand pushes in `friction`, itself no factor
     hand_bandwidth_friction: tuple[float, float] = (2.0, 4.0)
+    # The same in `combined`
     hand_bandwidth_combined: tuple[float, float] = (2.0, 4.0)
+    # The same in `repeat-cycle-push`
     hand_bandwidth_cycles: tuple[float, float] = (2.0, 4.0)
 
 
