@@ -55,7 +55,8 @@ class FittedRow:
         error: of the emulator, standard deviation, in tolerances.
         inside: whether the printed figure lies between the latter two.
         agrees: whether the nearest arm's is within the row's tolerance.
-        moved_by: the drawn parameters that move it, over all arms.
+        moved_by: the drawn parameters that move it, over arms that are drawn evenly; none with
+            an earlier fit.
     """
 
     name: str
@@ -219,7 +220,9 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int
         raise InputError(out, "", str(error), "draw more: --worlds") from error
     every = np.ones_like(settles)
     agreeing, likeliest = emulator.draws(every), emulator.draws(every, _SHARPNESS)
-    drawn = {name: parameters[:, k].tolist() for k, name in enumerate(names)}
+    # Arms near the likeliest differ in several parameters at once: even draws alone tell.
+    even = names if figures.earlier is None else []
+    drawn = {name: parameters[:, k].tolist() for k, name in enumerate(even)}
     distance = np.where(whole, figures.distance(off), np.inf)
     best = int(np.argmin(distance))
     rows = _rows(figures, values, best, emulator, agreeing, drawn)

@@ -73,6 +73,7 @@ def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     nearer = fit_figures(closer, 12, tmp_path / "nearer", jobs=2)
     assert nearer.arms == 56 and counted("ran_toy") == 56  # the earlier arms count as well
     assert nearer.distance <= fit.distance
+    assert not any(row.moved_by for row in nearer.rows)  # arms near one another tell none apart
     again = figures(narrow=tmp_path / "nearer")
     assert fit_figures(again, 12, tmp_path / "nearest", jobs=2).arms == 68
 
