@@ -88,6 +88,22 @@ def test_an_earlier_fit_that_is_gone_is_named(tmp_path, experiment, figures):
         fit_figures(figures(narrow=tmp_path / "fit"), 12, tmp_path / "nearer", jobs=2)
 
 
+def test_what_figures_are_off_by_and_back(figures):
+    """A share of 5 %: 1.3 * 1.05^2 is two tolerances off; in its own unit: 40 +- 10."""
+    rows = {
+        "level": ROWS["level"],
+        "reduction": {"key": "toy.coulomb", "figure": 40.0, "tolerance": 10.0, "share": False},
+    }
+    own = figures(rows=rows)
+    values = np.array([[1.3 * 1.05**2, 25.0], [1.3 / 1.05, 40.0], [np.nan, 1e6]])
+    off = own.off(values)
+    np.testing.assert_allclose(off, [[2.0, -1.5], [-1.0, 0.0], [np.nan, 20.0]], atol=1e-12)
+    np.testing.assert_allclose(own.at(off[:2]), values[:2], rtol=1e-12)
+    # One far off, or not there at all, counts as four tolerances.
+    expected = np.sqrt([(4.0 + 2.25) / 2, 0.5, 16.0])
+    np.testing.assert_allclose(own.distance(off), expected, rtol=1e-12)
+
+
 def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, figures, counted):
     experiment("toy")
     experiment("slow")
