@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.campaign.posterior import FEWEST
+from wrenchsight.analyses.campaign.posterior import FEWEST, MOST
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
@@ -21,7 +21,6 @@ DRAWS, ARMS = "draws.yaml", "arms.parquet"
 WORLDS: Final = "worlds.yaml"
 """Beside robot.yaml: arms that give printed figures, see `ArmPosterior`."""
 ROBOT: Final = "sts_sre4_600"
-_MOST = 4.0  # tolerances that a row may be off by and still count more
 _FARTHEST = 20.0  # tolerances
 
 
@@ -124,7 +123,7 @@ class Figures:
     @staticmethod
     def distance(off: Array) -> Array:
         """(N,) root mean square of what figures (N, R) are off by, each at most some; NaN: so."""
-        bounded = np.clip(np.nan_to_num(off, nan=_FARTHEST), -_MOST, _MOST)
+        bounded = np.clip(np.nan_to_num(off, nan=_FARTHEST), -MOST, MOST)
         return np.asarray(np.sqrt(np.mean(bounded**2, axis=1)))
 
     def values(self, measured: Mapping[str, Mapping[str, float | None]]) -> Array:

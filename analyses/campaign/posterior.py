@@ -18,7 +18,7 @@ FEWEST = 12  # arms that a figure's emulator is made of, at least
 _NEAR = 0.2  # share of the arms that count more than a quarter
 _RIDGES = 10.0 ** np.arange(-4.0, 3.0)
 _SQUARES, _PRODUCTS = 3.0, 10.0  # ridge of these terms, over that of the linear ones
-_MOST = 4.0  # tolerances: what is off by more counts no more
+MOST = 4.0  # tolerances: what is off by more counts no more
 _STEPS, _UNUSED, _DRAWS = 1500, 0.2, 400  # per parameter; share before the chain has settled
 _FAR = 0.3  # share of steps that go anywhere in the range
 _STEP = 0.25  # of the others, of half a range
@@ -107,7 +107,7 @@ def _metropolis(slopes: Array, variance: Array, start: Array, rng: np.random.Gen
     """(_DRAWS, P) of -1 to 1, one parameter a step."""
 
     def density(u: Array) -> float:
-        off = np.clip(_terms(u[None])[0] @ slopes, -_MOST, _MOST)
+        off = np.clip(_terms(u[None])[0] @ slopes, -MOST, MOST)
         return float(-0.5 * np.sum(off**2 / variance))
 
     P = len(start)
