@@ -34,6 +34,11 @@ def test_position_velocity_acceleration_in_this_order():
     np.testing.assert_allclose(evaluate(PathReference(quintic()), t), expected, atol=1e-12)
 
 
+def test_rests_after_the_end():
+    expected = [1.5**5, 1 - 2 * 1.5**3, 0, 0, 0, 0]
+    np.testing.assert_allclose(evaluate(PathReference(quintic()), 2.0), expected)
+
+
 def test_velocity_integrates_to_position():
     builder = DiagramBuilder()
     block = builder.AddSystem(PathReference(quintic()))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
@@ -27,11 +28,45 @@ def test_ports(sts):
     assert system.CreateDefaultContext().num_total_states() == 0
 
 
-def test_terms_are_those_of_the_chain(sts):
+def test_terms_are_those_of_the_plant(sts):
+    plant = MultibodyPlant(0.0)
+    parts = sts.add_to_plant(plant)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, Q)
+    plant.SetVelocities(context, V)
     system = RigidBodyTermsSystem(sts.chain)
     terms = evaluate(system, system.CreateDefaultContext(), Q, V)
-    for name, expected in vars(sts.chain.terms(Q, V)).items():
-        np.testing.assert_array_equal(getattr(terms, name), expected, err_msg=name)
+
+    M = plant.CalcMassMatrix(context)
+    tolerance = {"rtol": 0.0, "atol": 1e-10}
+    np.testing.assert_allclose(terms.M, M, **tolerance)
+    np.testing.assert_allclose(terms.momentum, M @ V, **tolerance)
+    np.testing.assert_allclose(terms.G, -plant.CalcGravityGeneralizedForces(context), **tolerance)
+    np.testing.assert_allclose(terms.Cv, plant.CalcBiasTerm(context), **tolerance)
+    W = plant.world_frame()
+    J = plant.CalcJacobianSpatialVelocity(
+        context, JacobianWrtVariable.kV, parts.frame_E, [0, 0, 0], W, W
+    )
+    np.testing.assert_allclose(terms.J, J, **tolerance)
+    np.testing.assert_allclose(terms.V_WE, J @ V, **tolerance)
+    X_WE = parts.frame_E.CalcPoseInWorld(context)
+    np.testing.assert_allclose(terms.R_WE, X_WE.rotation().matrix(), **tolerance)
+    np.testing.assert_allclose(terms.p_WE, X_WE.translation(), **tolerance)
+    np.testing.assert_array_equal(terms.q, Q)
+    np.testing.assert_array_equal(terms.v, V)
+
+
+def test_CTv_is_the_gradient_of_the_kinetic_energy(sts):
+    system = RigidBodyTermsSystem(sts.chain)
+    CTv = evaluate(system, system.CreateDefaultContext(), Q, V).CTv
+    h = 1e-6
+    energy = [
+        [0.5 * V @ sts.chain.momentum_terms(Q + side * h * e, V)[0] for e in np.eye(6)]
+        for side in (1.0, -1.0)
+    ]
+    # Central differences: truncation and rounding are both near 1e-9.
+    np.testing.assert_allclose(CTv, np.subtract(*energy) / (2.0 * h), rtol=0.0, atol=1e-7)
 
 
 def test_one_computation_serves_all_and_a_new_state_makes_a_new_one(sts):
@@ -81,6 +116,27 @@ def test_it_follows_a_simulated_plant(sts):
     # The trapezoidal rule's error over 0.1 s is far below this.
     np.testing.assert_allclose(after.momentum - start, impulse, rtol=0.0, atol=2e-5)
     assert np.abs(impulse).max() > 1.0
+
+
+def test_sign(sts):
+    """G is the torque that holds the arm: along a motion it does the work that lifts it."""
+    plant = MultibodyPlant(0.0)
+    sts.add_to_plant(plant)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+
+    def potential_energy(q):
+        plant.SetPositions(context, q)
+        return plant.CalcPotentialEnergy(context)
+
+    h = 1e-6
+    slope = [
+        (potential_energy(Q + h * e) - potential_energy(Q - h * e)) / (2 * h) for e in np.eye(6)
+    ]
+    system = RigidBodyTermsSystem(sts.chain)
+    G = evaluate(system, system.CreateDefaultContext(), Q, V).G
+    # Central differences of an energy near 100 J: rounding is near 1e-8.
+    np.testing.assert_allclose(G, slope, rtol=0.0, atol=1e-6)
 
 
 def test_a_broken_state_gives_terms_that_are_not_finite(sts):
