@@ -3,16 +3,11 @@
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
-from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.estimation.wrench_reading import WrenchReading
 from wrenchsight.systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
-from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, -0.7, 1.1])
 SINGULAR = np.array([0.2, 0.3, 0.4, 0.5, 0.0, 0.6])  # axes of joints 4 and 6 in line
@@ -91,35 +86,6 @@ def test_every_method_is_the_batch_estimator(chain, method, posture):
     np.testing.assert_allclose(found["covariance"], batch.covariance, rtol=1e-10, atol=1e-10)
     assert found["condition_number"] == batch.condition_number
     assert found["valid"] == batch.valid
-
-
-def test_along_a_motion_and_a_changing_torque(chain):
-    """J of the present state reads the present torque: nothing is late."""
-    rates = np.array([[1.0, -0.5, 0.3, 2.0, 1.0, -1.0], [10.0, 5.0, -5.0, 1.0, 1.0, 0.5]])
-    builder = DiagramBuilder()
-    q, tau_ext = (
-        builder.AddSystem(
-            TrajectorySource(
-                PiecewisePolynomial.FirstOrderHold([0.0, 1.0], np.outer([0.0, 1.0], rate).T)
-            )
-        )
-        for rate in rates
-    )
-    shift = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
-    terms = builder.AddSystem(RigidBodyTermsSystem(chain))
-    block = builder.AddSystem(block_of(config(), SIGMA))
-    builder.Connect(q.get_output_port(0), terms.GetInputPort("q"))
-    builder.Connect(shift.get_output_port(), terms.GetInputPort("v"))
-    builder.Connect(terms.GetOutputPort("terms"), block.GetInputPort("terms"))
-    builder.Connect(tau_ext.get_output_port(0), block.GetInputPort("tau_ext"))
-    log = LogVectorOutput(block.GetOutputPort("wrench"), builder, 0.1)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(0.5)
-    wrenches = log.FindLog(simulator.get_context()).data().T
-    for k, wrench in enumerate(wrenches):
-        t = 0.1 * k
-        expected = bayes(chain.jacobian(t * rates[0]), t * rates[1])[0]
-        np.testing.assert_allclose(wrench, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_parameters_change_through_the_context(chain):

@@ -2,10 +2,6 @@
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
@@ -45,42 +41,6 @@ def test_one_computation_serves_all_and_a_new_state_makes_a_new_one(sts):
     assert second is not first
     # What a reader still holds is not overwritten.
     np.testing.assert_allclose(second.momentum, 2.0 * first.momentum, rtol=1e-14)
-
-
-def test_it_follows_a_simulated_plant(sts):
-    """Free fall: the momentum in the terms changes by the impulse of gravity and of CTv."""
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(0.0))
-    parts = sts.add_to_plant(plant)
-    plant.Finalize()
-    system = builder.AddSystem(RigidBodyTermsSystem(sts.chain))
-    instance = parts.model_instance
-    demux = builder.AddSystem(Demultiplexer(12, 6))
-    builder.Connect(plant.get_state_output_port(instance), demux.get_input_port(0))
-    builder.Connect(demux.get_output_port(0), system.GetInputPort("q"))
-    builder.Connect(demux.get_output_port(1), system.GetInputPort("v"))
-    rest = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
-    builder.Connect(rest.get_output_port(), plant.get_actuation_input_port())
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    simulator.get_mutable_integrator().set_target_accuracy(1e-10)
-    context = simulator.get_mutable_context()
-    plant.SetPositions(plant.GetMyMutableContextFromRoot(context), Q)
-
-    def terms():
-        return system.GetOutputPort("terms").Eval(system.GetMyContextFromRoot(context))
-
-    h, impulse = 1e-3, np.zeros(6)
-    before = terms()
-    start = before.momentum
-    for k in range(100):
-        simulator.AdvanceTo((k + 1) * h)
-        after = terms()
-        impulse += 0.5 * h * (before.CTv - before.G + after.CTv - after.G)
-        before = after
-    # The trapezoidal rule's error over 0.1 s is far below this.
-    np.testing.assert_allclose(after.momentum - start, impulse, rtol=0.0, atol=2e-5)
-    assert np.abs(impulse).max() > 1.0
 
 
 def test_a_broken_state_gives_terms_that_are_not_finite(sts):

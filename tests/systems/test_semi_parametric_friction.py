@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput, Sine
 
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -52,23 +49,6 @@ def test_formula(handover):
     context = system.CreateDefaultContext()
     for v in ([0.09, -0.15], [0.11, -0.25]):
         np.testing.assert_array_equal(friction_torque(system, context, v), law.torque(np.array(v)))
-
-
-def test_along_a_motion():
-    """The dissipated energy of a sinusoidal velocity, Coulomb and viscous, in closed form."""
-    builder = DiagramBuilder()
-    amplitude, omega = 0.8, 2.0 * np.pi
-    velocity = builder.AddSystem(Sine(amplitude, omega, 0.0, 2))
-    system = builder.AddSystem(block())
-    builder.Connect(velocity.get_output_port(0), system.GetInputPort("v"))
-    log = LogVectorOutput(system.GetOutputPort("tau_f"), builder, 1e-4)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(1.0)
-    tau_f = log.FindLog(simulator.get_context()).data().T[:-1]
-    v = amplitude * np.sin(omega * np.arange(len(tau_f)) * 1e-4)[:, None]
-    power = (tau_f * v).mean(axis=0)
-    expected = COULOMB * 2.0 * amplitude / np.pi + VISCOUS * amplitude**2 / 2.0
-    np.testing.assert_allclose(power, expected, rtol=1e-6)  # rectangle rule over a full period
 
 
 def test_parameters_change_through_the_context_and_the_hand_over_follows():
