@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import HoldMotion, JointSineMotion, Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
-from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -54,6 +54,18 @@ def test_the_rise_to_it_is_that_of_the_observer(sts):
     expected = rise * signals["tau_ext_true"][-1]
     # The discrete plant's own first-order step, while the arm yields a little.
     np.testing.assert_allclose(signals["tau_ext"], expected, rtol=0.0, atol=0.02)
+
+
+def test_the_loops_log_is_read_alike_by_the_batch_estimator(sts):
+    """What was recorded in the loop, estimated afterwards: the same rows, without a shift."""
+    push = WrenchStep(start=0.1, force=FORCE, moment=MOMENT)
+    motion = JointSineMotion(amplitude=[0.2], frequency=FREQUENCY)
+    signals = simulate(sts, Scenario(duration=0.5, motion=motion, wrench=[push]))
+    estimator = WrenchEstimator(sts, IdentifiedModel.nominal(sts), config())
+    state = estimator.initial_state()
+    batch = estimator.run(state, signals["q"], signals["v"], signals["current"])
+    np.testing.assert_allclose(batch.tau_ext, signals["tau_ext"], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(batch.wrench, signals["wrench"], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -12,7 +12,9 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from wrenchsight.diagrams.estimator import add_estimator, make_estimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -86,6 +88,31 @@ def test_a_resting_push_is_read(sts, model):
     np.testing.assert_allclose(rows, (1.0 - np.exp(-20.0 * t)) * wrench, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+@pytest.mark.parametrize("method", ["bayesian", "inverse"])
+def test_row_k_is_that_of_the_batch_estimator(sts, model, kind, method):
+    """Also where the log has holes."""
+    log = moving_log(sts, T, 400)
+    for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 200, 0), (2, 201, 0)):
+        log[signal][row, joint] = np.nan
+    configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0), method)
+    found = played(sts, model, configuration, log)
+    estimator = WrenchEstimator(sts, model, configuration)
+    batch = estimator.run(estimator.initial_state(), *log)
+    scale = np.abs(batch.wrench).max()
+    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found["wrench"], batch.wrench, rtol=0.0, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        found["covariance"].reshape(-1, 6, 6), batch.covariance, rtol=1e-9, atol=1e-9
+    )
+    np.testing.assert_allclose(found["condition_number"][:, 0], batch.condition_number, rtol=1e-9)
+    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)
+    assert np.isfinite(found["wrench"]).all()
+    # In "held" a current counts from the tick after it.
+    broken = [50, 51, 120, 121] + ([201, 202] if kind == "held" else [200, 201, 202])
+    assert not found["valid"][broken].any()
+
+
 def test_parameters_change_through_the_context(sts, model):
     """Twice the torque constant, another gain, and another prior, in a running diagram."""
     estimator = make_estimator(sts, model, config())
@@ -137,6 +164,42 @@ def test_wrong_widths_name_the_ports(sts, model):
     terms = builder.AddNamedSystem("other", make_estimator(sts, model))
     with pytest.raises(ValueError, match=r"current must be a vector.*other\.terms is abstract"):
         add_estimator(builder, sts, model, current=terms.GetOutputPort("terms"))
+
+
+def test_a_model_of_another_robot_is_refused(ur10e, sts):
+    other = IdentifiedModel.nominal(ur10e)
+    with pytest.raises(InputError, match="ur10e"):
+        make_estimator(sts, other)
+
+
+@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
+def test_friction_that_remembers_is_that_of_the_batch_estimator(sts, model, kind):
+    """Position, slip and the load of the tick before, also across holes."""
+    n = sts.num_joints
+    rng = np.random.default_rng(4)
+    friction = PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(np.zeros(n), *rng.uniform(1, 5, (2, n)))),
+        coulomb=rng.uniform(2, 9, n),
+        stribeck=rng.uniform(-1, 1, n),
+        stribeck_velocity=np.full(n, 0.05),
+        load=rng.uniform(0.02, 0.1, n),
+        cubic=rng.normal(size=n),
+        weight=np.ones((n, 1)),
+        displacement=np.full((n, 1), 0.01),
+    )
+    remembering = replace(model, friction=friction)
+    log = moving_log(sts, T, 200)
+    for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 150, 0)):
+        log[signal][row, joint] = np.nan
+    found = played(sts, remembering, config(kind), log)
+    estimator = WrenchEstimator(sts, remembering, config(kind))
+    batch = estimator.run(estimator.initial_state(), *log)
+    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)
+    diagram = make_estimator(sts, remembering, config(kind))
+    current = diagram.GetInputPort("current").get_index()
+    wrench = diagram.GetOutputPort("wrench").get_index()
+    assert diagram.HasDirectFeedthrough(current, wrench) == (kind == "trapezoidal")
 
 
 @pytest.mark.parametrize("fused", [False, True])

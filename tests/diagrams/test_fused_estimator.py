@@ -89,9 +89,7 @@ def test_ports(sts_reversed, model):
 
 
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-@pytest.mark.parametrize("law", LAWS)
-def test_it_feeds_through_where_the_stages_do(sts_reversed, model, kind, law):
-    model = replace(model, friction=friction(law))
+def test_it_feeds_through_where_the_stages_do(sts_reversed, model, kind):
     stages, fused = (
         make_estimator(sts_reversed, model, config(torque_samples=kind), fused=f)
         for f in (False, True)
@@ -123,14 +121,7 @@ def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, la
 def test_torque_of_the_present_tick(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     configuration = config(torque_samples="trapezoidal")
-    stages, fused = (
-        played(sts_reversed, model, configuration, log, fused=f) for f in (False, True)
-    )
-    assert_same(stages, fused)
-    estimator = WrenchEstimator(sts_reversed, model, configuration)
-    batch = estimator.run(estimator.initial_state(), *log)
-    np.testing.assert_allclose(fused["wrench"], batch.wrench, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(fused["valid"][:, 0] == 1.0, batch.valid)
+    assert_same(*(played(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
 
 
 PARAMETERS = {

@@ -100,6 +100,46 @@ def test_stiction_holds_what_gravity_compensation_misses(sts):
     np.testing.assert_allclose(run.tau_f_true[-1], miss, atol=50 * creep)
 
 
+def test_energy_is_lost_to_friction_only(sts):
+    scenario = replace(QUIET, friction="coulomb_viscous")
+    none = Run(QUIET, sts, sts.home, np.zeros(6), 0.15)
+    some = Run(scenario, sts, sts.home, np.zeros(6), 0.15, v_0=np.full(6, 0.4))
+
+    def energy(run):
+        momentum = sts.chain.momentum_terms(run.q, run.v)[0]
+        height = [
+            sum(m * 9.81 * p for m, p in zip(masses(sts), heights(sts, q), strict=True))
+            for q in run.q
+        ]
+        return 0.5 * np.sum(momentum * run.v, axis=1) + np.array(height)
+
+    # Semi-implicit Euler keeps the energy within about T/2 of its exchange rate, watts.
+    free = energy(none)
+    assert np.ptp(free) < 0.3
+    work = np.cumsum(np.sum(some.tau_f_true * some.v, axis=1)) * T
+    lost = energy(some)[0] - energy(some)
+    assert lost[-1] > 0.5
+    np.testing.assert_allclose(lost[1:], work[:-1], atol=0.3)
+
+
+def masses(robot):
+    return robot.chain.inertial_parameters[:, 0]
+
+
+def heights(robot, q):
+    """Of each moving body's centre of mass: through the chain's own frames."""
+    chain = robot.chain
+    R, p, result = np.eye(3), np.zeros(3), []
+    for i in range(chain.num_joints):
+        p = p + R @ chain.p_PJ[i]
+        a = chain.axis[i]
+        K = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+        R = R @ chain.R_PJ[i] @ (np.eye(3) + np.sin(q[i]) * K + (1 - np.cos(q[i])) * K @ K)
+        parameters = chain.inertial_parameters[i]
+        result.append((p + R @ parameters[1:4] / parameters[0])[2])
+    return result
+
+
 def test_sensor_and_truth_agree_on_an_applied_wrench(sts):
     push = WrenchStep(force=[5.0, -8.0, 6.0], moment=[0.3, 0.2, -0.4])
     scenario = replace(QUIET, wrench=[push], force_torque_sensor=ForceTorqueSensorConfig())

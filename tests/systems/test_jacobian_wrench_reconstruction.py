@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.estimation.wrench_reading import WrenchReading
 from wrenchsight.systems.jacobian_wrench_reconstruction import JacobianWrenchReconstruction
+from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, -0.7, 1.1])
-SINGULAR = np.array([0.2, 0.3, 0.4, 0.5, 0.0, 0.6])  # axes of joints 4 and 6 in line
 WRENCH = np.array([0.5, 1.5, 1.0, -3.0, 4.0, 25.0])  # rotation first
 FORCE_SD, MOMENT_SD = 30.0, 2.0
 SIGMA = np.diag([4.0, 4.0, 2.0, 0.5, 0.5, 0.2]) ** 2 + 0.01
@@ -73,11 +77,21 @@ def test_formula(chain):
     assert found["valid"] == 1.0
 
 
-@pytest.mark.parametrize("posture", [Q, SINGULAR], ids=["regular", "singular"])
+def test_eq_22_without_a_prior(chain):
+    """Lu et al., eq. 22: the transposed inverse, whatever the noise; it asks for no prior."""
+    block = block_of(WrenchReconstructionConfig(method="inverse"), SIGMA)
+    terms = chain.terms(Q, np.zeros(6))
+    tau_ext = terms.J.T @ WRENCH
+    found = evaluate(block, block.CreateDefaultContext(), terms, tau_ext)
+    np.testing.assert_allclose(found["wrench"], WRENCH, rtol=1e-10)
+    pinv = np.linalg.pinv(terms.J.T)
+    np.testing.assert_allclose(found["covariance"], pinv @ SIGMA @ pinv.T, rtol=1e-8, atol=1e-8)
+
+
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_is_the_batch_estimator(chain, method, posture):
+def test_every_method_is_the_batch_estimator(chain, method):
     block = block_of(config(method), SIGMA)
-    terms = chain.terms(posture, np.zeros(6))
+    terms = chain.terms(Q, np.zeros(6))
     tau_ext = np.array([5.0, -20.0, 8.0, 1.0, -2.0, 0.5])
     found = evaluate(block, block.CreateDefaultContext(), terms, tau_ext)
     batch = reconstruct_wrench(terms.J, tau_ext, SIGMA, config(method))
@@ -86,6 +100,35 @@ def test_every_method_is_the_batch_estimator(chain, method, posture):
     np.testing.assert_allclose(found["covariance"], batch.covariance, rtol=1e-10, atol=1e-10)
     assert found["condition_number"] == batch.condition_number
     assert found["valid"] == batch.valid
+
+
+def test_along_a_motion_and_a_changing_torque(chain):
+    """J of the present state reads the present torque: nothing is late."""
+    rates = np.array([[1.0, -0.5, 0.3, 2.0, 1.0, -1.0], [10.0, 5.0, -5.0, 1.0, 1.0, 0.5]])
+    builder = DiagramBuilder()
+    q, tau_ext = (
+        builder.AddSystem(
+            TrajectorySource(
+                PiecewisePolynomial.FirstOrderHold([0.0, 1.0], np.outer([0.0, 1.0], rate).T)
+            )
+        )
+        for rate in rates
+    )
+    shift = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
+    terms = builder.AddSystem(RigidBodyTermsSystem(chain))
+    block = builder.AddSystem(block_of(config(), SIGMA))
+    builder.Connect(q.get_output_port(0), terms.GetInputPort("q"))
+    builder.Connect(shift.get_output_port(), terms.GetInputPort("v"))
+    builder.Connect(terms.GetOutputPort("terms"), block.GetInputPort("terms"))
+    builder.Connect(tau_ext.get_output_port(0), block.GetInputPort("tau_ext"))
+    log = LogVectorOutput(block.GetOutputPort("wrench"), builder, 0.1)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.5)
+    wrenches = log.FindLog(simulator.get_context()).data().T
+    for k, wrench in enumerate(wrenches):
+        t = 0.1 * k
+        expected = bayes(chain.jacobian(t * rates[0]), t * rates[1])[0]
+        np.testing.assert_allclose(wrench, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_parameters_change_through_the_context(chain):
@@ -126,6 +169,28 @@ def test_sign(chain, method):
     assert found["wrench"][5] > 10.0
 
 
+def test_at_a_singular_posture_the_prior_takes_over_and_eq_22_is_flagged(chain):
+    straight = np.array([0.2, 0.3, 0.4, 0.5, 0.0, 0.6])  # axes of joints 4 and 6 in line
+    terms = chain.terms(straight, np.zeros(6))
+    assert np.linalg.cond(terms.J) > 1e12
+    tau_ext = np.array([5.0, -20.0, 8.0, 1.0, -2.0, 0.5])
+    for method in METHODS:
+        block = block_of(config(method), SIGMA)
+        found = evaluate(block, block.CreateDefaultContext(), terms, tau_ext)
+        assert np.isfinite(found["wrench"]).all()
+        assert np.isfinite(found["covariance"]).all()
+        if method in ("inverse", "damped", "truncated"):
+            assert found["valid"] == 0.0
+    bayesian = block_of(config(), SIGMA)
+    found = evaluate(bayesian, bayesian.CreateDefaultContext(), terms, tau_ext)
+    np.testing.assert_allclose(
+        found["covariance"], bayes(terms.J, tau_ext)[1], rtol=1e-9, atol=1e-9
+    )
+    # What is not seen keeps the prior's uncertainty: no direction is better than it can be.
+    scaled = found["covariance"] / np.outer(*[[MOMENT_SD] * 3 + [FORCE_SD] * 3] * 2)
+    assert np.linalg.eigvalsh(scaled)[-1] == pytest.approx(1.0, abs=1e-9)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_broken_input_gives_no_wrench_and_is_flagged(chain, method):
     block = block_of(config(method), SIGMA)
@@ -149,6 +214,21 @@ def test_a_held_torque_is_read_and_flagged(chain):
     held = evaluate(block, context, terms, tau_ext, tau_ext_valid=0.0)
     assert (fresh["valid"], held["valid"]) == (1.0, 0.0)
     np.testing.assert_array_equal(fresh["wrench"], held["wrench"])
+
+
+@pytest.mark.parametrize(
+    ("configuration", "Sigma", "message"),
+    [
+        (config("pseudo"), SIGMA, "method"),
+        (WrenchReconstructionConfig(), SIGMA, "prior"),
+        (config(), np.zeros((6, 6)), "positive definite"),
+        (config(), np.ones((6, 5)), r"\(n, n\)"),
+        (config(prior_force_sd=-1.0), SIGMA, "prior_force_sd"),
+    ],
+)
+def test_bad_arguments(configuration, Sigma, message):
+    with pytest.raises(ValueError, match=message):
+        block_of(configuration, Sigma)
 
 
 def test_a_bad_parameter_through_the_context_is_refused(chain):

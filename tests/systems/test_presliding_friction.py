@@ -2,9 +2,15 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.models.friction.presliding_friction import (
     PreslidingFriction,
+    add_slip_torque,
+    update_slip,
 )
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.systems.presliding_friction import PreslidingFrictionSystem
@@ -65,6 +71,33 @@ def test_a_displacement_stretches_the_element_and_the_load_of_the_tick_before_co
     system.GetInputPort("q").FixValue(context, [5e-4, 0.0])
     expected = OFFSET[0] + (5.0 + 1.0 + 0.06 * (21.0 - before[0])) * 0.5
     assert torque(system, context)[0] == pytest.approx(expected, rel=1e-13)
+
+
+def test_along_a_motion_it_is_the_kernel_tick_by_tick():
+    t = np.arange(0.0, 1.0, STEP)
+    q = np.stack([2e-3 * np.sin(6.0 * t), 3e-3 * np.cos(5.0 * t)])
+    v = np.gradient(q, STEP, axis=1)
+    builder = DiagramBuilder()
+    system = builder.AddSystem(PreslidingFrictionSystem(law(), STEP))
+    for name, samples in (("q", q), ("v", v)):
+        path = PiecewisePolynomial.ZeroOrderHold(t, samples)
+        source = builder.AddSystem(TrajectorySource(path))
+        builder.Connect(source.get_output_port(), system.GetInputPort(name))
+    tau_J = np.array([8.0, -3.0])
+    motor = builder.AddSystem(ConstantVectorSource(tau_J))
+    builder.Connect(motor.get_output_port(), system.GetInputPort("tau_J"))
+    log = LogVectorOutput(system.GetOutputPort("tau_f"), builder, STEP)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.9)
+    found = log.FindLog(simulator.get_context()).data().T
+    own, state = law(), law().initial_state()
+    for k in range(80):
+        # Samples of the log and of the zero-order hold fall together; use what was read.
+        qk, vk = (np.asarray(path[:, k]) for path in (q, v))
+        tau_f = own.velocity_law.torque(vk)
+        add_slip_torque(own.slip_table, state, qk, vk, tau_f)
+        update_slip(own.slip_table, state, qk, vk, tau_J - tau_f)
+        np.testing.assert_allclose(found[k], tau_f, rtol=0, atol=1e-12)
 
 
 def test_a_parameter_changed_through_the_context():

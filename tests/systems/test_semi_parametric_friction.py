@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, Sine
 
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -32,6 +35,16 @@ def friction_torque(system, context, v):
     return system.GetOutputPort("tau_f").Eval(context)
 
 
+def network_alone(nets, v):
+    """Two layers, joint by joint, written out."""
+    return np.array(
+        [
+            nets.W2[i] @ np.tanh(nets.W1[i] * v[i] / nets.v_scale[i] + nets.b1[i]) + nets.b2[i]
+            for i in range(2)
+        ]
+    )
+
+
 def test_ports():
     system = block()
     assert system.GetInputPort("v").size() == system.GetOutputPort("tau_f").size() == 2
@@ -39,16 +52,56 @@ def test_ports():
     assert system.CreateDefaultContext().num_total_states() == 0
 
 
-@pytest.mark.parametrize("handover", ["continuous", "literal"])
-def test_formula(handover):
-    """That of the law, inside and outside of ±v_crit."""
-    system = block(networks(), handover)
-    law = SemiParametricFriction(
-        CoulombViscous(COULOMB, VISCOUS, OFFSET), networks(), V_CRIT, handover
-    )
+@pytest.mark.parametrize("v", [[0.3, -0.5], [0.05, -0.01], [0.0, 0.0]])
+def test_without_weights_it_is_coulomb_viscous_at_every_velocity(v):
+    system = block()
+    expected = COULOMB * np.sign(v) + VISCOUS * v + OFFSET
+    tau_f = friction_torque(system, system.CreateDefaultContext(), v)
+    np.testing.assert_allclose(tau_f, expected, rtol=0.0, atol=1e-14)
+
+
+def test_the_literal_law_is_the_network_inside_and_coulomb_viscous_outside():
+    nets = networks()
+    system = block(nets, "literal")
     context = system.CreateDefaultContext()
-    for v in ([0.09, -0.15], [0.11, -0.25]):
-        np.testing.assert_array_equal(friction_torque(system, context, v), law.torque(np.array(v)))
+    inside = np.array([0.09, -0.15])
+    np.testing.assert_allclose(
+        friction_torque(system, context, inside), network_alone(nets, inside), rtol=0, atol=1e-13
+    )
+    outside = np.array([0.11, -0.25])
+    expected = COULOMB * np.sign(outside) + VISCOUS * outside + OFFSET
+    np.testing.assert_allclose(
+        friction_torque(system, context, outside), expected, rtol=0.0, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_default_hand_over_has_no_jump(side):
+    system = block(networks())
+    context = system.CreateDefaultContext()
+    inside = friction_torque(system, context, side * V_CRIT * (1.0 - 1e-12))
+    outside = friction_torque(system, context, side * V_CRIT * (1.0 + 1e-12))
+    np.testing.assert_allclose(inside, outside, rtol=0.0, atol=1e-9)
+    literal = block(networks(), "literal")
+    jump = friction_torque(literal, literal.CreateDefaultContext(), side * V_CRIT) - outside
+    assert np.abs(jump).max() > 0.1  # the test has something to smooth
+
+
+def test_along_a_motion():
+    """The dissipated energy of a sinusoidal velocity, Coulomb and viscous, in closed form."""
+    builder = DiagramBuilder()
+    amplitude, omega = 0.8, 2.0 * np.pi
+    velocity = builder.AddSystem(Sine(amplitude, omega, 0.0, 2))
+    system = builder.AddSystem(block())
+    builder.Connect(velocity.get_output_port(0), system.GetInputPort("v"))
+    log = LogVectorOutput(system.GetOutputPort("tau_f"), builder, 1e-4)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    tau_f = log.FindLog(simulator.get_context()).data().T[:-1]
+    v = amplitude * np.sin(omega * np.arange(len(tau_f)) * 1e-4)[:, None]
+    power = (tau_f * v).mean(axis=0)
+    expected = COULOMB * 2.0 * amplitude / np.pi + VISCOUS * amplitude**2 / 2.0
+    np.testing.assert_allclose(power, expected, rtol=1e-6)  # rectangle rule over a full period
 
 
 def test_parameters_change_through_the_context_and_the_hand_over_follows():
