@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.diagrams.estimator import add_estimator
 from wrenchsight.models.arrays import Array
@@ -15,7 +16,6 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.contact_detection import DETECTION
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 
 OUTPUTS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 
@@ -28,6 +28,16 @@ def moving_log(robot: Robot, time_step: float, rows: int) -> tuple[Array, Array,
     q = robot.home + 0.4 * np.sin(rate * t + phase)
     v = 0.4 * rate * np.cos(rate * t + phase)
     return q, v, 0.5 * np.sin(3.0 * rate * t) + 0.05 * rng.normal(size=(rows, n))
+
+
+def add_log(builder: DiagramBuilder, log: tuple[Array, ...], time_step: float) -> dict[str, Any]:
+    """Ports q, v and current: row k of the log from tick k on, until the next."""
+    t = np.arange(len(log[0]) + 1) * time_step
+    ports = {}
+    for name, signal in zip(("q", "v", "current"), log, strict=True):
+        rows = PiecewisePolynomial.ZeroOrderHold(t, np.vstack([signal, signal[-1:]]).T)
+        ports[name] = builder.AddSystem(TrajectorySource(rows)).get_output_port()
+    return ports
 
 
 def played(
@@ -49,8 +59,7 @@ def played(
     """
     T = config.observer.time_step
     builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(robot.num_joints, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    ports = add_log(builder, log, T)
     estimator = add_estimator(
         *(builder, robot, model, config),
         **ports,
@@ -61,7 +70,6 @@ def played(
     sinks = {name: LogVectorOutput(estimator.GetOutputPort(name), builder, T) for name in names}
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
     if change is not None:
         simulator.AdvanceTo(0.1)
         change(estimator, context)

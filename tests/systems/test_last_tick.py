@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from played_logs import add_log
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
@@ -14,7 +15,6 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.systems.recording_player import RecordingPlayer, Samples
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 T, N, ROWS = 1e-3, 6, 1500
@@ -48,8 +48,7 @@ def log(sts):
 def simulator_of(robot, model, config, log, fused):
     """A simulator whose estimator reads the log, and the estimator."""
     builder = DiagramBuilder()
-    player = builder.AddSystem(RecordingPlayer(N, T))
-    ports = {name: player.GetOutputPort(name) for name in ("q", "v", "current")}
+    ports = add_log(builder, log, T)
     detection = ContactDetectionConfig() if model.torque_error is not None else None
     estimator = add_estimator(
         builder, robot, model, config, **ports, fused=fused, detection=detection
@@ -62,10 +61,7 @@ def simulator_of(robot, model, config, log, fused):
         name: [LogVectorOutput(estimator.GetOutputPort(name), builder, p) for p in periods]
         for name in names
     }
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    player.load(player.GetMyMutableContextFromRoot(context), Samples(*log))
-    return simulator, estimator, logs
+    return Simulator(builder.Build()), estimator, logs
 
 
 def last_ticks(times):
