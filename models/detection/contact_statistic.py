@@ -77,7 +77,6 @@ which pushes and a drift of friction were added. Neither a high-pass nor more wi
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
@@ -516,6 +515,8 @@ def jolts(momentum: Array, transmitted: Array, pole: Array, time_step: float) ->
     """(N, n) N m, the root of the jolt's sum of squares along a log of momentum and of torque that
     is held from one sample to the next, (N, n) each.
     """
+    from scipy.signal import lfilter
+
     square = np.zeros_like(momentum)
     square[2:] = (np.diff(momentum, 2, axis=0) / time_step) ** 2
     square[2:] += np.diff(transmitted[:-1], axis=0) ** 2 / 3.0

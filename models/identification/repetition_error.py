@@ -26,7 +26,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.slip_elements import within_rounding
@@ -104,6 +103,8 @@ class RepetitionError:
 
     def _slip_power(self, q: Array, v: Array, period: int, time_step: float) -> Array:
         """(T - period, n) slip^2, (N m)^2."""
+        from scipy.signal import lfilter
+
         power = np.zeros((len(q) - period, q.shape[1]))
         z = np.empty_like(q)
         for reach in REACHES:

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -182,6 +181,8 @@ def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
 
 def most_likely(F: Array, e: Array) -> Array:
     """c (M,) of one joint; F (N, M + 1) with the fixed part of the variance last, e (N,)."""
+    from scipy.optimize import minimize
+
     A, fixed, squares = np.ascontiguousarray(F[:, :-1]), F[:, -1].copy(), e**2
     power = max(float(np.mean(e**2)), 1e-300)
     sizes = np.maximum(A.mean(axis=0), 1e-300)

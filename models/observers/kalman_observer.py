@@ -62,7 +62,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.observers.kalman_kernels import (
@@ -183,8 +183,8 @@ class KalmanObserver:
         times: Any = np.full(n, _PLAIN_TIME) if error is None else error.correlation_time
         numbers[PERIOD] = T
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
-        numbers[GROSS] = chi2.isf(_GROSS_ODDS, n)
-        numbers[CHANGED] = chi2.isf(CHANGE_ODDS, n)
+        numbers[GROSS] = chdtri(n, _GROSS_ODDS)  # the square that chi^2 exceeds so seldom
+        numbers[CHANGED] = chdtri(n, CHANGE_ODDS)
         numbers[KEPT_SUM : KEPT_SUM + SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
         numbers[SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior

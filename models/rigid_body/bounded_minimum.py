@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.rigid_body.ties import SAME
@@ -39,6 +38,8 @@ def bounded_minimum(
     Raises:
         ValueError: there is no start.
     """
+    from scipy.optimize import minimize
+
     limits = np.asarray(bounds, dtype=np.float64)
     best: tuple[Array, float] | None = None
     for start in starts:

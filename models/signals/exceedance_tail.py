@@ -21,8 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
-from scipy.stats import chi, genpareto
+from scipy.special import gammainccinv, gammaln, xlogy
 
 from wrenchsight.models.arrays import Array
 
@@ -105,6 +104,8 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
 
 def _most_likely(excess: Array) -> tuple[float, float]:
     """Shape and scale of the law of excesses (N,), with SHAPE_SD known of the shape."""
+    from scipy.optimize import minimize
+    from scipy.stats import genpareto
 
     def cost(x: Array) -> float:
         shape, scale = float(x[0]), float(np.exp(x[1]))
@@ -122,9 +123,11 @@ def gaussian_tail(size: int, correlation_time: float) -> ExceedanceTail:
     correlation_time / u^2 at a time (Aldous, 1989). Beyond its level the tail is exponential, which
     is wider than Gaussian.
     """
-    level = float(chi.isf(_RARE, size))
+    level = float(np.sqrt(2.0 * gammainccinv(0.5 * size, _RARE)))  # as scipy.stats.chi has it
+    log_density = np.log(2.0) - 0.5 * np.log(2.0) * size - gammaln(0.5 * size)
+    density = np.exp(log_density + xlogy(size - 1.0, level) - 0.5 * level**2)
     return ExceedanceTail(
         level=level,
         rate_per_hour=3600.0 * _RARE * level**2 / correlation_time,
-        scale=float(1.0 / (chi.pdf(level, size) / _RARE - 2.0 / level)),
+        scale=float(1.0 / (density / _RARE - 2.0 / level)),
     )

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
@@ -38,6 +37,8 @@ class LowPass:
             InputError: a cutoff that is negative or above half the sampling rate, or an order
                 outside 1 to 4.
         """
+        from scipy import signal
+
         if cutoff == 0.0:
             return cls(np.zeros((1, 1)), np.ones(1), np.ones(1))
         if not 0.0 < cutoff < 0.5 / time_step:

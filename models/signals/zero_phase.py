@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from wrenchsight.models.arrays import Array
 
@@ -31,12 +30,16 @@ class ZeroPhaseLowPass:
         Raises:
             ValueError: x is shorter than the filter's own run-in (about 3 order samples).
         """
+        from scipy.signal import sosfiltfilt
+
         sections = _sections(self.order, self.cutoff, self.time_step)
         return np.ascontiguousarray(sosfiltfilt(sections, x, axis=0))
 
 
 @lru_cache(maxsize=32)  # the design takes as long as filtering a log's column
 def _sections(order: int, cutoff: float, time_step: float) -> Array:
+    from scipy.signal import butter
+
     return np.asarray(butter(order, cutoff, fs=1.0 / time_step, output="sos"))
 
 

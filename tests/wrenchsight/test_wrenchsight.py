@@ -51,6 +51,15 @@ def test_importing_the_name_imports_nothing_heavy(tmp_path):
     assert result.returncode == 0, result.stderr
 
 
+def test_reading_imports_no_part_of_scipy_that_fitting_alone_needs(tmp_path):
+    program = (
+        "import wrenchsight.analyses.commands.estimate, wrenchsight.analyses.commands.watch\n"
+        "assert not {'scipy.signal', 'scipy.stats', 'scipy.optimize'} & sys.modules.keys()"
+    )
+    result = run_python(program, tmp_path)
+    assert result.returncode == 0, result.stderr
+
+
 def test_a_misspelt_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Robott'"):
         wrenchsight.Robott

@@ -8,7 +8,6 @@ what friction's coefficients add to it through the observer's own pole, and judg
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from wrenchsight.analyses.methods.reading.estimate_config import LARGEST_DRIFT
 from wrenchsight.models.arrays import Array, Flags
@@ -98,6 +97,8 @@ class FrictionWatch:
         seen = np.stack([dry, viscous, *np.moveaxis(sliding, 2, 0)])
         seen = np.where(np.isfinite(seen), seen, 0.0)  # the filter would never forget it
         if self._keep is not None:
+            from scipy.signal import lfilter
+
             for j, keep in enumerate(self._keep):
                 part, memory = lfilter(
                     [1.0 - keep], [1.0, -keep], seen[:, :, j], zi=self._memory[:, j, None]

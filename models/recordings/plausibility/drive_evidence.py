@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
@@ -164,6 +163,8 @@ class DriveEvidence:
 
     def evidence(self) -> SignEvidence:
         """What all samples so far say."""
+        from scipy.optimize import lsq_linear
+
         n = len(self._sums)
         left, size = np.zeros((n, 2)), np.zeros(n)
         for j, sums in enumerate(self._sums):
