@@ -68,6 +68,16 @@ def test_estimate_does_not_overwrite_its_own_log(X):
     assert _files(X) == before
 
 
+def test_simulate_does_not_overwrite_the_scenario_that_it_runs(tmp_path):
+    out = tmp_path / "out"
+    first = invoke("simulate", "--duration", 0.05, "--no-recording", "--out", out)
+    assert first.exit_code == 0, first.output
+    before = _files(out)
+    line = refused("simulate", "--scenario", out / "scenario.yaml", "--out", out)
+    assert "scenario.yaml: is read by this command" in line
+    assert _files(out) == before
+
+
 # ---- every command ----
 
 _COMMANDS = {

@@ -45,6 +45,17 @@ def test_the_same_figure_has_the_same_bytes(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["1.png", "2.png"]
 
 
+def test_a_failed_save_leaves_the_earlier_figure(tmp_path):
+    path = _draw(tmp_path / "figure.png")
+    before = path.read_bytes()
+    figure, axes = new_figure()
+    axes[0, 0].set_title(r"$\frac{$")  # mathematics that cannot be set
+    with pytest.raises(ValueError, match="frac"):
+        save_figure(figure, path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["figure.png"]
+
+
 def test_no_window_system_is_touched(tmp_path):
     _draw(tmp_path / "figure.png")
     assert (

@@ -139,6 +139,17 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
 # ---- whole or not at all ----
 
 
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_error_while_writing_leaves_the_earlier_file(tmp_path, error):
+    out = OutputFolder(tmp_path)
+    out.write_text("a.txt", "old")
+    with pytest.raises(error), out.atomic("a.txt") as partial:
+        partial.write_text("half of the n")
+        raise error
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
 def test_a_value_that_cannot_be_written_leaves_the_earlier_file(tmp_path):
     out = OutputFolder(tmp_path)
     out.write_json("m.json", {"a": 1})

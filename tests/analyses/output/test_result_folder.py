@@ -372,6 +372,23 @@ def test_ends_at_random_moments_leave_one_run_s_results(tmp_path, number):
     assert sorted(p.name for p in out.iterdir()) == [MARKER, "a.txt", "figures"]
 
 
+@pytest.mark.parametrize("full_for", ["c.txt", MARKER])
+def test_a_full_disk_leaves_the_older_results(out, monkeypatch, full_for):
+    before = _files(out)
+    write_text = Path.write_text
+
+    def full(self, *values, **options):
+        if full_for in self.name:
+            raise OSError(28, "No space left on device")
+        return write_text(self, *values, **options)
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match="No space left"):
+        _write(out, "2", ["a.txt", "c.txt"])
+    monkeypatch.undo()
+    assert _files(out) == before
+
+
 # ---- a folder that someone has prepared ----
 
 
