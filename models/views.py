@@ -99,6 +99,24 @@ def read_only(context: Any, array: Any) -> Any:
 
 
 @intrinsic
+def plain(context: Any, field: Any) -> Any:
+    """An array of a record, whose type holds its shape, as an array of any shape.
+
+    What takes such arrays is compiled once for all numbers of joints, and for all other arrays.
+    """
+    kind = types.Array(field.dtype, field.ndim, "C")
+    library: Any = arrayobj  # has no types
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        source = library.make_array(field)(context, builder, value=arguments[0])
+        view = library.make_array(kind)(context, builder)
+        library.cgutils.copy_struct(view, source)
+        return impl_ret_borrowed(context, builder, kind, view._getvalue())
+
+    return kind(field), code
+
+
+@intrinsic
 def borrowed(context: Any, array: Any) -> Any:
     """The same array, for a kernel that hands many views of it on: their references, which cost
     more than the arithmetic of a joint, are not counted.

@@ -19,7 +19,7 @@ from wrenchsight.models.control.joint_tracking import friction_feedforward
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.rotations import rotation_vector
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.views import copy_to
+from wrenchsight.models.views import copy_to, plain
 
 _NOTHING = np.zeros((6, 6))
 
@@ -135,7 +135,7 @@ def impedance_wrench(
             zero for none. The damper works there as well.
     """
     in_E, stiffness, damping = law[0].in_E == 1.0, law[0].stiffness, law[0].damping
-    R_WE, p_WE, V_WE = terms[0].R_WE, terms[0].p_WE, terms[0].V_WE
+    R_WE, p_WE, V_WE = plain(terms[0].R_WE), plain(terms[0].p_WE), plain(terms[0].V_WE)
     p_WC = p_WD.copy()
     along = 0.0
     for k in range(3):
@@ -212,8 +212,8 @@ def impedance_torque(
         reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
     """
     at, effort_limit = terms[0], law[0].effort_limit
-    n = at.v.shape[0]
-    friction_feedforward(law[0].friction, reference[n : 2 * n], law[0].friction_velocity, tau)
+    n, friction = at.v.shape[0], plain(law[0].friction)
+    friction_feedforward(friction, reference[n : 2 * n], law[0].friction_velocity, tau)
     for i in range(n):
         tau[i] += at.Cv[i] + at.G[i]
         for k in range(6):
@@ -221,7 +221,7 @@ def impedance_torque(
         for j in range(n):
             tau[i] += at.M[i, j] * reference[2 * n + j]
     if n > 6 and law[0].null_space_damping > 0.0:
-        damp_null_space(law[0].null_space_damping, at.M, at.J, at.v, tau)
+        damp_null_space(law[0].null_space_damping, plain(at.M), plain(at.J), plain(at.v), tau)
     for i in range(n):
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
@@ -294,7 +294,7 @@ def impedance_action(
         others: as in impedance_torque.
     """
     n = terms[0].v.shape[0]
-    R_WE, p_WE, effort_limit = terms[0].R_WE, terms[0].p_WE, law[0].effort_limit
+    R_WE, p_WE, effort_limit = plain(terms[0].R_WE), plain(terms[0].p_WE), law[0].effort_limit
     R_WD = pose_reference[:9].reshape(3, 3)
     p_WD, V_WD = pose_reference[9:12], pose_reference[12:]
     d_W, nowhere, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)

@@ -5,6 +5,7 @@ import numpy as np
 from wrenchsight.models.arrays import Array, Record, record
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.views import plain, read_only
 
 
 @kernel
@@ -82,7 +83,8 @@ def tracking_torque(
         integral_part = gain.ki[i] * integral[i]
         integral_part = min(max(integral_part, -gain.integral_limit[i]), gain.integral_limit[i])
         feedback[i] = gain.kp[i] * error + gain.kd[i] * (reference[n + i] - v[i]) + integral_part
-    friction_feedforward(gain.friction, reference[n : 2 * n], gain.friction_velocity, tau)
+    friction = plain(gain.friction)
+    friction_feedforward(friction, reference[n : 2 * n], gain.friction_velocity, tau)
     for i in range(n):
         tau[i] += Cv[i] + G[i]
         for j in range(n):
@@ -101,7 +103,10 @@ def tracking_torque_of(
 ) -> None:
     """`tracking_torque` at the terms of RigidBodyTerms."""
     at = terms[0]
-    tracking_torque(law, at.M, at.Cv, at.G, at.q, at.v, reference, integral, tau)
+    tracking_torque(
+        *(law, plain(at.M), plain(at.Cv), plain(at.G), plain(at.q), plain(at.v)),
+        *(reference, read_only(integral), tau),
+    )
 
 
 @kernel

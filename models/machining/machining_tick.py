@@ -9,7 +9,7 @@ from wrenchsight.models.machining.machining_reference import (
     plan_of,
 )
 from wrenchsight.models.rigid_body.chain_kernels import all_terms
-from wrenchsight.models.views import Layout
+from wrenchsight.models.views import Layout, plain
 
 
 @kernel
@@ -40,7 +40,8 @@ def lead_tick(
     own.v[:] = v
     all_terms(model, terms, scratch)
     state, anchor = memory[:STATE_SIZE], memory[STATE_SIZE:]
-    machining_reference(plan_of(values, layout), t, state, anchor, q, own.J, scratch, out)
+    J = plain(own.J)
+    machining_reference(plan_of(values, layout), t, state, anchor, q, J, scratch, out)
 
 
 @kernel

@@ -19,6 +19,7 @@ import math
 
 from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.views import plain
 
 # Columns of SerialChain.table, one row per joint; the last row holds E and gravity. The kernels
 # spell the columns of vectors as numbers: 0-8 R_PJ row by row, 9-11 p_PJ, 12-14 axis, 15 prismatic
@@ -519,11 +520,14 @@ def all_terms(table: Array, terms: Record, scratch: Array) -> None:
         scratch: written; (n, SCRATCH_COLUMNS).
     """
     at = terms[0]
-    observer_terms(table, at.q, at.v, at.momentum, at.CTv, at.G, at.J, at.R_WE, at.p_WE, scratch)
-    composite_mass_matrix(table, at.M, scratch)
-    coriolis_torque(table, at.v, at.Cv, scratch)
-    n = at.q.shape[0]
-    p_WE, V_WE = at.p_WE, at.V_WE
+    q, v, p_WE, V_WE = plain(at.q), plain(at.v), plain(at.p_WE), plain(at.V_WE)
+    observer_terms(
+        *(table, q, v, plain(at.momentum), plain(at.CTv), plain(at.G)),
+        *(plain(at.J), plain(at.R_WE), p_WE, scratch),
+    )
+    composite_mass_matrix(table, plain(at.M), scratch)
+    coriolis_torque(table, v, plain(at.Cv), scratch)
+    n = q.shape[0]
     for i in range(3):
         V_WE[i] = scratch[n - 1, 18 + i]
     x, y, z = V_WE[0], V_WE[1], V_WE[2]

@@ -39,7 +39,7 @@ from wrenchsight.models.truth.joint_kernels import (
     joint_tick,
     mixed_currents,
 )
-from wrenchsight.models.views import copy_to
+from wrenchsight.models.views import copy_to, plain
 
 
 class ArmLayout(NamedTuple):
@@ -185,10 +185,10 @@ def arm_motion(
     rows = state[:of_joints].reshape(of_joints // n, n)
     tick = _tick_of(t, time_step)
     encoder_reading(
-        *(of.joints, rows, at.G, at.q, at.v, of.on_motor, of.seed, tick),
-        *(at.q_read, at.v_read),
+        *(of.joints, rows, plain(at.G), plain(at.q), plain(at.v), of.on_motor, of.seed, tick),
+        *(plain(at.q_read), plain(at.v_read)),
     )
-    wrench = at.wrench
+    wrench = plain(at.wrench)
     wrench[:] = 0.0
     if of.script.shape[0] > 0:
         sample_script(of.script, of.tones, t, wrench)
@@ -197,7 +197,7 @@ def arm_motion(
     copy_to(at.applied, wrench)
     copy_to(at.sensed, state[own + 6 : own + 12])
     if of_process > 0:
-        add_unbalance_force(of.process, t, at.R_WE, at.applied[3:])
+        add_unbalance_force(of.process, t, plain(at.R_WE), at.applied[3:])
     torque, J = at.torque, at.J
     for j in range(n):
         torque[j] = 0.0
@@ -243,10 +243,9 @@ def arm_drives(
     joint_tick(
         of.joints,
         time_step,
-        Links(at.M, at.Cv, at.G, at.q, at.v),
+        Links(plain(at.M), plain(at.Cv), plain(at.G), plain(at.q), plain(at.v)),
         asked,
-        # A view: on Python 3.12 numba does not join an array with a record's entry.
-        rows[EXTERNAL] if of.in_contact else at.torque[:],
+        rows[EXTERNAL] if of.in_contact else plain(at.torque),
         noise,
         rows,
         drives[(SIGNALS + 1) * n :].reshape(of_joints // n, n),
@@ -283,10 +282,11 @@ def arm_truth(
         truth: (6 + n + 4,), written.
     """
     contact, at = np.zeros(CONTACT_SIZE), motion[0]
+    R_WE, p_WE = plain(at.R_WE), plain(at.p_WE)
     for i in range(count):
         c = contacts[i]
-        add_contact(at.p_WE, at.R_WE, tip_radius, c[:3], c[3:6], c[6:], contact)
-    sum_with_contact(at.wrench, contact, at.J, tau_contact, truth)
+        add_contact(p_WE, R_WE, tip_radius, c[:3], c[3:6], c[6:], contact)
+    sum_with_contact(plain(at.wrench), contact, plain(at.J), tau_contact, truth)
 
 
 @kernel
@@ -317,6 +317,7 @@ def arm_memory(
     n = vdot.shape[0]
     own = of_joints + n + of_process
     at = motion[0]
+    R_WE, p_WE, V_WE = plain(at.R_WE), plain(at.p_WE), plain(at.V_WE)
     state[:of_joints] = drives[(SIGNALS + 1) * n :]
     if truth.shape[0] > 0:
         state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
@@ -326,11 +327,11 @@ def arm_memory(
     if of_process > 0:
         law, contact = state[of_joints + n : own], truth[6 + n :]
         if of.variations.shape[0] == 0:
-            advance_process(of.process, time_step, contact, at.V_WE, law)
+            advance_process(of.process, time_step, contact, V_WE, law)
         else:
             advance_varying_process(
                 *(of.process, of.variations, of.waviness, of.patches, of.pose, of.ends),
-                *(time_step, t, contact, at.V_WE, at.p_WE, law),
+                *(time_step, t, contact, V_WE, p_WE, law),
             )
         state[own + 3 : own + 6] = law[FORCE]
     if of.tool.shape[0] > 0:
@@ -339,6 +340,6 @@ def arm_memory(
             gaussian_noise(of.noise_seed, _tick_of(t, time_step), noise)
         measure_contact_wrench(
             ToolSensor(of.tool, of.A, of.B, of.C, of.noise_sd),
-            *(at.J, at.R_WE, at.V_WE, at.v, vdot, reaction),
+            *(plain(at.J), R_WE, V_WE, plain(at.v), vdot, reaction),
             *(noise, state[own + 6 : own + 12], state[own + 12 :]),
         )

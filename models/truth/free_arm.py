@@ -52,7 +52,7 @@ from wrenchsight.models.truth.joint_kernels import (
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot
-from wrenchsight.models.views import copy_to
+from wrenchsight.models.views import copy_to, read_only
 
 _CHUNK = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
 VELOCITY_STREAM = 3 * 2**32
@@ -259,6 +259,7 @@ def _run(
     wrench = np.zeros(6)
     signals, after = np.empty((SIGNALS, n)), np.empty_like(state)
     work = tick_work(state)
+    before, pushed = read_only(state), read_only(tau_ext)  # as a cell of Drake's has them
     motor_current = signals[MOTOR_CURRENT]
     bandwidth, noise_sd, resolution = sensor[0], sensor[1], sensor[2]
     for k in range(reference.shape[0]):
@@ -273,15 +274,15 @@ def _run(
                 for axis in range(6):
                     tau_ext[i] += J[axis, i] * wrench[axis]
         encoder_reading(
-            table, state, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
+            table, before, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
         )
         dynamics_terms(model, q_read, v_read, Cv_m, G_m, M_m, scratch)
-        tracking_torque(law, M_m, Cv_m, G_m, q_read, v_read, wanted, integral, tau)
+        tracking_torque(law, M_m, Cv_m, G_m, q_read, v_read, wanted, read_only(integral), tau)
         for i in range(n):
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, draws)
         links = Links(M, Cv, G, q, v)
-        joint_tick(table, time_step, links, command, tau_ext, draws, state, after, signals, work)
+        joint_tick(table, time_step, links, command, pushed, draws, before, after, signals, work)
         if motors.shape[0] > 0:
             copy_to(current, motor_current)
             mixed_currents(motors[1], current, motor_current)

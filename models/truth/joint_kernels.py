@@ -67,6 +67,7 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.views import read_only
 
 RIGID = 1e5
 """N m s/rad of an element without displacement: a joint at rest creeps by its torque over this."""
@@ -152,6 +153,7 @@ def joint_tick(
     """
     n = state.shape[1]
     K = (state.shape[0] - SLIPS) // 3
+    state, tau_ext = read_only(state), read_only(tau_ext)
     # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
     if n == 6 and K == 3:
         _tick(6, 3, table, time_step, links, command, tau_ext, noise, state, after, signals, work)

@@ -8,9 +8,13 @@ import pytest
 from called_commands import invoke, refused
 
 from wrenchsight.analyses.output.result_marker import MARKER
+from wrenchsight.analyses.study import study
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
+
+ROOT = Path(study.__file__).resolve().parents[2]
+_BUNDLED = ROOT / "models" / "robots" / "sts_sre4_600"
 
 
 def _files(folder):
@@ -59,12 +63,39 @@ def X(finished, tmp_path) -> Path:
 # ---- the commands by which data was lost ----
 
 
+def test_study_does_not_delete_a_folder_of_the_name_of_an_experiment(tmp_path):
+    X = tmp_path / "X"
+    (X / "jcn-map").mkdir(parents=True)
+    (X / "jcn-map" / "thesis.txt").write_text("mine")
+    line = refused("study", "--quick", "jcn-map", "--out", X, "--data", tmp_path / "data")
+    assert "jcn-map/thesis.txt, which is not as wrenchsight wrote it" in line
+    assert _files(X) == {"jcn-map/thesis.txt": b"mine"}
+
+
+def test_identify_does_not_overwrite_the_robot_that_it_loads(tmp_path, log):
+    rr = tmp_path / "rr"
+    shutil.copytree(_BUNDLED, rr)
+    before = _files(rr)
+    line = refused("identify", log, "--robot", rr, "--consistent", "--out", rr)
+    assert f"{rr}: holds " in line
+    assert _files(rr) == before
+    Robot.load(rr / "robot.yaml")
+
+
 def test_estimate_does_not_overwrite_its_own_log(X):
     before = _files(X)
     line = refused(
         "estimate", X / "wrench.csv", "--robot", "sts_sre4_600", "--no-check", "--out", X
     )
     assert line.startswith(f"{X / 'wrench.csv'}: is read by this command")
+    assert _files(X) == before
+
+
+def test_estimate_does_not_overwrite_the_description_of_its_log(X, log):
+    before = _files(X)
+    result = _estimate(log, X, "--log-format", X / "config.yaml")
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"{X / 'config.yaml'}: is read by this command")
     assert _files(X) == before
 
 

@@ -95,6 +95,24 @@ def test_an_excitation_out_of_range(run, option, value):
     assert "expected" in line
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--prior-force-sd", "1e-200"),
+        ("--prior-force-sd", "1e300"),
+        ("--prior", "1e-200,1"),
+        ("--k0", "1e-9"),
+        ("--k0", "1,2"),
+        ("--max-gap", "1e7"),
+        ("--step", "1e-5"),
+        ("--step", "1e-300"),
+        ("--step", "1e5"),
+    ],
+)
+def test_an_estimate_out_of_range(estimate, option, value):
+    estimate(option, value)
+
+
 # ---- memory and time ----
 
 
@@ -212,6 +230,50 @@ def test_a_leap_of_the_clock(estimate, file, clean, time):
 
 
 # ---- tracebacks: YAML ----
+
+ODD_YAML = {
+    "int": "!!int abc",
+    "timestamp": "!!timestamp 2020-13-45",
+    "bool": "!!bool maybe",
+    "custom": "!custom 3",
+    "python": '!!python/object/apply:os.system ["true"]',
+    "equals": "=",
+    "merge": "<<",
+    "nul": '"a\\0b"',
+    "digits": "9" * 5000,
+    "decimals": "1." + "3" * 5000 + "x",
+    "float": "!!float abc",
+    "binary": '!!binary "===="',
+    "set": "!!set {a, b}",
+    "omap": "!!omap [a: 1]",
+    "hexadecimal": "0x" + "f" * 5000,
+    "alias": "*nothing",
+    "surrogate": '"\\ud800"',
+    "escape": '"\\e[31m"',
+    "list": "[" * 3000 + "]" * 3000,
+    "map": "{a: " * 1500 + "1" + "}" * 1500,
+}
+
+
+@pytest.mark.parametrize("key", ["payload", "name", "urdf"])
+@pytest.mark.parametrize("value", ODD_YAML)
+def test_odd_yaml_in_a_robot(run, robot, key, value):
+    text = re.sub(rf"(?m)^{key}: .*$", lambda _: f"{key}: {ODD_YAML[value]}", YAML)
+    if (key, value) in (("name", "merge"), ("name", "equals"), ("name", "decimals")):
+        return  # plain words there
+    run("robot", "show", robot(text))
+
+
+@pytest.mark.parametrize("value", ODD_YAML)
+def test_odd_yaml_in_a_description(estimate, file, value):
+    estimate("--log-format", file("f.yaml", LOG_FORMAT + f"num_columns: {ODD_YAML[value]}\n"))
+
+
+@pytest.mark.parametrize(
+    "line", ["? {a: 1}\n: 2", "? [1]\n: 2", "<<: 3", "<<: [3]", "=: 3", "\0", "---\na: 1", "\ta: 1"]
+)
+def test_odd_keys_in_a_description(estimate, file, line):
+    estimate("--log-format", file("format.yaml", LOG_FORMAT + line + "\n"))
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from played_logs import played
+from pydrake.systems.analysis import Simulator
 from sample_models import torque_error
 
 from wrenchsight.diagrams.estimator import make_estimator
@@ -64,12 +65,11 @@ def config(method, torque_samples="held"):
     )
 
 
-@pytest.mark.parametrize("fused", [False, True])
 @pytest.mark.parametrize(
     ("method", "torque_samples"),
     [("bayesian", "held"), ("force_only", "held"), ("force_only", "trapezoidal")],
 )
-def test_diagram_and_log_find_the_same(sts, model, log, method, torque_samples, fused):
+def test_diagram_and_log_find_the_same(sts, model, log, method, torque_samples):
     estimator = WrenchEstimator(sts, model, config(method, torque_samples))
     detector = ContactDetector.of(estimator)
     batch = estimator.run(estimator.initial_state(), *log)
@@ -79,12 +79,30 @@ def test_diagram_and_log_find_the_same(sts, model, log, method, torque_samples, 
     assert found.rest.any()
     assert found.out_of_range.any()
     detection = ContactDetectionConfig()
-    configuration = config(method, torque_samples)
-    seen = played(sts, model, configuration, log, fused=fused, detection=detection)
+    seen = played(sts, model, config(method, torque_samples), log, detection=detection)
     for name, port in zip(found._fields, DETECTION, strict=True):
         # The chain for one sample and for many differ in the last digit of the momentum.
         expected = np.asarray(getattr(found, name), float)
         np.testing.assert_allclose(seen[port][:, 0], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_fused_has_the_same_ports_and_numbers(sts, model, log):
+    found = []
+    for fused in (False, True):
+        diagram = make_estimator(
+            sts, model, config("bayesian"), fused=fused, detection=ContactDetectionConfig()
+        )
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        rows = []
+        for k in range(440, 520):
+            for name, signal in zip(("q", "v", "current"), log, strict=True):
+                diagram.GetInputPort(name).FixValue(context, signal[k])
+            simulator.AdvanceTo((k - 440 + 0.5) * T)
+            rows.append([diagram.GetOutputPort(name).Eval(context)[0] for name in DETECTION])
+        found.append(rows)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
+    assert np.array(found[0])[:, DETECTION.index("contact")].any()
 
 
 def test_ports(sts, model):

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from wrenchsight.analyses.output.progress import Progress
+from wrenchsight.analyses.output.result_folder import open_results
 from wrenchsight.analyses.study import study
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.study import check_names, run_study
@@ -71,6 +72,18 @@ def _read(path):
 
 
 # ---- the registry ----
+
+
+def test_listing_names_imports_nothing_heavy():
+    program = (
+        "import sys; import wrenchsight.analyses.study.study; "
+        "heavy = ('pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'jinja2', 'rich'); "
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize("name", REGISTRY.entries())
@@ -285,6 +298,17 @@ def test_a_result_of_which_a_file_was_removed_does_not_count(experiments, run, t
     assert run("one").metrics["one"] == whole["one"]
 
 
+@pytest.mark.parametrize("name", ["one/metrics.json", "one/figures/mine.png", "report.html"])
+def test_what_the_user_changed_or_added_is_refused_and_stays(experiments, run, tmp_path, name):
+    experiments("one")
+    run("one")
+    path = tmp_path / "study" / name
+    path.write_text("mine")
+    with pytest.raises(InputError, match=rf"holds {name}, which is not as wrenchsight wrote it"):
+        run("one", fresh=True)
+    assert path.read_text() == "mine"
+
+
 def test_files_of_an_earlier_run_do_not_mix_with_the_new(experiments, run, tmp_path):
     experiments("one", "    (context.out / 'stale.txt').touch()\n    return measured(context)")
     run("one")
@@ -487,7 +511,38 @@ def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
 # ---- a full disk ----
 
 
+def test_a_full_disk_at_the_summary_leaves_the_earlier_one(experiments, run, tmp_path, monkeypatch):
+    experiments("one")
+    run("one", seed=1)
+    before = {p: p.read_bytes() for p in (tmp_path / "study").iterdir() if p.is_file()}
+
+    def full(self, *_, **__):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_text", full)
+        with pytest.raises(InputError, match="No space left on device"):
+            run("one", seed=1)
+    assert {p: p.read_bytes() for p in (tmp_path / "study").iterdir() if p.is_file()} == before
+
+
 # ---- what is refused ----
+
+
+def test_two_studies_do_not_write_in_one_folder(experiments, run, tmp_path):
+    experiments("one")
+    with (
+        open_results(tmp_path / "study", "study"),
+        pytest.raises(InputError, match="another run"),
+    ):
+        run("one")
+
+
+def test_a_file_in_the_way_is_refused_before_anything_runs(experiments, tmp_path):
+    experiments("one", "    raise AssertionError")
+    (tmp_path / "study").write_text("mine")
+    with pytest.raises(InputError, match="is a file"):
+        run_study([], tmp_path / "study", tmp_path)
 
 
 @pytest.mark.parametrize(

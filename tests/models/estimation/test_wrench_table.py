@@ -101,3 +101,20 @@ def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path) -> None:
     table = WrenchTableWriter(tmp_path / "nowhere" / "wrench.csv", 7)
     with pytest.raises(InputError, match=r"wrench\.csv: cannot be written"), table:
         pass
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+def test_a_full_disk_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "wrench.csv"
+    really_open = Path.open
+
+    def full(self: Path, mode: str = "r", *args: object, **kwargs: object):
+        target = Path("/dev/full") if self.name.endswith(".partial") else self
+        return really_open(target, mode, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(InputError, match="No space left"), WrenchTableWriter(path, 7) as table:
+        for seed in range(20):
+            table.write(*_rows(2000, seed))
+    monkeypatch.undo()
+    assert [p.name for p in tmp_path.iterdir()] == []

@@ -250,6 +250,12 @@ def test_a_run_can_be_repeated_from_its_config(log: Path, model_file: Path, tmp_
 # --- chunks ---------------------------------------------------------------------------------
 
 
+def _difference(a: np.ndarray, b: np.ndarray) -> float:
+    np.testing.assert_array_equal(np.isfinite(a), np.isfinite(b))
+    finite = np.isfinite(a)
+    return float(np.max(np.abs(a[finite] - b[finite]) / np.maximum(1.0, np.abs(a[finite]))))
+
+
 def test_chunks_do_not_show(
     log: Path, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -490,6 +496,45 @@ def test_a_fault_deep_in_the_log_leaves_the_old_results(
     assert "log.csv: line 1400, column 9 (v2): holds inf" in line
     after = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     assert before == after
+
+
+def test_an_interrupt_leaves_the_old_results(log: Path, model_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    _estimate(log, model_file, out)
+    before = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+    def interrupt(fraction: float, what: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        estimate_log(log, _ROBOT, model_file, out, config=_GIVEN, progress=interrupt)
+    after = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert before == after
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: replace(r, q=np.rad2deg(r.q), v=np.rad2deg(r.v)), "degrees"),
+        (lambda r: replace(r, t=1000 * r.t), "looks like ms"),
+        (lambda r: r[np.r_[0:500, 700:1500]], "a gap of 0.201 s"),
+        (lambda r: r[np.r_[0:500, 400:1500]], "runs backwards"),
+        (lambda r: r[:5], "holds 5 samples"),
+    ],
+    ids=["degrees", "ms", "gap", "backwards", "short"],
+)
+def test_implausible_logs(
+    recording: Recording,
+    model_file: Path,
+    tmp_path: Path,
+    change: Callable[[Recording], Recording],
+    words: str,
+) -> None:
+    write_recording(change(recording), tmp_path / "log.csv")
+    line = _line(lambda: _estimate(tmp_path / "log.csv", model_file, tmp_path / "out"))
+    assert line.startswith(str(tmp_path / "log.csv"))
+    assert words in line
+    assert not any((tmp_path / "out").rglob("*.csv*"))
 
 
 def test_a_short_log_of_the_wrong_sign_is_doubted(
