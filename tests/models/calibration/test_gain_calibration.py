@@ -13,10 +13,9 @@ from wrenchsight.models.calibration.gain_calibration import (
     KnownLoad,
 )
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 
-NOISE = ResidualNoise()
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
 TERMS = ("coulomb", "viscous", "offset", "load")
 FRICTION = np.array(
@@ -66,7 +65,7 @@ def log(robot, structure, seed, load=None, body=None, noise=1.0, duration=25.0):
         t, v, tau, dry, FRICTION[:, 1] * v, np.abs(dry), np.zeros((*v.shape, 3)), SD
     )
     for j in range(6):
-        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
+        lower = np.linalg.cholesky(rows.covariance(j))
         tau[:, j] += noise * lower @ rng.normal(size=len(t))
     return CalibrationLog(t, q, v, vdot, tau, lambda x: x, np.arange(len(t)), load)
 

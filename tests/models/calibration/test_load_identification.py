@@ -11,9 +11,7 @@ from wrenchsight.models.calibration.load_identification import (
     estimate_load,
 )
 from wrenchsight.models.calibration.load_parameters import body_parameters
-from wrenchsight.models.calibration.residual_noise import ResidualNoise
 
-NOISE = ResidualNoise()
 SEEDS = 60
 EXACT = LoadPrior(mass=12.5, gain=0.0)
 
@@ -44,9 +42,7 @@ def measured(log, load, rng, gains=None, drift=True):
         change = EXACT.drift.deviation(rows, LAW) * rng.normal(size=(6, 3))
     residual = residual + np.einsum("mjk,jk->mj", rows.drift, change)
     for j in range(6):
-        residual[:, j] += np.linalg.cholesky(rows.covariance(j, NOISE)) @ rng.normal(
-            size=len(rows.t)
-        )
+        residual[:, j] += np.linalg.cholesky(rows.covariance(j)) @ rng.normal(size=len(rows.t))
     return replace(log, rows=replace(rows, residual=residual))
 
 

@@ -16,9 +16,7 @@ from wrenchsight.models.calibration.load_or_drift import (
     without_load,
 )
 from wrenchsight.models.calibration.load_parameters import body_parameters
-from wrenchsight.models.calibration.residual_noise import ResidualNoise
 
-NOISE = ResidualNoise()
 PRIOR = LoadPrior(mass=12.5)
 LOAD = body_parameters(1.5, np.array([0.03, -0.06, 0.05]), 0.004 * np.eye(3))
 
@@ -34,7 +32,7 @@ def log_of(robot, seed, load=None, drift=0.0, duration=25.0, since=0.0):
     if load is not None:
         residual += (columns @ load) * (rows.t >= since)[:, None]
     for j in range(6):
-        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
+        lower = np.linalg.cholesky(rows.covariance(j))
         residual[:, j] += lower @ rng.normal(size=len(rows.t))
     return replace(log, rows=replace(rows, residual=residual))
 
