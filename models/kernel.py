@@ -62,11 +62,6 @@ def kernel(function: Any = None, **options: Any) -> Any:
     return compiled
 
 
-def is_compiled(kernel: Any) -> bool:
-    """Whether a kernel is compiled in this process, or its present code on disk."""
-    return bool(kernel.signatures) or bool(kernel._cache._cache_file._load_index())
-
-
 def kernel_stamp(file: Path, name: str) -> str:
     """Returns a digest of a top-level definition and of all definitions of this package it uses.
 

@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
+from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
 
@@ -90,6 +91,13 @@ def common_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = folder / "common-work"
     folder.mkdir(exist_ok=True)
     return folder
+
+
+@pytest.fixture(name="one_thread")
+def _one_thread() -> Iterator[None]:
+    """Numba's loops in this thread, as in the process that reads samples one by one."""
+    with one_thread():
+        yield
 
 
 # Recordings ---------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from wrenchsight.models.robot.robot import Robot
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count
 SHARPNESS = 400.0  # 1/m, of the smooth minimum: 2 mm below the true one for two equal pairs
+_FINEST = 1e-4  # s, shortest interval of a motion that is looked at
 _LARGEST_SCALE = 10.0  # of a pair that must keep little, so that its gradient stays smooth
 
 
@@ -216,7 +217,6 @@ class Clearance:
         position: Callable[[float], Array],
         speed: Array,
         duration: float,
-        finest: float = 1e-4,
     ) -> tuple[bool, ClosestPair | None]:
         """Whether a motion keeps clear at every time, not only at samples.
 
@@ -224,13 +224,13 @@ class Clearance:
         of it is proved for all times. No point of the arm moves faster than sum_j speed_j r_j, r_j
         the farthest that it can be from joint j. So between two times with slack s_0 and s_1 the
         slack stays above (s_0 + s_1 - speed * time between) / 2, with twice that speed for two
-        moving links; where this is no proof, the interval is halved.
+        moving links; where this is no proof, the interval is halved, and counts as not clear once
+        it is shorter than _FINEST.
 
         Args:
             position: from time in s to q (n,).
             speed: (n,) rad/s, bound of each joint's speed.
             duration: s.
-            finest: s, shortest interval; one that is not proved there counts as not clear.
 
         Returns:
             Whether it keeps clear, and the closest pair met; None without shapes near each other.
@@ -258,7 +258,7 @@ class Clearance:
             start, end, first, last = stack.pop()
             if first + last + 2.0 * allowance >= fastest * (end - start):
                 continue
-            if end - start < finest:
+            if end - start < _FINEST:
                 clear = False
                 break
             middle = 0.5 * (start + end)

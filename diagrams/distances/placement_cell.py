@@ -33,7 +33,9 @@ _TOUCHING = 1e-3  # m from E within which a shape of the tool counts as the one 
 _INFLUENCE = 0.04  # m beyond the distance to keep, where the smooth margin begins to fall
 _ROUND = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # the corners of a face
 FLOOR = "floor"  # the name of the obstacle that the robot stands on
-PAD = 1e-3  # m; distances are exact to some micrometres
+# m that margins require beyond the distance, for what happens between the points; distances are
+# exact to some micrometres.
+PAD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -53,17 +55,16 @@ class PlacementCell:
     Args:
         robot: the arm with its tool; its collision shapes count.
         config: distance to keep, obstacles, workpiece.
-        pad: m that the margins require beyond the distance, for what happens between the points.
 
     Attributes:
         notices: sentences for the user: what has no shape, which pairs are left out.
     """
 
-    def __init__(self, robot: Robot, config: ClearanceConfig, pad: float = PAD) -> None:
+    def __init__(self, robot: Robot, config: ClearanceConfig) -> None:
         self._robot, self._config = robot, config
         self._parts, self.notices = _build(robot, config)
         self._constraint = MinimumDistanceLowerBoundConstraint(
-            self._parts.plant, config.distance + pad, self._parts.context, None, _INFLUENCE
+            self._parts.plant, config.distance + PAD, self._parts.context, None, _INFLUENCE
         )
         self._upper = float(self._constraint.upper_bound()[0])
 

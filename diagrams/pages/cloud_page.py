@@ -10,6 +10,8 @@ from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, w
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
+_POINT_SIZE = 0.007  # m
+
 
 def write_cloud_page(
     robot: Robot,
@@ -20,8 +22,6 @@ def write_cloud_page(
     *,
     low: float,
     high: float,
-    label: str = "JCN",
-    point_size: float = 0.007,
 ) -> None:
     """Writes a web page with points (N, 3) in W, m, coloured by `measure` (N,) on [low, high].
 
@@ -32,8 +32,8 @@ def write_cloud_page(
     cloud = PointCloud(len(points), Fields(BaseField.kXYZs | BaseField.kRGBs))
     cloud.mutable_xyzs()[:] = points.T
     cloud.mutable_rgbs()[:] = np.round(255.0 * colour_scale(measure, low, high)).T.astype(np.uint8)
-    meshcat.SetObject("cloud", cloud, point_size)
+    meshcat.SetObject("cloud", cloud, _POINT_SIZE)
     picture = ArmPicture(robot, meshcat)
     start_animation(meshcat, 30.0)
     picture.show(robot.home)
-    write_page(meshcat, path, title, scale_legend(label, low, high))
+    write_page(meshcat, path, title, scale_legend("JCN", low, high))

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refresh_friction
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.friction_refresh import refresh_friction
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.sliding_friction import TERMS
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
@@ -61,24 +61,17 @@ class FrictionDisagreement:
         )
 
 
-def friction_disagreements(
-    rows: ResidualRows,
-    law: CoulombViscous,
-    drift: FrictionDrift | None = None,
-    noise: ResidualNoise | None = None,
-) -> list[FrictionDisagreement]:
+def friction_disagreements(rows: ResidualRows, law: CoulombViscous) -> list[FrictionDisagreement]:
     """Finds the joints whose friction contradicts the model.
 
     Args:
         rows: of stretches without contact, about ten a second. From an observer's reading: the
             residual is -tau_ext, and dry, viscous and sliding go through the observer's pole.
         law: the model's coefficients.
-        drift: how far friction may be off.
-        noise: of the residual.
     """
     if len(rows.t) < FEWEST:
         return []
-    found = refresh_friction(rows, law, drift, noise)
+    found = refresh_friction(rows, law)
     sliding = rows.sliding
     left = rows.moving_rms(rows.residual - (sliding * found.change).sum(axis=2))
     added = rows.moving_rms((sliding * found.change)[:, :, :2].sum(axis=2))

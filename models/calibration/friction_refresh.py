@@ -14,7 +14,7 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import NOISE, ResidualNoise, ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 
@@ -88,7 +88,7 @@ def refresh_friction(
     rows: ResidualRows,
     law: CoulombViscous,
     drift: FrictionDrift | None = None,
-    noise: ResidualNoise | None = None,
+    noise: ResidualNoise = NOISE,
 ) -> FrictionRefresh:
     """Finds the coefficients anew.
 
@@ -98,7 +98,6 @@ def refresh_friction(
         drift: the prior.
         noise: of the residual.
     """
-    noise = noise or ResidualNoise()
     columns = rows.drift
     prior = (drift or FrictionDrift()).deviation(rows, law)
     change, deviation = np.empty_like(prior), np.empty_like(prior)

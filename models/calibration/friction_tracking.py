@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
-from wrenchsight.models.calibration.residual_noise import V_REST, ResidualNoise
+from wrenchsight.models.calibration.residual_noise import NOISE, V_REST
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -126,8 +126,7 @@ class FrictionTracker:
             axis=1,
         )
         slow_force = self.config.force_share * force_sd
-        noise, period = ResidualNoise(), self._every * time_step
-        self._noise = noise
+        noise, period = NOISE, self._every * time_step
         spread = np.concatenate(
             [
                 self._prior_sd.ravel(),
@@ -251,7 +250,7 @@ class FrictionTracker:
 
     def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample."""
-        n, noise, sd = self._n, self._noise, self._residual_sd
+        n, noise, sd = self._n, NOISE, self._residual_sd
         known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
         moving = np.flatnonzero((np.abs(self._v) >= V_REST) & known)
         if not len(moving):

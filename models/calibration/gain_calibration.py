@@ -26,7 +26,7 @@ from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import REACH
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
 from wrenchsight.models.calibration.prior_least_squares import PriorFit, fit_with_prior
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.torque_regression import parameter_prior, split_terms
@@ -39,6 +39,7 @@ PLACING = 1e-3  # m, of a known centre of mass
 STEPS = 8
 _ENOUGH = 1e-5  # change of u that ends the steps
 _INERTIAL = 10
+_DRIFT = FrictionDrift(viscous=0.1)  # of friction from log to log
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,6 @@ class GainProblem:
         structure: FrictionStructure,
         start: Array,
         residual_sd: Array,
-        drift: FrictionDrift | None = None,
-        noise: ResidualNoise | None = None,
     ) -> None:
         """Prepares the fit.
 
@@ -168,14 +167,10 @@ class GainProblem:
             structure: friction terms and shape.
             start: all parameters, of an identification of the unloaded logs.
             residual_sd: (n,) N m, of that identification.
-            drift: of friction from log to log.
-            noise: of the residual.
         """
         self._robot, self._logs, self._loads = robot, logs, loads
         self._structure = structure
         self._sd = residual_sd
-        self._drift = drift or FrictionDrift(viscous=0.1)
-        self._noise = noise or ResidualNoise()
         self._counts = [len(terms) for terms in structure.terms]
         self._start = start
 
@@ -259,7 +254,7 @@ class GainProblem:
             t, v = log.t[log.rows], log.v[log.rows]
             tau = log.tau[log.rows]
             rows = ResidualRows(t, v, tau, dry, viscous, np.abs(level), sliding, self._sd)
-            drift[index] = self._drift.deviation(rows, law.coulomb_viscous)
+            drift[index] = _DRIFT.deviation(rows, law.coulomb_viscous)
             for j in range(n):
                 A = np.zeros((len(t), width))
                 A[:, : _INERTIAL * n] = rigid[:, j, :-1]
@@ -273,7 +268,7 @@ class GainProblem:
                 A[:, place : place + 3] = rows.drift[:, j]
                 A *= np.exp(-u[j])
                 A[:, p + loads.size + j] = -np.exp(-u[j]) * predicted
-                own_rows = rows.whitened(j, A, self._noise)
+                own_rows = rows.whitened(j, A)
                 own_rows[:, -1] += own_rows[:, p + loads.size + j] * u[j]
                 whitened[j].append(own_rows)
         return fit_with_prior(

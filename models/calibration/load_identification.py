@@ -27,7 +27,7 @@ from wrenchsight.models.calibration.load_parameters import (
     realisable_inertia,
 )
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
@@ -155,7 +155,6 @@ def estimate_load(
     law: CoulombViscous,
     prior: LoadPrior,
     empty: LoadRows | None = None,
-    noise: ResidualNoise | None = None,
 ) -> LoadEstimate:
     """Finds the load of a log.
 
@@ -165,12 +164,10 @@ def estimate_load(
         prior: of the load and the drives.
         empty: a log without the load, of the same day. What the model misses there, as friction
             and as a weight at the flange, is then taken off.
-        noise: of the residual.
     """
-    noise = noise or ResidualNoise()
     logs = [log] if empty is None else [log, empty]
     spread = wide_spread(prior.mass)
-    first = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior, noise)
+    first = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior)
     found, mass_sd = first.values[:_LOAD], np.sqrt(first.covariance[0, 0])
     mass = max(found[0], mass_sd)
     com = np.zeros(3)
@@ -182,7 +179,7 @@ def estimate_load(
     spread[4:] = own
     spread[list(_DIAGONAL)] = 2.0 * own
     frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
-    second = _solve(logs, frame, spread, mean, law, prior, noise)
+    second = _solve(logs, frame, spread, mean, law, prior)
     return _estimate(second, com, frame, spread)
 
 
@@ -208,7 +205,6 @@ def _solve(
     mean: Array,
     law: CoulombViscous,
     prior: LoadPrior,
-    noise: ResidualNoise,
 ) -> _Solution:
     """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
     n = logs[0].rows.num_joints
@@ -226,7 +222,7 @@ def _solve(
             columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = one.rows.drift[:, j]
             if missed:
                 columns[:, -_LOAD:] = one.load[:, j]
-            parts.append(one.rows.whitened(j, np.hstack([columns, one.model[:, j]]), noise))
+            parts.append(one.rows.whitened(j, np.hstack([columns, one.model[:, j]])))
         whole = np.vstack(parts)
         blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
         considered.append(whole[:, k:-1] * logs[0].model_sd)

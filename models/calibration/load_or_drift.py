@@ -29,7 +29,6 @@ from wrenchsight.models.calibration.load_identification import (
     wide_spread,
 )
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
-from wrenchsight.models.calibration.residual_noise import ResidualNoise
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 UNLIKELY = 0.01
@@ -111,7 +110,6 @@ def weigh(
     log: LoadRows,
     law: CoulombViscous,
     prior: LoadPrior,
-    noise: ResidualNoise | None = None,
 ) -> LoadOrDrift | None:
     """Weighs the four; None for a log with too few rows to tell.
 
@@ -119,23 +117,20 @@ def weigh(
         log: the model's residual, with a load's and the model's own columns.
         law: the friction coefficients behind the rows.
         prior: of the load and of the drift.
-        noise: of the residual.
     """
     if len(log.rows.t) < FEWEST:
         return None
-    return _weighed(log, law, prior, noise or ResidualNoise(), 0, 0.0)
+    return _weighed(log, law, prior, 0, 0.0)
 
 
 def weigh_begin(
     log: LoadRows,
     law: CoulombViscous,
     prior: LoadPrior,
-    noise: ResidualNoise | None = None,
 ) -> LoadOrDrift | None:
     """As `weigh`, of a load that is taken up at some row, FEWEST or more from both ends; None also
     where a load is less likely than none.
     """
-    noise = noise or ResidualNoise()
     count = len(log.rows.t)
     first, last = FEWEST, count - FEWEST
     if last <= first:
@@ -145,7 +140,7 @@ def weigh_begin(
         places = np.unique(np.linspace(begin, end, PLACES).round().astype(int))
         if end - begin <= PLACES * every:
             every = 1
-        evidence = _begin_evidence(log, law, prior, noise, places, every)
+        evidence = _begin_evidence(log, law, prior, places, every)
         best = int(np.argmax(evidence))
         if evidence[best] < 0.0:
             return None
@@ -158,7 +153,7 @@ def weigh_begin(
     sd = float(np.sqrt(likely @ (t - mean) ** 2 / likely.sum()))
     row = int(places[best])
     odds = np.log(likely.sum()) - np.log(last - first + 1)
-    found = _weighed(loaded_from(log, row), law, prior, noise, row, float(odds))
+    found = _weighed(loaded_from(log, row), law, prior, row, float(odds))
     return replace(found, begin=float(log.rows.t[row]), begin_sd=sd)
 
 
@@ -166,16 +161,15 @@ def _weighed(
     log: LoadRows,
     law: CoulombViscous,
     prior: LoadPrior,
-    noise: ResidualNoise,
     row: int,
     odds: float,
 ) -> LoadOrDrift:
     """The four, with a load from `row` on; `odds`: logarithm of this row's against the others."""
-    load = estimate_load(log, law, prior, noise=noise)
+    load = estimate_load(log, law, prior)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
     spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
     spread[0] = prior.mass
-    evidence = _evidence(log, law, prior, spread, noise)
+    evidence = _evidence(log, law, prior, spread)
     for name in ("load", "both"):
         evidence[name] += odds
     largest = max(evidence.values())
@@ -184,7 +178,7 @@ def _weighed(
     return LoadOrDrift(
         load,
         {name: weight / whole for name, weight in weights.items()},
-        _is_steady(log, law, prior, noise, row),
+        _is_steady(log, law, prior, row),
     )
 
 
@@ -205,7 +199,6 @@ def _begin_evidence(
     log: LoadRows,
     law: CoulombViscous,
     prior: LoadPrior,
-    noise: ResidualNoise,
     places: Array,
     every: int,
 ) -> Array:
@@ -224,7 +217,7 @@ def _begin_evidence(
         load = (later[:, :, None] * log.load[:, j, None]).reshape(len(rows.t), -1)
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
-        blocks.append(rows.whitened(j, np.hstack([load, drift, log.model[:, j]]), noise))
+        blocks.append(rows.whitened(j, np.hstack([load, drift, log.model[:, j]])))
     rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
 
     def evidence(use: NDArray[np.int64], sd: Array) -> float:
@@ -237,7 +230,7 @@ def _begin_evidence(
 
 
 def _evidence(
-    log: LoadRows, law: CoulombViscous, prior: LoadPrior, load_sd: Array, noise: ResidualNoise
+    log: LoadRows, law: CoulombViscous, prior: LoadPrior, load_sd: Array
 ) -> dict[str, float]:
     """Of the four, by name; load_sd (10,) of the load's parameters in the flange's frame."""
     rows = log.rows
@@ -247,7 +240,7 @@ def _evidence(
     for j in range(n):
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
-        blocks.append(rows.whitened(j, np.hstack([log.load[:, j], drift, log.model[:, j]]), noise))
+        blocks.append(rows.whitened(j, np.hstack([log.load[:, j], drift, log.model[:, j]])))
     found = {}
     for loaded in (False, True):
         for drifted in (False, True):
@@ -261,14 +254,12 @@ def _evidence(
     return found
 
 
-def _is_steady(
-    log: LoadRows, law: CoulombViscous, prior: LoadPrior, noise: ResidualNoise, row: int
-) -> bool:
+def _is_steady(log: LoadRows, law: CoulombViscous, prior: LoadPrior, row: int) -> bool:
     """Whether both halves of the rows from `row` on show the same mass."""
     middle = (row + len(log.rows.t)) // 2
     masses, variances = [], []
     for part in (slice(row, middle), slice(middle, None)):
-        half = estimate_load(log[part], law, prior, noise=noise)
+        half = estimate_load(log[part], law, prior)
         masses.append(half.mass)
         # Gains and errors of the arm's model are the same in both.
         variances.append(half.covariance[0, 0])

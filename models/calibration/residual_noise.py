@@ -53,6 +53,9 @@ class ResidualNoise:
     correlation_time: float = 0.5
 
 
+NOISE = ResidualNoise()
+
+
 @dataclass(frozen=True, eq=False)
 class ResidualRows:
     """A log's residual at m instants, and what the covariance of it depends on.
@@ -151,7 +154,7 @@ class ResidualRows:
             self.sd,
         )
 
-    def whitened(self, joint: int, columns: Array, noise: ResidualNoise) -> Array:
+    def whitened(self, joint: int, columns: Array, noise: ResidualNoise = NOISE) -> Array:
         """Returns L^-1 [columns, residual] (m, k + 1), with L L^T the covariance of the residual.
 
         Ordinary least squares on what comes out is generalised least squares on what goes in.
@@ -165,18 +168,14 @@ class ResidualRows:
         out = np.empty_like(both)
         for begin in range(0, len(both), BLOCK):
             part = slice(begin, begin + BLOCK)
-            lower = cholesky(self._covariance(joint, part, noise), lower=True)
+            lower = cholesky(self[part].covariance(joint, noise), lower=True)
             out[part] = solve_triangular(lower, both[part], lower=True)
         return out
 
-    def covariance(self, joint: int, noise: ResidualNoise) -> Array:
+    def covariance(self, joint: int, noise: ResidualNoise = NOISE) -> Array:
         """Covariance (m, m) in (N m)^2 of one joint's residual."""
-        return self._covariance(joint, slice(None), noise)
-
-    def _covariance(self, joint: int, part: slice, noise: ResidualNoise) -> Array:
-        t, v, sd = self.t[part], self.v[part, joint], float(self.sd[joint])
-        dry, viscous = self.dry[part, joint], self.viscous[part, joint]
-        level = self.stiction[part, joint]
+        t, v, sd = self.t, self.v[:, joint], float(self.sd[joint])
+        dry, viscous, level = self.dry[:, joint], self.viscous[:, joint], self.stiction[:, joint]
         reversal = 1.0 + noise.reversal * np.exp(-((v / noise.reversal_velocity) ** 2))
         drifts = noise.coulomb**2 * np.outer(dry, dry)
         slow = (noise.slow * sd) ** 2 + drifts + noise.viscous**2 * np.outer(viscous, viscous)

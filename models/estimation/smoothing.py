@@ -68,18 +68,17 @@ class WrenchSmoother:
     tau_ext = J^T F are smoothed; valid is the estimator's own, as it says what can be read at all.
 
     Args:
-        estimator: whose model, prior and samples these are; any observer.
-        bandwidth_hz: as KalmanObserverConfig; None: that of the estimator's, or the default.
+        estimator: whose model, prior and samples these are; any observer. Its bandwidth, or the
+            default, is the smoother's.
 
     Raises:
         ValueError: the estimator's method has no prior.
     """
 
-    def __init__(self, estimator: WrenchEstimator, bandwidth_hz: float | None = None) -> None:
+    def __init__(self, estimator: WrenchEstimator) -> None:
         self._estimator = estimator
         own = estimator.config.observer
-        if bandwidth_hz is None:
-            bandwidth_hz = getattr(own, "bandwidth_hz", KalmanObserverConfig().bandwidth_hz)
+        bandwidth_hz = getattr(own, "bandwidth_hz", KalmanObserverConfig().bandwidth_hz)
         n, step = estimator.num_joints, estimator.observer.time_step
         samples = "trapezoidal" if estimator.observer.reads_present_torque else "held"
         config = KalmanObserverConfig(bandwidth_hz, step, samples)

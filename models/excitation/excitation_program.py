@@ -99,14 +99,12 @@ class ExcitationSolution:
     Attributes:
         trajectory: start and end at rest.
         cost: of the smooth measure.
-        converged: whether the solver reports an optimum.
         status: the solver's own word for it.
         evaluations: of the cost with its gradient.
     """
 
     trajectory: FourierTrajectory
     cost: float
-    converged: bool
     status: str
     evaluations: int
 
@@ -252,7 +250,6 @@ class ExcitationProgram:
         return ExcitationSolution(
             trajectory=self._trajectory(x),
             cost=self.information.cost(self.measure, q, v, vdot)[0],
-            converged=bool(result.is_success()),
             status=f"snopt {result.get_solver_details().info}",
             evaluations=self._evaluations,
         )

@@ -32,6 +32,7 @@ from wrenchsight.models.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
+TIME_STEP = 1e-3  # s, of the trajectory
 LEAST_POINTS = 4  # samples of a pass
 OTHER_JOINTS = 0.05  # rad, by which the others may differ between the two passes
 SPEEDS_ALIKE = 0.2  # of the speed, by which the two passes may differ in it
@@ -99,7 +100,6 @@ def reversal_motion(
     speeds: ArrayLike,
     accelerations: ArrayLike = (0.0, 1.0),
     period: float = 2.0,
-    time_step: float = 1e-3,
 ) -> ReversalMotion:
     """Plans passes through a posture, both ways, at every speed and acceleration.
 
@@ -116,7 +116,6 @@ def reversal_motion(
         speeds: rad/s, positive, times direction.
         accelerations: rad/s^2, of the first pass of a pair, times direction.
         period: s.
-        time_step: s, of the trajectory.
 
     Raises:
         InputError: a posture or motion beyond the joint's limits, or a speed that is not positive.
@@ -142,7 +141,7 @@ def reversal_motion(
     steps = np.vstack([np.repeat(ends, 2, axis=0)[1:], [[0.0, 0.0], [0.0, 0.0]]])
     steps = steps[: 2 * len(levels) + 2]
     count = len(steps) - 1
-    t = np.arange(round(count * period / time_step) + 1) * time_step
+    t = np.arange(round(count * period / TIME_STEP) + 1) * TIME_STEP
     index = np.minimum((t / period).astype(int), count - 1)
     u = t / period - index
     fade = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

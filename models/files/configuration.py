@@ -44,13 +44,12 @@ _BOOL_TAG = "tag:yaml.org,2002:bool"
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
-def load_configuration(path: str | Path, schema: type[T], child_name: str | None = None) -> T:
+def load_configuration(path: str | Path, schema: type[T]) -> T:
     """Reads a YAML file into `schema`.
 
     Args:
         path: the file.
         schema: a dataclass, or `dict[str, ...]` of dataclasses.
-        child_name: the key of the document to read, where it holds several configurations.
 
     Raises:
         InputError: the file is missing or no YAML; a key is unknown, repeated or missing; a value
@@ -59,11 +58,11 @@ def load_configuration(path: str | Path, schema: type[T], child_name: str | None
     path = Path(path)
     # PyYAML takes a tenth of a second for what experiments ask for again and again.
     kind: Any = schema
-    return typing.cast("T", copy.deepcopy(_loaded(path, _read_text(path), kind, child_name)))
+    return typing.cast("T", copy.deepcopy(_loaded(path, _read_text(path), kind)))
 
 
 @functools.lru_cache(maxsize=16)
-def _loaded(path: Path, text: str, schema: Any, child_name: str | None) -> Any:
+def _loaded(path: Path, text: str, schema: Any) -> Any:
     """What a file's text says; see `load_configuration`."""
     try:
         loader = yaml.SafeLoader(text)
@@ -78,23 +77,20 @@ def _loaded(path: Path, text: str, schema: Any, child_name: str | None) -> Any:
         raise InputError(path, "", "the file is empty", "expected keys and values in YAML")
     check = _Check(path, loader)
     try:
-        if child_name is not None:
-            check.child(node, child_name, schema)
-        else:
-            check.value(node, schema, "", is_root=True)
+        check.value(node, schema, "", is_root=True)
     except InputError:
         raise
     except _ODD_YAML as error:
         raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
     try:
-        if child_name is None and typing.get_origin(schema) is dict:
+        if typing.get_origin(schema) is dict:
             # yaml_load_typed takes a table of configurations only as a field.
             item_schema = typing.get_args(schema)[1]
             return {
                 name: yaml_load_typed(schema=item_schema, data=text, child_name=name)
                 for name in check.names(node)
             }
-        return yaml_load_typed(schema=schema, data=text, child_name=child_name)
+        return yaml_load_typed(schema=schema, data=text)
     except (RuntimeError, *_ODD_YAML) as error:
         raise InputError(path, "", f"cannot be read as {_name(schema)}: {error}") from error
 
@@ -170,15 +166,6 @@ class _Check:
     def names(self, node: Any) -> list[str]:
         """The keys of the document."""
         return list(self._items(node, "", is_root=True))
-
-    def child(self, node: Any, name: str, schema: Any) -> None:
-        keys = self._items(node, "", is_root=True)
-        if name not in keys:
-            known = ", ".join(keys)
-            raise InputError(
-                self._path, "", f'holds no "{name}"', nearest(name, keys) or f"it holds {known}"
-            )
-        self.value(keys[name][1], schema, name)
 
     def value(self, node: Any, schema: Any, name: str, is_root: bool = False) -> None:
         origin = typing.get_origin(schema)

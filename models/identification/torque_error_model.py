@@ -314,33 +314,9 @@ class TorqueErrorModel:
         torque_sd_log(table, self.initial_state(), q, v, load, sd, stiction)
         return sd, stiction
 
-    def average_sd(self, sd: ArrayLike, duration: float) -> Array:
-        """The sd (..., n) of the error's mean over `duration` s, for a steady sd (..., n).
-
-        An error of correlation time T averages out as 2 T / duration in the end, but for the share
-        that lasts.
-        """
-        share = averaged_share(duration / self.correlation_time)
-        share = self.lasting + (1.0 - self.lasting) * share
-        return np.asarray(np.asarray(sd, float) * np.sqrt(share))
-
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, by attribute."""
         return {own.name: np.asarray(getattr(self, own.name)).tolist() for own in fields(self)}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """From `to_dict`.
-
-        Raises:
-            ValueError: an attribute is missing or unknown, or as the constructor.
-        """
-        names = {own.name for own in fields(cls)}
-        for name in sorted(set(values) - names):
-            raise ValueError(f"{name}: unknown")
-        for name in sorted(names - _NUMBERS - _MAY_LACK - set(values)):
-            raise ValueError(f"{name}: missing")
-        return cls(**values)
 
 
 class ConstantTorqueError(TorqueErrorModel):
@@ -406,7 +382,6 @@ _NUMBERS = {
     *("read_load", "resting_only"),
 }
 _FOR_ALL = {"drift_shown", "fitted_spread"}
-_MAY_LACK = {*_FOR_ALL, "spread"}
 
 
 def averaged_share(x: ArrayLike) -> Array:

@@ -120,21 +120,18 @@ def taught_tick(tau_ext: Array, steady: Array, period: float, feed_time: float, 
     out[n] = 1.0 if steady[int(np.rint(x))] == 1.0 else 0.0
 
 
-def raised_motion(
-    robot: Robot, motion: JointTrajectory, height: float, source: str = "air pass"
-) -> JointTrajectory:
+def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> JointTrajectory:
     """The same motion of the tool `height` (m) back along its own axis, after LEAD at rest.
 
     Args:
         motion: of the joints, E's z axis into the surface, from rest to rest.
         height: m, above the surface.
-        source: what an error names.
 
     Raises:
         InputError: a height that is not above 0, or out of the arm's reach.
     """
     if not (np.isfinite(height) and height > 0.0):
-        raise InputError(source, "height", f"{height:g} m, expected more than 0")
+        raise InputError("air pass", "height", f"{height:g} m, expected more than 0")
     R_WE, p_WE = robot.chain.pose(motion.q)
     raised = p_WE - height * R_WE[:, :, 2]
     try:
@@ -144,7 +141,7 @@ def raised_motion(
         q = follow_path(robot, R_WE, raised, first)
     except InputError as error:
         raise InputError(
-            source,
+            "air pass",
             "height",
             f"{robot.name} cannot do this motion {height:g} m above the surface",
             "choose a lower height, or place the workpiece elsewhere",

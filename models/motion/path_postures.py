@@ -21,6 +21,7 @@ _REACHED = 1e-11  # m and rad of the pose
 _ARRIVED = 10.0 * _REACHED
 _SINGULAR = 1e-18  # added to J J^T, which may have no inverse
 _MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
+_FAR_STEPS = 60  # of the damped method, from a start that may lie far off
 
 
 def track_paths(
@@ -67,7 +68,7 @@ def track_paths(
 
 
 def solve_poses(
-    chain: SerialChain, R_WE: ArrayLike, p_WE: ArrayLike, q_start: ArrayLike, max_steps: int = 60
+    chain: SerialChain, R_WE: ArrayLike, p_WE: ArrayLike, q_start: ArrayLike
 ) -> tuple[Array, Flags]:
     """Postures that bring E to given poses, each searched from its own start.
 
@@ -75,14 +76,13 @@ def solve_poses(
         R_WE: (N, 3, 3).
         p_WE: (N, 3) m.
         q_start: (N, n).
-        max_steps: of damped Newton's method.
 
     Returns:
         q (N, n), and (N,) whether the pose was reached to rounding. Joint limits are not looked at,
         and angles may have made whole turns.
     """
     q = np.array(q_start, dtype=np.float64)
-    return q, _reach_all(chain, R_WE, p_WE, q, max_steps, damped=True)
+    return q, _reach_all(chain, R_WE, p_WE, q, _FAR_STEPS, damped=True)
 
 
 def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) -> Array:

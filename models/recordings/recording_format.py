@@ -259,15 +259,6 @@ def further_signals(
     )
 
 
-def column_items(text: str, place: str, source: str) -> list[str]:
-    """The columns that a text names, one by one: "1, 3-5", or "t, q{1..3}".
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    return _expanded(text, place, source)
-
-
 def _check_sizes(signals: list[Signal], source: str) -> None:
     if len(signals[0].columns) > 2:
         raise InputError(
@@ -357,7 +348,7 @@ def _columns(
     names: Sequence[str] | None,
 ) -> list[int]:
     columns: list[int] = []
-    for item in _expanded(str(entry.columns), place, source):
+    for item in column_items(str(entry.columns), place, source):
         if item.isdecimal():
             number = int(item) if len(item) < 10 else MOST_COLUMNS + 1
             if not 1 <= number <= len(shown):
@@ -397,8 +388,12 @@ _NUMBERS = re.compile(r"(\d+)\s*(?:-|\.\.)\s*(\d+)")
 _SERIES = re.compile(r"\{(\d+)\.\.(\d+)\}")
 
 
-def _expanded(text: str, place: str, source: str) -> list[str]:
-    """The columns that a text names: "1, 3-5" or "t, q{1..3}"; braces from left to right."""
+def column_items(text: str, place: str, source: str) -> list[str]:
+    """The columns that a text names: "1, 3-5" or "t, q{1..3}"; braces from left to right.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     items: list[str] = []
     for item in (part.strip() for part in text.split(",")):
         if not item:

@@ -55,13 +55,6 @@ class ExceedanceTail:
             return float(self.level + self.scale * ratio)
         return float(self.level + self.scale * np.expm1(self.shape * ratio) / self.shape)
 
-    def rate_above(self, level: float) -> float:
-        """How often per hour `level`, or the law's own `level` if that is higher, is exceeded."""
-        excess = max(level - self.level, 0.0) / self.scale
-        if self.shape * excess < 1e-9:
-            return float(self.rate_per_hour * np.exp(-excess))
-        return float(self.rate_per_hour * np.exp(-np.log1p(self.shape * excess) / self.shape))
-
 
 def peaks_above(statistic: ArrayLike, level: float, time_step: float) -> Array:
     """The largest sample of each excursion above `level` of a statistic (N,)."""

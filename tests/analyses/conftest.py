@@ -1,4 +1,4 @@
-"""Experiments of a test's own."""
+"""Experiments of a test's own, and `estimate` without its figures."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -7,7 +7,16 @@ from pathlib import Path
 
 import pytest
 
+from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.registry import REGISTRY
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`estimate` draws nothing: that takes longer than all else, and has tests of its own."""
+    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
+    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
 
 
 @pytest.fixture

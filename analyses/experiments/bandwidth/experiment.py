@@ -121,7 +121,6 @@ class SignalReading:
     Attributes:
         K_0: 1/s.
         force: (T, 3) N, as read under current noise.
-        clean_force: (T, 3) N, as read without.
         time_constant: s, fitted to the clean step along X.
         lag: N, mean of true minus clean force along the ramp, when it has settled.
         sine: complex, clean over true sine along Z.
@@ -131,7 +130,6 @@ class SignalReading:
 
     K_0: float
     force: Array
-    clean_force: Array
     time_constant: float
     lag: float
     sine: complex
@@ -299,7 +297,6 @@ def _read_signals(
     return SignalReading(
         K_0=K_0,
         force=noisy,
-        clean_force=clean,
         time_constant=float(fit.x),
         lag=float((true - clean)[on_the_ramp, 1].mean()),
         sine=complex(sine[0, 2]),

@@ -41,7 +41,6 @@ class TrialLog:
         model: that reads it.
         time_step: s.
         K_0: 1/s.
-        method: what a contact at E is, see `wrenchsight.models.detection.contact_statistic`.
     """
 
     def __init__(
@@ -51,7 +50,6 @@ class TrialLog:
         model: IdentifiedModel,
         time_step: float,
         K_0: float,
-        method: str = "force_only",
     ) -> None:
         log = resampled(recording, time_step)
         self.robot, self.time_step = robot, time_step
@@ -61,7 +59,7 @@ class TrialLog:
             model,
             WrenchEstimatorConfig(
                 MomentumObserverConfig([K_0], time_step),
-                WrenchReconstructionConfig(method),
+                WrenchReconstructionConfig("force_only"),
                 position_resolution=position_resolution(recording.q).tolist(),
             ),
         )

@@ -13,11 +13,11 @@ sample's coming to its reading's going and depends on the computer, and on what 
 """
 
 import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numba
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
@@ -48,6 +48,7 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.recordings.recording import Recording
@@ -129,9 +130,8 @@ def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> li
     def go_on() -> bool:
         return not readings or readings[-1].t - readings[0].t < seconds
 
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)  # as the process that reads does: samples come one by one
-    try:
+    # As the process that reads does: samples come one by one.
+    with one_thread(), closing(source):
         checks = StartChecks(robot, known, settings.watch)
         read_stream(
             source,
@@ -140,9 +140,6 @@ def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> li
             checks,
             go_on,
         )
-    finally:
-        numba.set_num_threads(threads)
-        source.close()
     return readings
 
 

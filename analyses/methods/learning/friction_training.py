@@ -12,7 +12,7 @@ its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MO
 and reaches as far within them as the fewest samples that training needs.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -147,7 +147,6 @@ def train_networks(
     v_crit: ArrayLike | None = None,
     config: TrainingConfig | None = None,
     joint_names: tuple[str, ...] | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> TrainedNetworks:
     """Trains the near-zero networks of all joints; the same numbers give the same weights.
 
@@ -164,7 +163,6 @@ def train_networks(
         v_crit: (n,) rad/s; None: by the rule.
         config: see `TrainingConfig`.
         joint_names: for messages.
-        progress: called with the share done.
 
     Raises:
         InputError: a joint has too few samples in its band.
@@ -195,7 +193,7 @@ def train_networks(
     spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
     z = (y - centre[:, None]) / spread[:, None]
     with one_thread():  # the same sums in the same order on every machine; faster, too
-        weights, errors, steps = _descend(x, z, train, held, config, progress)
+        weights, errors, steps = _descend(x, z, train, held, config)
     W1, b1, W2, b2 = weights
     networks = FrictionNetworks(W1, b1, W2 * spread[:, None], b2 * spread + centre, edge)
     law_error = y - law.torque((x * edge[:, None]).T).T
@@ -269,7 +267,6 @@ def _descend(
     train: Array,
     held: Array,
     config: TrainingConfig,
-    progress: Callable[[float, str], None],
 ) -> tuple[list[Array], Array, NDArray[np.int64]]:
     """Adam on all joints at once; each keeps the weights of its own best step."""
     import torch
@@ -315,6 +312,4 @@ def _descend(
             parameters[1].grad.zero_()  # tanh(W v) is odd
         optimiser.step()
         schedule.step()
-        if step % 50 == 0:
-            progress(step / config.steps, f"training, step {step}")
     return [p.numpy() for p in best], errors.numpy(), when.numpy()

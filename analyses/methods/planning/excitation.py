@@ -271,41 +271,30 @@ def excite_robot(
     """
     config = ExcitationConfig() if config is None else config
     with result_folder(out, "excite") as folder:
-        return _excite_into(folder, robot_name, config, validation, page, progress)
+        robot = Robot.load(robot_name)
+        # Any other seed will do; this one is unlikely to be a user's second run.
+        seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
+        names = list(seeds) if validation else ["trajectory"]
+        results = []
+        for k, name in enumerate(names):
 
+            def part(fraction: float, what: str, k: int = k, name: str = name) -> None:
+                progress(0.9 * (k + fraction) / len(names), f"{name}: {what}")
 
-def _excite_into(
-    folder: OutputFolder,
-    robot_name: str | Path,
-    config: ExcitationConfig,
-    validation: bool,
-    page: bool,
-    progress: ProgressCallback,
-) -> tuple[ExcitationResult, ...]:
-    robot = Robot.load(robot_name)
-    # Any other seed will do; this one is unlikely to be a user's second run.
-    seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
-    names = list(seeds) if validation else ["trajectory"]
-    results = []
-    for k, name in enumerate(names):
-
-        def part(fraction: float, what: str, k: int = k, name: str = name) -> None:
-            progress(0.9 * (k + fraction) / len(names), f"{name}: {what}")
-
-        results.append(excite(robot, replace(config, seed=seeds[name]), part))
-    progress(0.9, "writing")
-    for name, result in zip(names, results, strict=True):
-        _write(folder, name, robot, result, page)
-    metrics = results[0].metrics()
-    if validation:
-        metrics["validation"] = results[1].metrics()
-    folder.write_json("metrics.json", metrics)
-    settings = ExciteSettings(
-        robot=str(robot_name), validation=validation, record=page, excitation=config
-    )
-    folder.write_settings("config.yaml", settings)
-    progress(1.0, "done")
-    return tuple(results)
+            results.append(excite(robot, replace(config, seed=seeds[name]), part))
+        progress(0.9, "writing")
+        for name, result in zip(names, results, strict=True):
+            _write(folder, name, robot, result, page)
+        metrics = results[0].metrics()
+        if validation:
+            metrics["validation"] = results[1].metrics()
+        folder.write_json("metrics.json", metrics)
+        settings = ExciteSettings(
+            robot=str(robot_name), validation=validation, record=page, excitation=config
+        )
+        folder.write_settings("config.yaml", settings)
+        progress(1.0, "done")
+        return tuple(results)
 
 
 def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":

@@ -49,6 +49,7 @@ class SwarmConfig:
     mutation_sd: float = 0.1  # of the coordinate's range
 
 
+@one_thread()
 def place_by_swarm(
     robot: Robot,
     program: PlacementProgram,
@@ -63,18 +64,7 @@ def place_by_swarm(
         program: measure, bounds and path; only these are used of it.
         clearance: a placement that misses its distance counts as not reached.
     """
-    with one_thread():
-        return _swarm(robot, program, clearance, seed, config or SwarmConfig(), progress)
-
-
-def _swarm(
-    robot: Robot,
-    program: PlacementProgram,
-    clearance: PlacementClearance | None,
-    seed: int,
-    config: SwarmConfig,
-    progress: Callable[[float, str], None],
-) -> SearchResult:
+    config = config or SwarmConfig()
     cost = ParticleCost(robot, program, clearance)
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper

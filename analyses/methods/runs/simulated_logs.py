@@ -80,14 +80,13 @@ def simulate_motion(
     trajectory: JointTrajectory,
     seed: int = 0,
     name: str = "motion",
-    model: IdentifiedModel | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> SimulatedLog:
-    """The same for any motion of the joints; `model` is what the controller knows.
+    """The same for any motion of the joints.
 
     Within a study the same motion is simulated once for all experiments.
     """
-    arguments = (robot, trajectory, seed, name, model)
+    arguments = (robot, trajectory, seed, name)
     return shared("simulate_motion", arguments, lambda: _simulate_motion(*arguments, progress))
 
 
@@ -96,10 +95,9 @@ def _simulate_motion(
     trajectory: JointTrajectory,
     seed: int,
     name: str,
-    model: IdentifiedModel | None,
     progress: ProgressCallback,
 ) -> SimulatedLog:
-    known = IdentifiedModel.nominal(robot) if model is None else model
+    known = IdentifiedModel.nominal(robot)
     # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
     log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed, whole=False)
     progress(1.0, f"simulating {name}")

@@ -8,7 +8,7 @@ import copy
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,6 @@ def write_copy(
     data_set: DataSet,
     folder: Path,
     features: list[NewFeature],
-    progress: Callable[[float], None] = lambda share: None,
 ) -> None:
     """Writes the copy.
 
@@ -76,9 +75,8 @@ def write_copy(
         for path in _files(root):
             if path not in ours:
                 _put(path, folder / path.relative_to(root))
-    for k, path in enumerate(sorted(data_files)):
+    for path in sorted(data_files):
         _write_data(data_set, path, folder / path.relative_to(root), features)
-        progress((k + 1) / len(data_files))
     info = dict(data_set.info)
     info["features"] = {**info["features"], **{one.name: _description(one) for one in features}}
     _write_text(folder / INFO, json.dumps(info, indent=4, ensure_ascii=False))

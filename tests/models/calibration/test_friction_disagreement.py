@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.models.calibration.friction_disagreement import friction_disagreements
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.zeros(2))
@@ -30,7 +30,7 @@ def rows(change, seed=0, duration=20.0, extra=0.0):
     )
     residual = np.einsum("mjk,jk->mj", sliding, np.asarray(change)) + extra * v
     for j in range(2):
-        lower = np.linalg.cholesky(own.covariance(j, ResidualNoise()))
+        lower = np.linalg.cholesky(own.covariance(j))
         residual[:, j] += lower @ rng.normal(size=len(t))
     return replace(own, residual=residual)
 

@@ -9,7 +9,6 @@ from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refre
 from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
-NOISE = ResidualNoise()
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.array([0.1, 0.0]))
 SD = np.array([1.0, 0.2])
 SEEDS = 300
@@ -34,7 +33,7 @@ def noisy(rows, change, rng):
     """The same with a change of friction and a residual of the stated covariance."""
     residual = np.einsum("mjk,jk->mj", rows.sliding, change)
     for j in range(2):
-        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
+        lower = np.linalg.cholesky(rows.covariance(j))
         residual[:, j] += lower @ rng.normal(size=len(rows.t))
     return replace(rows, residual=residual)
 

@@ -13,10 +13,9 @@ from wrenchsight.models.calibration.gain_calibration import (
     KnownLoad,
 )
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 
-NOISE = ResidualNoise()
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
 TERMS = ("coulomb", "viscous", "offset", "load")
 FRICTION = np.array(
@@ -49,8 +48,8 @@ def start(ur10e):
     return np.concatenate([chain.inertial_parameters.ravel(), *blocks])
 
 
-def log(robot, structure, seed, load=None, body=None, noise=1.0, duration=25.0):
-    """A log of currents times the stated torque constants."""
+def log(robot, structure, seed, load=None, body=None, noise=1.0, duration=25.0, drift=0.0):
+    """A log of currents times the stated torque constants, its friction off by so many sds."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.1)
     q, v, vdot = harmonic_motion(rng, t, 0.8 * np.arange(1, 6), 0.6, least=0.5)
@@ -59,14 +58,16 @@ def log(robot, structure, seed, load=None, body=None, noise=1.0, duration=25.0):
     if load is not None:
         carried = carried + load_columns(robot, q, v, vdot) @ body
     columns = structure.columns(q, v, carried)
-    friction = np.stack([columns[j] @ FRICTION[j] for j in range(6)], axis=1)
+    off = np.random.default_rng([seed, 1]).normal(size=(6, 4)) * [0.05, 0.1, 0.0, 0.0]
+    today = FRICTION * (1.0 + drift * off)
+    friction = np.stack([columns[j] @ today[j] for j in range(6)], axis=1)
     tau = (carried + friction) / RATIO
     dry = friction - FRICTION[:, 1] * v - FRICTION[:, 2]
     rows = ResidualRows(
         t, v, tau, dry, FRICTION[:, 1] * v, np.abs(dry), np.zeros((*v.shape, 3)), SD
     )
     for j in range(6):
-        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
+        lower = np.linalg.cholesky(rows.covariance(j))
         tau[:, j] += noise * lower @ rng.normal(size=len(t))
     return CalibrationLog(t, q, v, vdot, tau, lambda x: x, np.arange(len(t)), load)
 
@@ -75,13 +76,16 @@ def problem(robot, structure, start, logs, loads):
     return GainProblem(robot, logs, loads, structure, start, SD)
 
 
-def test_ratios_load_dependence_and_centre_of_mass_within_their_errors(ur10e, structure, start):
+@pytest.mark.parametrize("drift", [0.0, 1.0])
+def test_ratios_load_dependence_and_centre_of_mass_within_their_errors(
+    ur10e, structure, start, drift
+):
     z = []
     for seed in range(6):
         logs = [
-            log(ur10e, structure, 10 * seed),
-            log(ur10e, structure, 10 * seed + 1),
-            log(ur10e, structure, 10 * seed + 2, 0, BODY),
+            log(ur10e, structure, 10 * seed, drift=drift),
+            log(ur10e, structure, 10 * seed + 1, drift=drift),
+            log(ur10e, structure, 10 * seed + 2, 0, BODY, drift=drift),
         ]
         found = problem(ur10e, structure, start, logs, [LOAD]).solve()
         value, sd = found.load_dependence

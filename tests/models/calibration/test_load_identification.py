@@ -4,42 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion
+from ur10e_logs import LAW, quiet_rows
 
 from wrenchsight.models.calibration.load_identification import (
     LoadPrior,
-    LoadRows,
     estimate_load,
 )
-from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.load_parameters import body_parameters
 
-NOISE = ResidualNoise()
-SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
-LAW = CoulombViscous(
-    np.array([16.0, 16.0, 7.0, 2.8, 3.3, 2.7]),
-    np.array([22.0, 18.0, 10.0, 3.6, 2.4, 3.2]),
-    np.zeros(6),
-)
 SEEDS = 60
 EXACT = LoadPrior(mass=12.5, gain=0.0)
 
 
 def quiet(robot, seed=0, duration=20.0, amplitude=0.5, only=range(6)):
     """An arm's rows without residual; `only` lets these joints move alone."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration, 0.1)
-    rates = 0.9 * np.arange(1, 5)
-    q, v, vdot = harmonic_motion(rng, t, rates, amplitude, least=0.5, moving=only)
-    q += robot.home
-    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
-    level = np.broadcast_to(LAW.coulomb, v.shape)
-    rows = ResidualRows(
-        t, v, np.zeros_like(v), LAW.coulomb * np.sign(v), LAW.viscous * v, level, sliding, SD
-    )
-    empty = np.zeros((*v.shape, 0))
-    return LoadRows(rows, load_columns(robot, q, v, vdot), empty, np.zeros(0))
+    return quiet_rows(robot, np.random.default_rng(seed), duration, amplitude, only)
 
 
 def body(rng):
@@ -63,9 +42,7 @@ def measured(log, load, rng, gains=None, drift=True):
         change = EXACT.drift.deviation(rows, LAW) * rng.normal(size=(6, 3))
     residual = residual + np.einsum("mjk,jk->mj", rows.drift, change)
     for j in range(6):
-        residual[:, j] += np.linalg.cholesky(rows.covariance(j, NOISE)) @ rng.normal(
-            size=len(rows.t)
-        )
+        residual[:, j] += np.linalg.cholesky(rows.covariance(j)) @ rng.normal(size=len(rows.t))
     return replace(log, rows=replace(rows, residual=residual))
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion
+from ur10e_logs import LAW, quiet_rows
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
-from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
+from wrenchsight.models.calibration.load_identification import LoadPrior
 from wrenchsight.models.calibration.load_or_drift import (
     FEWEST,
     loaded_from,
@@ -15,17 +15,8 @@ from wrenchsight.models.calibration.load_or_drift import (
     weigh_begin,
     without_load,
 )
-from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.calibration.load_parameters import body_parameters
 
-NOISE = ResidualNoise()
-SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
-LAW = CoulombViscous(
-    np.array([16.0, 16.0, 7.0, 2.8, 3.3, 2.7]),
-    np.array([22.0, 18.0, 10.0, 3.6, 2.4, 3.2]),
-    np.zeros(6),
-)
 PRIOR = LoadPrior(mass=12.5)
 LOAD = body_parameters(1.5, np.array([0.03, -0.06, 0.05]), 0.004 * np.eye(3))
 
@@ -34,24 +25,16 @@ def log_of(robot, seed, load=None, drift=0.0, duration=25.0, since=0.0):
     """Rows of 10 a second: a correlated residual, a load from `since` on, friction that drifted by
     `drift` of the prior's sds."""
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration, 0.1)
-    q, v, vdot = harmonic_motion(rng, t, 0.9 * np.arange(1, 5), 0.5, least=0.5, moving=range(6))
-    q += robot.home
-    sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
-    level = np.broadcast_to(LAW.coulomb, v.shape)
-    rows = ResidualRows(
-        t, v, np.zeros_like(v), LAW.coulomb * np.sign(v), LAW.viscous * v, level, sliding, SD
-    )
-    columns = load_columns(robot, q, v, vdot)
+    log = quiet_rows(robot, rng, duration)
+    rows, columns = log.rows, log.load
     change = drift * FrictionDrift().deviation(rows, LAW) * rng.choice([-1.0, 1.0], (6, 3))
     residual = np.einsum("mjk,jk->mj", rows.drift, change)
     if load is not None:
-        residual += (columns @ load) * (t >= since)[:, None]
+        residual += (columns @ load) * (rows.t >= since)[:, None]
     for j in range(6):
-        lower = np.linalg.cholesky(rows.covariance(j, NOISE))
-        residual[:, j] += lower @ rng.normal(size=len(t))
-    rows = replace(rows, residual=residual)
-    return LoadRows(rows, columns, np.zeros((*v.shape, 0)), np.zeros(0))
+        lower = np.linalg.cholesky(rows.covariance(j))
+        residual[:, j] += lower @ rng.normal(size=len(rows.t))
+    return replace(log, rows=replace(rows, residual=residual))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -5,8 +5,6 @@ import pytest
 
 from wrenchsight.models.calibration.residual_noise import BLOCK, V_REST, ResidualNoise, ResidualRows
 
-NOISE = ResidualNoise()
-
 
 def rows(m=40, n=2, seed=0, **changes):
     rng = np.random.default_rng(seed)
@@ -46,10 +44,8 @@ def test_covariance_by_hand():
 
 def test_whitening_is_a_square_root_of_the_inverse_covariance():
     own = rows()
-    W = own.whitened(1, np.eye(len(own.t)), NOISE)
-    np.testing.assert_allclose(
-        W[:, :-1].T @ W[:, :-1] @ own.covariance(1, NOISE), np.eye(40), atol=1e-9
-    )
+    W = own.whitened(1, np.eye(len(own.t)))
+    np.testing.assert_allclose(W[:, :-1].T @ W[:, :-1] @ own.covariance(1), np.eye(40), atol=1e-9)
     np.testing.assert_allclose(W[:, -1], W[:, :-1] @ own.residual[:, 1])
 
 
@@ -57,7 +53,7 @@ def test_a_rest_holds_one_unknown_torque():
     v = np.full((9, 1), 0.3)
     v[2:4] = v[6:8] = 0.2 * V_REST  # two rests, a motion between them
     own, moving = rows(9, 1, v=v), rows(9, 1, v=np.where(v < V_REST, V_REST, v))
-    held = own.covariance(0, NOISE) - moving.covariance(0, NOISE)
+    held = own.covariance(0) - moving.covariance(0)
     expected = np.zeros((9, 9))
     expected[2:4, 2:4] = expected[6:8, 6:8] = 6.0**2 / 3.0
     # 2 %: at a fifth of V_REST white is larger by exp(-(v / v_r)^2), a little.
@@ -84,10 +80,9 @@ def test_at_rest_only_the_offset_can_drift():
 def test_long_logs_are_taken_block_by_block():
     own = rows(BLOCK + 50)
     none = np.zeros((BLOCK + 50, 0))
-    whole = own.whitened(0, none, NOISE)[:, 0]
+    whole = own.whitened(0, none)[:, 0]
     parts = [
-        own[part].whitened(0, none[part], NOISE)[:, 0]
-        for part in (slice(0, BLOCK), slice(BLOCK, None))
+        own[part].whitened(0, none[part])[:, 0] for part in (slice(0, BLOCK), slice(BLOCK, None))
     ]
     np.testing.assert_allclose(whole, np.concatenate(parts))
 
@@ -113,7 +108,7 @@ def test_rows_of_two_logs_are_independent_and_rest_apart():
     one, other = rows(v=v), rows(seed=1, v=v)
     joined = ResidualRows.joined([one, other])
     assert (np.diff(joined.t) > 0.0).all()
-    covariance = joined.covariance(0, NOISE)
-    np.testing.assert_allclose(covariance[:40, :40], one.covariance(0, NOISE))
-    np.testing.assert_allclose(covariance[40:, 40:], other.covariance(0, NOISE))
+    covariance = joined.covariance(0)
+    np.testing.assert_allclose(covariance[:40, :40], one.covariance(0))
+    np.testing.assert_allclose(covariance[40:, 40:], other.covariance(0))
     np.testing.assert_allclose(covariance[:40, 40:], 0.0, atol=1e-9)

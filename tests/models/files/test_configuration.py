@@ -90,13 +90,6 @@ def test_nothing_is_saved_where_the_default_is_something(tmp_path: Path) -> None
     assert "ceiling" not in (tmp_path / "saved.yaml").read_text()
 
 
-def test_child_name_selects_a_part(tmp_path: Path) -> None:
-    path = write(tmp_path, "a: {name: first}\nb: {name: second}\n")
-    assert load_configuration(path, Thing, "b").name == "second"
-    with pytest.raises(InputError, match='holds no "c"'):
-        load_configuration(path, Thing, "c")
-
-
 def test_a_table_of_configurations_and_yaml_templates(tmp_path: Path) -> None:
     path = write(
         tmp_path,

@@ -1,6 +1,5 @@
 """A real Panda's external torque, touched link by link, read as a stream."""
 
-import numba
 import numpy as np
 import pyarrow.csv as pa_csv
 import pytest
@@ -25,12 +24,7 @@ def panda():
     return Robot.load("panda")
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)  # samples come one by one
-    yield
-    numba.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")  # samples come one by one
 
 
 def config_of(robot, **more):

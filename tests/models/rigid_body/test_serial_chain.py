@@ -2,11 +2,8 @@
 
 import copy
 import dataclasses
-import os
 import pickle
 import re
-import subprocess
-import sys
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -35,10 +32,8 @@ from pydrake.multibody.tree import (
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import is_compiled
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
-    all_terms,
     dynamics_terms,
     observer_terms,
 )
@@ -757,31 +752,6 @@ def test_survives_pickling(ur10e: Robot) -> None:
     again = pickle.loads(pickle.dumps(chain))
     q = np.full((100, 6), 0.4)
     assert np.array_equal(again.regressor(q, q, q), chain.regressor(q, q, q))
-
-
-def test_is_compiled_tells_of_the_wait(sts: Robot, tmp_path: Path) -> None:
-    sts.chain.terms(np.zeros(6), np.zeros(6))
-    assert is_compiled(all_terms)
-    program = (
-        "import numpy as np\n"
-        "from wrenchsight.models.kernel import is_compiled\n"
-        "from wrenchsight.models.rigid_body.conditioning import condition_number_of\n"
-        "print(is_compiled(condition_number_of))\n"
-        "condition_number_of(np.eye(6), np.empty((6, 6)))\n"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    seen = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env=environment,
-            cwd=Path(__file__).parents[3],
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.strip()
-        for _ in range(2)
-    ]
-    assert seen == ["False", "True"]
 
 
 def test_motors_that_move_several_joints_carry_their_rotors_along(sts, coupled_wrist):

@@ -94,7 +94,7 @@ def inertial_error(robot: Robot, model: IdentifiedModel) -> tuple[Array, Array]:
 
 
 def with_known_friction(
-    robot: Robot, logs: tuple[SimulatedLog, SimulatedLog], config: IdentificationConfig = CONFIG
+    robot: Robot, logs: tuple[SimulatedLog, SimulatedLog]
 ) -> IdentificationResult:
     """Identifies again from torques that the true friction has been taken off."""
 
@@ -103,5 +103,5 @@ def with_known_friction(
         tau = robot.joint_torque(recording.current)
         return replace(recording, tau_J=tau - log.tau_f_true)
 
-    config = replace(config, cross_validate=False)  # what its observer errs by is not asked
+    config = replace(CONFIG, cross_validate=False)  # what its observer errs by is not asked
     return identify([without(logs[0])], robot, [without(logs[1])], config)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion
+from ur10e_logs import COULOMB, VISCOUS, log_of, model_of
 
 from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log, refresh_model
 from wrenchsight.analyses.methods.learning.identification import predict_torque
@@ -15,37 +15,20 @@ from wrenchsight.analyses.methods.learning.identification_config import (
     RefreshConfig,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
-
-COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
-VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])
 
 
 @pytest.fixture(scope="module")
 def model(ur10e):
-    """The arm's own inertias, friction as above, a residual of a real arm's size."""
-    nominal = IdentifiedModel.nominal(ur10e)
-    sd = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
-    law = SemiParametricFriction(CoulombViscous(COULOMB, VISCOUS, np.zeros(6)))
-    return replace(nominal, friction=law, residual_covariance=np.diag(sd**2))
+    return model_of(ur10e)
 
 
 def recording(robot, seed, coulomb=COULOMB, viscous=VISCOUS, duration=6.0, still=()):
-    """A log of the arm with this friction and noise on its currents."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration, 0.01)
-    moving = sorted({*range(6)} - {*still})
-    q, v, vdot = harmonic_motion(rng, t, 1.1 * np.arange(1, 4), 0.5, moving=moving)
-    q += robot.home
-    tau = robot.chain.inverse_dynamics(q, v, vdot) + coulomb * np.sign(v) + viscous * v
-    current = tau / (robot.torque_per_ampere * robot.current_sign)
-    return Recording(
-        t=t, q=q, v=v, current=current + 0.03 * rng.normal(size=q.shape), source=f"today_{seed}.csv"
-    )
+    """A log of the arm with this friction."""
+    given = {"coulomb": coulomb, "viscous": viscous, "moving": sorted({*range(6)} - {*still})}
+    return log_of(robot, seed, duration, 1.1 * np.arange(1, 4), **given)
 
 
 def test_changed_friction_is_found_and_predicts_the_next_log(ur10e, model):
@@ -67,7 +50,7 @@ def test_only_the_three_numbers_change(ur10e, model):
     np.testing.assert_array_equal(found.inertial_parameters, model.inertial_parameters)
     np.testing.assert_array_equal(found.residual_covariance, model.residual_covariance)
     (source,) = found.provenance.refreshes
-    assert source.log.name == "today_1.csv"
+    assert source.log.name == "log_1.csv"
     np.testing.assert_allclose(
         found.friction.coulomb_viscous.viscous, VISCOUS + source.viscous, rtol=1e-12
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion
+from ur10e_logs import VISCOUS, log_of
 
 from wrenchsight.analyses.methods.calibration.load_calibration import (
     calibrate,
@@ -17,15 +17,12 @@ from wrenchsight.analyses.methods.learning.identification_config import (
     IdentifySettings,
 )
 from wrenchsight.models.calibration.gain_calibration import KnownLoad
-from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
+from wrenchsight.models.calibration.load_parameters import body_parameters
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
-VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])
 RATIO = np.array([0.96, 1.05, 1.03, 0.94, 0.97, 1.06])
 COM = np.array([0.04, 0.08, 0.12])
 BODY = body_parameters(3.0, COM, 0.015 * np.eye(3))
@@ -34,17 +31,7 @@ PLAIN = IdentificationConfig(friction="coulomb-viscous-offset", loss="squares")
 
 def recording(robot, seed, load=None, duration=20.0):
     """A log of an arm whose drives give RATIO times the torque that its file states."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration, 0.01)
-    q, v, vdot = harmonic_motion(rng, t, 0.9 * np.arange(1, 5), 0.6)
-    q += robot.home
-    tau = robot.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
-    if load is not None:
-        tau = tau + load_columns(robot, q, v, vdot) @ load
-    current = tau / (RATIO * robot.torque_per_ampere * robot.current_sign)
-    return Recording(
-        t=t, q=q, v=v, current=current + 0.03 * rng.normal(size=q.shape), source=f"log_{seed}.csv"
-    )
+    return log_of(robot, seed, duration, 0.9 * np.arange(1, 5), 0.6, load=load, ratio=RATIO)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from sample_models import harmonic_motion
+from ur10e_logs import COULOMB, VISCOUS, log_of, model_of
 
 from wrenchsight.analyses.methods.calibration.payload_config import PayloadConfig, PayloadSettings
 from wrenchsight.analyses.methods.calibration.payload_identification import (
@@ -15,38 +15,22 @@ from wrenchsight.analyses.methods.calibration.payload_identification import (
 )
 from wrenchsight.models.calibration.load_parameters import body_parameters, flange_map, load_columns
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
-COULOMB = np.array([15.0, 14.0, 6.0, 2.8, 3.3, 2.7])
-VISCOUS = np.array([20.0, 18.0, 10.0, 3.6, 2.4, 3.2])
 COM = np.array([0.03, -0.05, 0.11])
 BODY = body_parameters(2.0, COM, np.diag([0.008, 0.01, 0.006]))
 
 
 @pytest.fixture(scope="module")
 def model(ur10e):
-    nominal = IdentifiedModel.nominal(ur10e)
-    sd = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
-    law = SemiParametricFriction(CoulombViscous(COULOMB, VISCOUS, np.zeros(6)))
-    return replace(nominal, friction=law, residual_covariance=np.diag(sd**2))
+    return model_of(ur10e)
 
 
 def recording(robot, seed, load=BODY, duration=12.0):
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, duration, 0.01)
-    q, v, vdot = harmonic_motion(rng, t, 1.1 * np.arange(1, 4), 0.5)
-    q += robot.home
-    tau = robot.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
-    tau = tau + load_columns(robot, q, v, vdot) @ load
-    current = tau / (robot.torque_per_ampere * robot.current_sign)
-    return Recording(
-        t=t, q=q, v=v, current=current + 0.03 * rng.normal(size=q.shape), source=f"log_{seed}.csv"
-    )
+    return log_of(robot, seed, duration, 1.1 * np.arange(1, 4), load=load)
 
 
 def test_a_load_is_found(ur10e, model):

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from sample_models import knowing_model
@@ -11,9 +10,7 @@ from sample_models import knowing_model
 from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.estimation.wrench_table import FLAGS
 from wrenchsight.models.identification.identified_model import FittedRobot
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
@@ -32,11 +29,8 @@ from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 )
 @pytest.mark.parametrize(("scheme", "track"), [("rtde", False), ("replay", False), ("rtde", True)])
 def test_a_replayed_log_reads_as_estimate_reads_it(
-    data, ur10e, tmp_path: Path, monkeypatch, name, log_format, scheme, track
+    data, ur10e, tmp_path: Path, no_figures, one_thread, name, log_format, scheme, track
 ):
-    numba.set_num_threads(1)  # as the process that reads does: samples come one by one
-    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
     log = data(name)
     model = replace(knowing_model(ur10e, 3.0, 5.0), fitted_robot=FittedRobot.of(ur10e))
     model.save(tmp_path / "model.yaml")

@@ -99,17 +99,16 @@ def test_parquet_has_the_columns_of_estimate(ur10e, tmp_path):
     assert tuple(tables[0].column_names) == columns_of(6)
 
 
+def _full(self, *given):
+    raise InputError("x", "", "cannot be written (No space left on device)")
+
+
 def test_a_full_disk_is_said_once_and_nothing_is_lost(ur10e, tmp_path, monkeypatch):
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 600)
     recorder.take(taken[:100])
-    full = InputError("x", "", "cannot be written (No space left on device)")
-
-    def write(self, *given):
-        raise full
-
     with monkeypatch.context() as patch:
-        patch.setattr(WrenchBagWriter, "write", write)
+        patch.setattr(WrenchBagWriter, "write", _full)
         assert "No space left" in recorder.take(taken[100:300])
         assert recorder.take(taken[300:500]) == ""
     t, _ = read_wrench_bag(tmp_path)
@@ -125,12 +124,7 @@ def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeyp
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 600)
     recorder.take(taken[:250])
-    full = InputError("x", "", "cannot be written (No space left on device)")
-
-    def write(self, *given):
-        raise full
-
-    monkeypatch.setattr(WrenchBagWriter, "write", write)
+    monkeypatch.setattr(WrenchBagWriter, "write", _full)
     recorder.take(taken[250:])
     assert recorder.close() == "350 readings are not in the recording"
     assert len(read_wrench_bag(tmp_path)[0]) == 250
@@ -143,13 +137,8 @@ def test_after_a_disk_was_full_for_long_what_had_been_recorded_is_still_there(
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 900)
     recorder.take(taken[:200])
-    full = InputError("x", "", "cannot be written (No space left on device)")
-
-    def write(self, *given):
-        raise full
-
     with monkeypatch.context() as patch:
-        patch.setattr(WrenchBagWriter, "write", write)
+        patch.setattr(WrenchBagWriter, "write", _full)
         recorder.take(taken[200:700])  # more than is held
     recorder.take(taken[700:])
     assert recorder.close() == "500 readings are not in the recording"

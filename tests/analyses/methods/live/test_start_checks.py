@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from sample_models import harmonic_motion
@@ -18,12 +17,7 @@ H = 0.01
 g = 9.81
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")  # samples come one by one
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import random
 import time
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 import pytest
 from sample_models import harmonic_motion, sample_torque_error
@@ -35,12 +34,7 @@ CHAIN = 25  # faults of one stream
 CONFIG = LiveConfig(WrenchEstimatorConfig(MomentumObserverConfig(time_step=H)))
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")  # samples come one by one
 
 
 @pytest.fixture(scope="module")

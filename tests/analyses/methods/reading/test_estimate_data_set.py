@@ -9,9 +9,7 @@ from lerobot_data_sets import write_data_set
 
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.estimate_data_set import SD, VALID, WRENCH
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Provenance
 from wrenchsight.models.recordings.lerobot.data_set import load_data_set
 from wrenchsight.models.recordings.parquet_table import ParquetTable
@@ -35,10 +33,8 @@ def _episode(robot: Robot, force: np.ndarray, seed: int) -> dict[str, np.ndarray
 
 @pytest.mark.parametrize(("version", "table"), [("v2.1", "csv"), ("v3.0", "parquet")])
 def test_each_frame_has_its_wrench(
-    tmp_path: Path, ur10e: Robot, monkeypatch: pytest.MonkeyPatch, version: str, table: str
+    tmp_path: Path, ur10e: Robot, no_figures: None, version: str, table: str
 ) -> None:
-    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
     episodes = [_episode(ur10e, force, e) for e, force in enumerate(_FORCES)]
     episodes[1]["observation.effort"][70] = np.nan  # a frame without a number
     root = write_data_set(tmp_path / "set", version, episodes, _FPS)

@@ -9,9 +9,7 @@ import pytest
 import yaml
 
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.fitted_robot import FittedRobot
@@ -24,10 +22,7 @@ _FORCE = 40.0  # N
 _TOOL = {"mass": 3.0, "com": [0.0, 0.0, 0.1], "inertia": [0.02, 0.02, 0.01, 0.0, 0.0, 0.0]}
 
 
-@pytest.fixture(autouse=True)
-def _no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
+pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 @pytest.fixture(scope="module")

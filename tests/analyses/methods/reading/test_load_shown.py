@@ -16,9 +16,7 @@ from wrenchsight.analyses.methods.reading.estimate_config import (
     checked_config,
     with_observer,
 )
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
-from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -32,11 +30,7 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
-
-@pytest.fixture(autouse=True)
-def _no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
+pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,7 @@ from sample_models import torque_error
 from scipy.signal import lfilter
 
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.reading.estimation import EstimateResult, estimate_log
-from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench_table import columns_of
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -30,10 +28,7 @@ T, ROWS, VISCOUS, MORE = 0.01, 3000, 20.0, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0
 NOISE = 0.2  # N m
 
 
-@pytest.fixture(autouse=True)
-def _no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
-    monkeypatch.setattr(EstimateSummary, "figure", lambda self, *given: None)
+pytestmark = pytest.mark.usefixtures("no_figures")
 
 
 def free_motion(robot: Robot, more: Array) -> Recording:
