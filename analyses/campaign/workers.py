@@ -49,10 +49,11 @@ def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generat
         alone = bool(suspects)
         source = deque([suspects.popleft()]) if alone else waiting
         under_way = dict[Future[WorldOutcome], WorldTask]()
-        with _executor(1 if alone else jobs, log) as (executor, broken):
+        processes = min(jobs, len(source))
+        with _executor(processes, log) as (executor, broken):
             try:
                 while source or under_way:
-                    while source and len(under_way) < (1 if alone else jobs):
+                    while source and len(under_way) < processes:
                         with for_this_process_alone():
                             under_way[executor.submit(run_world, source[0])] = source[0]
                         source.popleft()  # not before: a broken pool takes no more

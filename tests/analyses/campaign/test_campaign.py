@@ -125,7 +125,7 @@ def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign
     assert (tmp_path / "campaign" / "world-00001" / "toy" / "drawn.txt").is_file()
     assert counted("ran_toy") == 3
     assert not (tmp_path / "campaign" / "failures").exists()
-    campaign("toy", "other", folder="never_failed")
+    campaign("toy", "other", jobs=1, folder="never_failed")
     assert file_of(tmp_path, "campaign") == file_of(tmp_path, "never_failed")
 
 
@@ -145,7 +145,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     result = campaign("once")
     assert (result.worlds, result.failures) == (3, {})
     assert not (tmp_path / "campaign" / ".wrenchsight.partial").exists()
-    result = campaign("always", folder="always")
+    result = campaign("always", jobs=1, folder="always")
     assert result.worlds == 2
     assert "killed" in result.failures[1].failures["always"]
 

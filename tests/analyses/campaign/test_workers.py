@@ -4,6 +4,8 @@ import platform
 
 import pytest
 
+from wrenchsight.analyses.campaign import workers
+
 _COUNT_PAGES = """
     import resource
 
@@ -27,3 +29,18 @@ def test_memory_that_a_world_frees_is_its_own_the_next_time(tmp_path, experiment
     experiment("arrays", _COUNT_PAGES)
     campaign("arrays", worlds=1, jobs=1)
     assert int((tmp_path / "pages").read_text()) < 10
+
+
+def test_no_more_processes_are_started_than_there_are_worlds(tmp_path, monkeypatch):
+    """Each takes half a second of a processor to begin."""
+    asked = []
+
+    def executor(jobs, log):
+        asked.append(jobs)
+        raise InterruptedError
+
+    monkeypatch.setattr(workers, "_executor", executor)
+    for tasks in (1, 3):
+        with pytest.raises(InterruptedError):
+            next(workers.on_this_machine([None] * tasks, 2, tmp_path / "log"))
+    assert asked == [1, 2]
