@@ -36,21 +36,25 @@ _WHEEL: dict[str, tuple[str, str, str, dict[str, float]]] = {
 }
 
 
-# Two workers take them in turn: the estimator, the true arm and rigid bodies, postures.
+# Two workers take them in turn: one the estimator, the other until then what has none, from the
+# true arm to machining. A file that runs estimators would compile the same at the same time.
 _COMPILING = (
     "models/estimation/test_estimator.py",
     "models/truth/test_free_arm.py",
-    "diagrams/test_observers_everywhere.py",
     "models/rigid_body/test_serial_chain.py",
     "models/motion/test_posture_measures.py",
+    "models/motion/test_redundancy.py",
+    "models/placement/test_placement_program.py",
+    "systems/test_impedance_controller.py",
+    "models/control/test_impedance.py",
+    "models/machining/test_machining_reference.py",
+    "models/machining/test_machining_phases.py",
     "test_extensions.py",
+    "diagrams/test_observers_everywhere.py",
     "analyses/methods/runs/test_simulation.py",
     "diagrams/test_fused_estimator.py",
     "analyses/test_tilted_arm.py",
-    "models/motion/test_redundancy.py",
-    "systems/test_impedance_controller.py",
     "models/estimation/test_smoothing.py",
-    "models/placement/test_placement_program.py",
 )
 
 
@@ -58,9 +62,8 @@ _COMPILING = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sets the order of the files, which workers take from the front.
 
-    First those that compile the most kernels: one worker begins with the estimator's, the other
-    with those of the true arm, so that neither compiles what the other does. Then those with slow
-    tests, so that no worker begins one when the others are about to end.
+    First those that compile the most kernels, so that neither worker compiles what the other does.
+    Then those with slow tests, so that no worker begins one when the others are about to end.
     """
     slow = {item.path for item in items if item.get_closest_marker("slow") is not None}
     first = {ROOT / "tests" / file: place for place, file in enumerate(_COMPILING)}
