@@ -97,6 +97,18 @@ def test_the_gaussian_tail_is_exceeded_less_often_than_it_says():
     assert chi.sf(low, 6) * low**2 * 3600.0 / 0.2 > 10.0
 
 
+@pytest.mark.parametrize("size", [1, 6, 7])
+def test_the_gaussian_tail_begins_with_level_and_slope_of_chi(size):
+    """Level and rate as stated; the rate's logarithm has the slope of level^2 sf(level) there."""
+    tail = gaussian_tail(size, 0.2)
+    assert chi.sf(tail.level, size) == pytest.approx(1e-3, rel=1e-9)
+    assert tail.rate_per_hour == pytest.approx(3600.0 * 1e-3 * tail.level**2 / 0.2)
+    h = 1e-4
+    above, below = (np.log(x**2 * chi.sf(x, size)) for x in (tail.level + h, tail.level - h))
+    # Central difference: its own error is near h^2.
+    assert tail.scale == pytest.approx(-2.0 * h / (above - below), rel=1e-6)
+
+
 @pytest.mark.parametrize("values", [(1.0, 1.0, 0.0, 0.0), (np.nan, 1.0, 1.0, 0.0), (1, -1, 1, 0)])
 def test_what_is_no_tail_is_refused(values):
     with pytest.raises(ValueError, match="expected"):
