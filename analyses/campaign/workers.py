@@ -8,6 +8,7 @@ import logging
 import os
 import re
 import socket
+import warnings
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -152,6 +153,8 @@ def killed(task: WorldTask) -> WorldOutcome:
 def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
     from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor
 
+    # A process whose memory has grown is replaced between two worlds: nothing is lost by it.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
     with for_this_process_alone():
         executor = ProcessPoolExecutor(
             jobs,

@@ -1,6 +1,7 @@
 """What a process that runs worlds is given."""
 
 import platform
+import warnings
 
 import pytest
 
@@ -44,3 +45,14 @@ def test_no_more_processes_are_started_than_there_are_worlds(tmp_path, monkeypat
         with pytest.raises(InterruptedError):
             next(workers.on_this_machine([None] * tasks, 2, tmp_path / "log"))
     assert asked == [1, 2]
+
+
+def test_no_warning_of_a_process_that_is_replaced(tmp_path):
+    """joblib replaces one whose memory grows, as that of worlds in contact does."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        with workers._executor(1, tmp_path / "log"):
+            warnings.warn(
+                "A worker stopped while some jobs were given to the executor.", stacklevel=1
+            )
+    assert seen == []
