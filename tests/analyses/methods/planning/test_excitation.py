@@ -58,7 +58,7 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
         end = FourierTrajectory(
             start.base_frequency, start.centre, 3 * start.sine, 3 * start.cosine
         )
-        return ExcitationSolution(end, 0.0, False, "snopt 32", 1)
+        return ExcitationSolution(end, 0.0, "snopt 32", 1)
 
     monkeypatch.setattr(ExcitationProgram, "solve", beyond)
     result = excite(sts, ExcitationConfig(num_starts=2))
