@@ -16,6 +16,15 @@ v is the feed, tangential to the surface. The zone of cutting follows it with a 
 
 The spindle's unbalance turns with it, across its axis: F_u = unbalance omega^2.
 
+While it touches, the tool vibrates along the surface's normal, far faster than anything that is
+simulated: with the velocity's amplitude `vibration`, that an accelerometer on it shows. A force
+along the normal that does this shakes the joints, as free masses, by M^-1 J^T n each:
+
+    a = M^-1 J^T n vibration / (n^T J M^-1 J^T n)
+
+What this does to their friction is in `wrenchsight.models.truth.joint_kernels`; no encoder and no
+current shows it, and its force has the mean zero.
+
 That is a steady process. `wrenchsight.models.machining.process_variations` says what makes it vary.
 """
 
@@ -34,10 +43,11 @@ from wrenchsight.models.machining.process_variations import (
     check_variations,
     vary,
 )
+from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 
 _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.
-_RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _NUM = range(7)
+_RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _VIBRATION = range(7)
 
 PROCESS_STATE_SIZE = 10  # without what chatter remembers, which comes behind
 NORMAL_FORCE, NORMAL, FEED, FORCE = 0, slice(1, 4), slice(4, 7), slice(7, 10)
@@ -55,6 +65,7 @@ class ProcessConfig:
     lag: float = 0.01  # s
     spindle_frequency: float = 50.0  # Hz
     unbalance: float = 1e-5  # kg m: mass times eccentricity
+    vibration: float = 0.0  # m/s, amplitude of the tool's velocity along the normal, in contact
     variations: VariationsConfig = field(default_factory=VariationsConfig)
 
 
@@ -62,7 +73,7 @@ class MachiningProcess:
     """The law of this module for one set of parameters.
 
     Attributes:
-        table: (6,) constants for `cutting_force` and `add_unbalance_force`.
+        table: (7,) constants for `cutting_force`, `add_unbalance_force` and `joint_vibration`.
         variations: None where the process is steady.
 
     Args:
@@ -89,6 +100,7 @@ class MachiningProcess:
             ("lag", 1e-3, 1.0),
             ("spindle_frequency", 0.0, 450.0),
             ("unbalance", 0.0, 0.1),
+            ("vibration", 0.0, 1.0),
         ):
             value = getattr(config, name)
             if not low <= value <= high:
@@ -102,6 +114,7 @@ class MachiningProcess:
                 config.lag,
                 2.0 * math.pi * config.spindle_frequency,
                 config.unbalance,
+                config.vibration,
             ]
         )
         place = f"{source}.variations"
@@ -220,3 +233,35 @@ def add_unbalance_force(table: Array, t: float, R_WE: Array, force: Array) -> No
     c, s = size * math.cos(table[_OMEGA] * t), size * math.sin(table[_OMEGA] * t)
     for i in range(3):
         force[i] += c * R_WE[i, 0] + s * R_WE[i, 1]
+
+
+@kernel
+def joint_vibration(
+    table: Array, M: Array, J: Array, normal_force: float, normal: Array, out: Array
+) -> None:
+    """Writes the amplitudes (n,) rad/s of the joints' velocity by a tool that vibrates; 0: none.
+
+    Args:
+        table: of MachiningProcess.
+        M: (n, n) kg m^2.
+        J: (6, n) at E, axes of W, rotation first.
+        normal_force: N; without it nothing vibrates.
+        normal: (3,) unit normal of the surface, W.
+    """
+    n = out.shape[0]
+    out[:] = 0.0
+    if table[_VIBRATION] == 0.0 or not normal_force > 0.0:
+        return
+    along, factor = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        along[i] = normal[0] * J[3, i] + normal[1] * J[4, i] + normal[2] * J[5, i]
+        out[i] = along[i]
+        for j in range(n):
+            factor[i, j] = M[i, j]
+    factorise_in_place(factor, n, 0.0)
+    solve_factorised(factor, n, out)
+    mobility = 0.0  # of the tool along the normal, 1/kg
+    for i in range(n):
+        mobility += along[i] * out[i]
+    for i in range(n):
+        out[i] = abs(out[i]) * table[_VIBRATION] / mobility

@@ -20,9 +20,12 @@ from wrenchsight.models.control.wrench_script import sample_script
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_process import (
     FORCE,
+    NORMAL,
+    NORMAL_FORCE,
     add_unbalance_force,
     advance_process,
     advance_varying_process,
+    joint_vibration,
 )
 from wrenchsight.models.rigid_body.chain_kernels import all_terms
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
@@ -34,6 +37,7 @@ from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     MOTOR_CURRENT,
     SIGNALS,
+    VIBRATION,
     Links,
     encoder_reading,
     joint_tick,
@@ -334,6 +338,10 @@ def arm_memory(
                 *(time_step, t, contact, V_WE, p_WE, law),
             )
         state[own + 3 : own + 6] = law[FORCE]
+        shaken = state[VIBRATION * n : (VIBRATION + 1) * n]
+        joint_vibration(
+            of.process, plain(at.M), plain(at.J), law[NORMAL_FORCE], law[NORMAL], shaken
+        )
     if of.tool.shape[0] > 0:
         noise = np.zeros(6)
         if of.noise_seed >= 0:

@@ -23,6 +23,14 @@ transition velocity v_t dry friction is a function of velocity, as in grease, an
 
     sum_k s_k = limit tanh(v / v_t)
 
+A tool that works shakes the joints, at frequencies far above all that is simulated or read here.
+What it leaves is the mean of dry friction over its period (dither): of a joint shaken by a cos(wt)
+in velocity sign(v + a cos(wt)) has the mean
+
+    limit <- limit 2 / pi asin(min(1, |v| / a))
+
+so that a joint slower than its vibration has little friction left, and none at rest.
+
 All of it but the load's part wanders: coulomb, stiction and viscous times 1 + w, with
 
     w_k = a w_{k-1} + sqrt(1 - a^2) sd N(0, 1),   a = exp(-h / time)
@@ -89,7 +97,8 @@ ERROR = 35  # of the transmission error: amplitude, periods, phase, 1 / speed
 HARMONICS, ELEMENTS = 39, 40
 # Rows of the state; then three rows a slip element: torque of its spring before the last tick's
 # displacement, and its limits in that tick, N m.
-CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, SLIPS = range(8)
+# VIBRATION: amplitude of the joint's own velocity, rad/s, by a tool that works.
+CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, VIBRATION, SLIPS = range(9)
 # Rows of what a tick gives.
 TAU_J, TORQUE, TAU_F, MOTOR_CURRENT = range(4)
 SIGNALS = 4
@@ -210,6 +219,10 @@ def _tick(
             ahead, behind = behind, ahead
         forwards = level * table[i, FORWARDS] + ahead * abs(load)
         backwards = level * table[i, BACKWARDS] + behind * abs(load)
+        after[VIBRATION, i] = state[VIBRATION, i]
+        if state[VIBRATION, i] > 0.0:
+            held = 2.0 / math.pi * math.asin(min(1.0, abs(motor) / state[VIBRATION, i]))
+            forwards, backwards = held * forwards, held * backwards
         slipping, dry = 1.0, 0.0
         if table[i, TRANSITION] > 0.0:
             slipping = 0.0

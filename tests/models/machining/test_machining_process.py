@@ -12,6 +12,7 @@ from wrenchsight.models.machining.machining_process import (
     advance_process,
     advance_varying_process,
     cutting_force,
+    joint_vibration,
 )
 from wrenchsight.models.machining.process_variations import (
     ChatterConfig,
@@ -133,3 +134,17 @@ def test_unbalance_turns_across_the_spindle():
 def test_bad_parameters_are_named(key, value):
     with pytest.raises(InputError, match=key):
         table(**{key: value})
+
+
+def test_joints_vibrate_as_free_masses_that_one_force_along_the_normal_shakes():
+    """By numpy's solver: the tool's own velocity has the stated amplitude along the normal."""
+    rng = np.random.default_rng(5)
+    root, J = rng.normal(size=(6, 6)), rng.normal(size=(6, 6))
+    M, normal, out = root @ root.T + np.eye(6), np.array([0.0, 0.6, -0.8]), np.empty(6)
+    joint_vibration(table(vibration=0.03), M, J, 25.0, normal, out)
+    shaken = np.linalg.solve(M, J[3:].T @ normal)
+    shaken *= 0.03 / (normal @ J[3:] @ shaken)
+    np.testing.assert_allclose(out, np.abs(shaken), rtol=1e-12)
+    for amplitude, force in ((0.0, 25.0), (0.03, 0.0)):
+        joint_vibration(table(vibration=amplitude), M, J, force, normal, out)
+        np.testing.assert_array_equal(out, 0.0)

@@ -25,6 +25,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TORQUE,
     TRANSITION,
     TRANSMITTED,
+    VIBRATION,
     WANDER_KEPT,
     WANDER_SD,
     Links,
@@ -546,3 +547,32 @@ def test_friction_wanders_by_its_sd_and_forgets_in_its_time():
     assert share.std() == pytest.approx(0.05, rel=0.1)
     lag = np.mean(share[:-20] * share[20:]) / share.var()
     assert lag == pytest.approx(math.exp(-1.0), abs=0.07)
+
+
+@pytest.mark.parametrize("transition", [0.0, 1e-4])
+@pytest.mark.parametrize("v", [-0.3, -0.02, 0.004, 0.05])
+def test_a_joint_that_is_shaken_has_the_mean_of_its_dry_friction_over_the_vibration(v, transition):
+    """The mean of the sign of v + a cos(phase), counted phase by phase; the motor balances it."""
+    joint = one_joint(PLAIN, **DRY | {"stiction": 4.0, "viscous": 0.0})
+    joint.table[0, TRANSITION] = transition
+    bench = Bench(joint, v=v)
+    bench.state[VIBRATION] = 0.06
+    phase = (np.arange(100_000) + 0.5) * np.pi / 100_000
+    expected = 4.0 * np.mean(np.sign(v + 0.06 * np.cos(phase)))
+    for _ in range(3):
+        bench.tick(expected, v=v)
+    assert bench.signals[TAU_F, 0] == pytest.approx(expected, abs=1e-4)  # 4 / phases
+    assert bench.state[VIBRATION, 0] == 0.06
+
+
+def test_a_joint_that_is_shaken_cannot_rest_on_its_friction():
+    held, shaken = (Bench(one_joint(PLAIN, **DRY), M=1.3) for _ in range(2))
+    shaken.state[VIBRATION] = 0.06
+    for _ in range(2000):
+        held.tick(1.0)
+        shaken.tick(1.0)
+    assert abs(held.q[0]) < 1e-4
+    # It slides where 2 / pi limit(v) v / a + viscous v is the torque, v far below a.
+    v = shaken.v[0]
+    limit = 4.0 + 2.0 * np.exp(-((v / 0.05) ** 2))
+    assert limit * 2.0 / np.pi * np.arcsin(v / 0.06) + 2.0 * v == pytest.approx(1.0, rel=1e-6)

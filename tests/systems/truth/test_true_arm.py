@@ -1,5 +1,7 @@
 """The true arm as a block: ports, its kernels through them, what acts from outside, its motors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
@@ -28,6 +30,7 @@ from wrenchsight.models.machining.machining_process import (
     ProcessConfig,
     advance_process,
     advance_varying_process,
+    joint_vibration,
 )
 from wrenchsight.models.machining.process_variations import WorkpieceContact
 from wrenchsight.models.robot.robot import Robot
@@ -37,6 +40,7 @@ from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     SIGNALS,
+    VIBRATION,
     Links,
     encoder_reading,
     joint_tick,
@@ -264,9 +268,24 @@ def test_a_varying_process_is_told_time_and_place(robot, joints):
         *(T, 0.0123, touch, work.terms.V_WE, work.terms.p_WE, expected),
     )
     np.testing.assert_array_equal(work.after()[first : first + expected.size], expected)
+    assert not work.after()[VIBRATION * 6 : VIBRATION * 6 + 6].any()
     steady = process.initial_state[:10]
     advance_process(process.table, T, touch, work.terms.V_WE, steady)
     assert np.linalg.norm(expected[7:10] - steady[7:]) > 0.01 * np.linalg.norm(steady[7:])
+
+
+def test_a_tool_that_vibrates_shakes_the_joints_while_it_touches(robot, joints):
+    process = MachiningProcess(replace(PROCESS, vibration=0.03))
+    body, tip, _, results, _diagram = pressed_ball(patches=False, ball_first=True)
+    for contacts in (ToolContacts(body, [tip], RADIUS), None):
+        more = {} if contacts is None else {"contacts": contacts}
+        work = AtWork(
+            robot, joints, np.zeros(6), results if more else None, process=process, **more
+        )
+        touch, terms, expected = work.parts("truth")[2], work.terms, np.empty(6)
+        joint_vibration(process.table, terms.M, terms.J, touch[0], touch[1:], expected)
+        np.testing.assert_array_equal(work.after()[VIBRATION * 6 : VIBRATION * 6 + 6], expected)
+        assert expected.any() == (contacts is not None)
 
 
 def pressed_ball(patches, ball_first):
