@@ -46,6 +46,7 @@ from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _READINGS = ("tau_ext", "wrench", "covariance", "condition_number", "valid")
 _PASS = ("reference", "force_setpoint", "phase", "fault", "progress", "feed_time", "pose_error")
+_FREED = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
 
 
 @dataclass(frozen=True)
@@ -343,7 +344,7 @@ def _add_machining(
         block,
         parts["tau_command"],
         block.GetOutputPort("terms"),
-        {name: parts[name] for name in _PASS},
+        {name: parts[name] for name in (*_PASS, *_FREED) if name in parts},
         {name: parts[name] for name in _READINGS},
     )
 

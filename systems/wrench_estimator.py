@@ -25,6 +25,7 @@ from wrenchsight.models.estimation.kernel_choice import KernelChoice
 from wrenchsight.models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
+    KNOWN_SD,
     KNOWN_TAU_F,
     tick_output,
     tick_update,
@@ -141,7 +142,7 @@ class WrenchEstimatorSystem(LeafSystem):
             "law", lambda: AbstractValue.Make(object()), self._calc_law, parameters
         )
         # Memory that is settled once; nothing in it outlives a call.
-        self._known = np.zeros((2 + self._planned if taught else 0, n))
+        self._known = np.zeros((KNOWN_TAU_F + self._planned if taught else 0, n))
         self._unread = np.zeros(n)
         # Of the last reading: its number, constants, q and v. The update of the same tick, which
         # knows it by its number, need not ask Drake for them.
@@ -250,7 +251,7 @@ class WrenchEstimatorSystem(LeafSystem):
         q: Array,
         v: Array,
         current: Array,
-        taught: tuple[Array, Array, float] | None,
+        taught: tuple[Array, Array, float, Array] | None,
         reading: Array,
     ) -> None:
         """The first half of a tick: writes the port `reading` of a sample; `state` stays.
@@ -259,14 +260,16 @@ class WrenchEstimatorSystem(LeafSystem):
             packed: constants.
             state: flat.
             q, v, current: (n,); current counts where the observer reads the present torque.
-            taught: tau_correction (n,), v_planned (n,) and counts; None where nothing is taught.
+            taught: tau_correction (n,), v_planned (n,), counts and sd (n,), as `Taught`; None where
+                nothing is taught.
         """
         if taught is not None:
-            correction, v_planned, counts = taught
+            correction, v_planned, counts, sd = taught
             if self._planned:
                 friction_torque(packed.part("friction"), v_planned, self._known[KNOWN_TAU_F])
             self._known[KNOWN_CORRECTION] = correction
             self._known[KNOWN_COUNTS] = counts
+            self._known[KNOWN_SD] = sd
         tick_output(
             *(self._choice, *packed, state, q, v, current, self._known, reading, self._scratch)
         )

@@ -32,6 +32,7 @@ from wrenchsight.models.estimation.kernel_choice import kernel_choice
 from wrenchsight.models.estimation.tick import (
     KNOWN_CORRECTION,
     KNOWN_COUNTS,
+    KNOWN_SD,
     KNOWN_TAU_F,
     estimate_tick,
     memory_log,
@@ -98,11 +99,14 @@ class Taught(NamedTuple):
             pass: the sign of the measured speed of a joint that hardly moves plays no part. A law
             with memory follows the measured motion, through rest and reversal, on both passes.
         counts: (...) 1 where a reading so corrected may be valid, else 0.
+        sd: (..., n) N m, of the correction, beyond the model's torque error; a number stands for
+            all.
     """
 
     tau_correction: ArrayLike
     v_planned: ArrayLike
     counts: ArrayLike
+    sd: ArrayLike = 0.0
 
 
 class TickEstimate(NamedTuple):
@@ -541,25 +545,26 @@ class WrenchEstimator:
     def _known(
         self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]
     ) -> Array:
-        """(..., 2 or 3, n): what `models.estimation.tick` is told besides the sample."""
+        """(..., 3 or 4, n): what `models.estimation.tick` is told besides the sample."""
         n = self.num_joints
         if taught is not None and tau_f is not None:
             raise ValueError("taught says which friction is taken: tau_f has no place beside it")
         if taught is not None and self.observed_size:
             raise ValueError("an observer that reads the wrench itself has no use for an air pass")
         remembers = taught is not None and self.friction.state_rows > 0
-        known = np.zeros((*lead, 2 if remembers else 3, n))
+        known = np.zeros((*lead, KNOWN_TAU_F if remembers else KNOWN_TAU_F + 1, n))
         known[..., KNOWN_COUNTS, :] = 1.0
         if taught is None:
             shape = np.asarray(tau_f, float).shape
             if shape != (*lead, n):
                 raise ValueError(f"tau_f must be {(*lead, n)}, not {shape}")
             return known
-        shapes = [np.shape(signal) for signal in taught]
+        shapes = [np.shape(signal) for signal in taught[:3]]
         if shapes != [(*lead, n), (*lead, n), lead]:
             raise ValueError(f"what was taught must be {(*lead, n)} twice and {lead}, not {shapes}")
         if not remembers:
             known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
         known[..., KNOWN_CORRECTION, :] = taught.tau_correction
         known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
+        known[..., KNOWN_SD, :] = taught.sd
         return known

@@ -11,8 +11,9 @@
 takes the sample into the state; a log runs the same stages, those without memory in parallel over
 its rows. Which observer and which friction law run is part of the first argument's type, see
 `kernel_choice`. `known` without rows is the plain estimator. Otherwise it holds, row by row, what
-is to be added to tau_ext (n,) N m, in its first entry 1 where the reading counts, else 0, and where
-friction is known from elsewhere, so that the law has no say, its torque (n,) N m.
+is to be added to tau_ext (n,) N m, in its first entry 1 where the reading counts, else 0, the sd of
+what is added (n,) N m, and where friction is known from elsewhere, so that the law has no say, its
+torque (n,) N m.
 """
 
 import numpy as np
@@ -61,7 +62,7 @@ from wrenchsight.models.robot.motors import joint_torque
 from wrenchsight.models.views import Layout, borrowed, copy_to, copy_whole, read_only, view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
-KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_TAU_F = range(3)  # rows of `known`
+KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_SD, KNOWN_TAU_F = range(4)  # rows of `known`
 FAULT, COUNTS = range(2)  # of a tick's flags
 
 _BLOCK = 256  # rows a thread takes at a time
@@ -161,6 +162,14 @@ def _taken(
 
 
 @kernel(inline="always")
+def _widen(known: Array, sd: Array) -> None:
+    """Adds the sd of what is added to tau_ext to that of tau_ext (n,)."""
+    if known.shape[0] > KNOWN_SD:
+        for i in range(sd.shape[0]):
+            sd[i] = np.sqrt(sd[i] ** 2 + known[KNOWN_SD, i] ** 2)
+
+
+@kernel(inline="always")
 def _corrected(known: Array, signals: Array, tau_ext: Array, fresh: bool) -> bool:
     """Writes what is read as tau_ext; returns whether it counts."""
     for i in range(tau_ext.shape[0]):
@@ -201,7 +210,7 @@ def tick_output(
         values, layout, observer: Packed.
         state: (`state_size`,).
         q, v, current: (n,).
-        known: (0, n) or (3, n), see above.
+        known: (0, n), (3, n) or (4, n), see above.
         out: (sum of `tick_sizes`,), written: a Tick.
         scratch: (`workspace_size`,), overwritten.
     """
@@ -223,6 +232,7 @@ def tick_output(
     _terms(p, checked[0], checked[1], checked[2], known, signals, J, work.X, work.bodies)
     copy_whole(tick.error_state, s.error)
     torque_error_tick(p.error, p.poles[0], tick.error_state, signals[Q], signals[V], J, tick.error)
+    _widen(known, tick.error.sd)
     observed = tick.observed if _reads_wrench(choice) else tick.observed[:0]
     fresh = _observed(choice, p, observer, s, known, signals, J, observed)
     counts = _corrected(known, signals, tick.tau_ext, fresh)
@@ -321,7 +331,7 @@ def terms_log(
 
     Args:
         q, v, current: (N, n), checked.
-        known: (N, 3, n), or (N, 0, n).
+        known: (N, 3, n), (N, 4, n) or (N, 0, n).
         others: as `tick_output`.
     """
     N = q.shape[0]
@@ -381,6 +391,7 @@ def memory_log(
         own = signals[k]
         error = TorqueError(own[TORQUE_SD], own[STICTION], own[DRIFT], seen[k], rows[k])
         torque_error_tick(p.error, p.poles[0], s.error, own[Q], own[V], J[k], error)
+        _widen(known[k], error.sd)
         fresh = _observed(choice, p, observer, s, known[k], own, J[k], observed[k])
         _taken(choice, p, observer, s, known[k], own, J[k])
         counts[k] = _corrected(known[k], own, tau_ext[k], fresh)

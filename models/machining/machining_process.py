@@ -17,13 +17,10 @@ v is the feed, tangential to the surface. The zone of cutting follows it with a 
 The spindle's unbalance turns with it, across its axis: F_u = unbalance omega^2.
 
 While it touches, the tool vibrates along the surface's normal, far faster than anything that is
-simulated: with the velocity's amplitude `vibration`, that an accelerometer on it shows. A force
-along the normal that does this shakes the joints, as free masses, by M^-1 J^T n each:
-
-    a = M^-1 J^T n vibration / (n^T J M^-1 J^T n)
-
-What this does to their friction is in `wrenchsight.models.truth.joint_kernels`; no encoder and no
-current shows it, and its force has the mean zero.
+simulated: with the velocity's amplitude `vibration`, that an accelerometer on it shows. How far it
+shakes the joints is in `wrenchsight.models.machining.tool_vibration`, what this does to their
+friction in `wrenchsight.models.truth.joint_kernels`. No encoder and no current shows it, and its
+force has the mean zero.
 
 That is a steady process. `wrenchsight.models.machining.process_variations` says what makes it vary.
 """
@@ -43,7 +40,7 @@ from wrenchsight.models.machining.process_variations import (
     check_variations,
     vary,
 )
-from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.machining.tool_vibration import vibration_shares
 
 _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.
@@ -248,20 +245,7 @@ def joint_vibration(
         normal_force: N; without it nothing vibrates.
         normal: (3,) unit normal of the surface, W.
     """
-    n = out.shape[0]
     out[:] = 0.0
-    if table[_VIBRATION] == 0.0 or not normal_force > 0.0:
-        return
-    along, factor = np.empty(n), np.empty((n, n))
-    for i in range(n):
-        along[i] = normal[0] * J[3, i] + normal[1] * J[4, i] + normal[2] * J[5, i]
-        out[i] = along[i]
-        for j in range(n):
-            factor[i, j] = M[i, j]
-    factorise_in_place(factor, n, 0.0)
-    solve_factorised(factor, n, out)
-    mobility = 0.0  # of the tool along the normal, 1/kg
-    for i in range(n):
-        mobility += along[i] * out[i]
-    for i in range(n):
-        out[i] = abs(out[i]) * table[_VIBRATION] / mobility
+    if table[_VIBRATION] > 0.0 and normal_force > 0.0:
+        vibration_shares(M, J, normal, out)
+        out *= table[_VIBRATION]

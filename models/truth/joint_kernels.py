@@ -73,6 +73,7 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
+from wrenchsight.models.machining.tool_vibration import held_share
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.views import read_only
@@ -221,7 +222,7 @@ def _tick(
         backwards = level * table[i, BACKWARDS] + behind * abs(load)
         after[VIBRATION, i] = state[VIBRATION, i]
         if state[VIBRATION, i] > 0.0:
-            held = 2.0 / math.pi * math.asin(min(1.0, abs(motor) / state[VIBRATION, i]))
+            held = held_share(motor, state[VIBRATION, i])
             forwards, backwards = held * forwards, held * backwards
         slipping, dry = 1.0, 0.0
         if table[i, TRANSITION] > 0.0:

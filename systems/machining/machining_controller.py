@@ -10,6 +10,12 @@ from wrenchsight.models.estimation.tick import tick_update
 from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
 from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.machining.machining_tick import follow_tick, lead_tick
+from wrenchsight.models.machining.tool_vibration import (
+    VibrationTracker,
+    freed_friction,
+    track_vibration,
+    vibration_shares,
+)
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -17,14 +23,15 @@ from wrenchsight.systems.impedance_controller import ImpedanceController
 from wrenchsight.systems.last_tick import LastTick
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
-_POSE_SIZE = 12
+_POSE_SIZE, _POSE = 12, 18  # of a pose, and of a pose's reference: R_WD first, row by row
 
 
 class MachiningController(LeafSystem):
     """What machines with an arm, between its encoders and its drives, in two calls a tick.
 
     One after the other run the kernels of `MachiningReference`, of what an air pass taught, of
-    `WrenchEstimatorSystem` and of `ImpedanceController`. Parameters cannot be changed: those of
+    `VibrationTracker` where there was one, of `WrenchEstimatorSystem` and of `ImpedanceController`.
+    Parameters cannot be changed: those of
     the blocks are taken.
 
                     +---------------------+ --> action
@@ -43,7 +50,8 @@ class MachiningController(LeafSystem):
              terms    RigidBodyTerms (abstract) of the model, for pictures
     Between two ticks `action` is that of the last one.
 
-    State:   that of the estimator, of the reference (7 + 15), of the controller (1), flat
+    State:   that of the estimator, of the reference (7 + 15), of the controller (1), of the
+             tracker, flat
 
     Args:
         reference: of the pass.
@@ -74,22 +82,26 @@ class MachiningController(LeafSystem):
         self._n = n = self._chain.num_joints
         self._packed = estimator.default_packed
         self._taught: tuple[Array, Array, float] | None = None
+        self._tracker: VibrationTracker | None = None
         if taught is not None:
             assert taught.steady is not None
             self._taught = (taught.tau_ext, taught.steady, float(taught.t[1]))
+            self._tracker = VibrationTracker(estimator.estimator)
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
         self._wrench = self.DeclareVectorInputPort("wrench", 6) if reads_sensor else None
         memory = estimator.initial_state()
         self._estimator_end = len(memory)
-        initial = np.concatenate([memory, reference.initial_state, np.zeros(1)])
+        self._integral = len(memory) + len(reference.initial_state)
+        tracked = np.zeros(0) if self._tracker is None else self._tracker.initial_state
+        initial = np.concatenate([memory, reference.initial_state, np.zeros(1), tracked])
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         motion = {self._q.ticket(), self._v.ticket()}
         self._plan = reference.sizes
         sizes = self.sizes
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
-        self._size = ends["pose"]
+        self._size = sum(sizes.values())
         self._last = LastTick(self, initial, time_step, self._size)
         known = motion | self._last.tickets
         if self._wrench is not None:
@@ -100,7 +112,10 @@ class MachiningController(LeafSystem):
         self._reference_to = ends["reference"]
         self._wrench_at = slice(ends["tau_ext"], ends["wrench"])
         self._reading_at = slice(ends["feedback_valid"], ends["rest"])
-        self._pose_at = ends["rest"]
+        self._pose_at = slice(ends["rest"], ends["pose"])
+        if self._tracker is not None:
+            self._freed_at = slice(ends["pose"], ends["tool_vibration"])
+            self._shares_at = slice(ends["tool_vibration"], ends["joint_shares"])
         self._action = self.DeclareVectorOutputPort("action", self._size, self._calc_action, known)
         self.DeclareAbstractOutputPort(
             "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
@@ -133,7 +148,8 @@ class MachiningController(LeafSystem):
             )
         )
         action = {"tau_command": torque, "pose_error": error, "integral": integral}
-        return action | self._plan | reading | {"pose": _POSE_SIZE}
+        tracked = {} if self._tracker is None else self._tracker.sizes
+        return action | self._plan | reading | {"pose": _POSE_SIZE} | tracked
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
         state, kept = self._last.at(context)
@@ -143,40 +159,56 @@ class MachiningController(LeafSystem):
         out = output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
-        end, terms = self._estimator_end, self._model_terms
+        end, terms, integral = self._estimator_end, self._model_terms, self._integral
         lead_tick(
-            *self._leading, context.get_time(), state[end:-1], q, v, self._scratch, terms, plan
+            *(*self._leading, context.get_time(), state[end:integral], q, v),
+            *(self._scratch, terms, plan),
         )
         taught, n = None, self._n
-        if self._taught is not None:
+        if self._taught is not None and self._tracker is not None:
             lesson, reference = self._lesson, out[self._reference_from : self._reference_to]
             taught_tick(*self._taught, plan[-2], lesson)
-            taught = (lesson[:n], reference[n : 2 * n], lesson[n])
+            freed, own = out[self._freed_at], terms[0]
+            freed_friction(self._tracker.constants.amplitudes, state[integral + 1 :], freed)
+            normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
+            vibration_shares(own["M"], own["J"], normal, out[self._shares_at])
+            correction = lesson[:n] - freed[:n]
+            taught = (correction, reference[n : 2 * n], lesson[n], freed[n : 2 * n])
         self._estimator.read(self._packed, state[:end], q, v, self._unread, taught, reading)
         impedance_tick(
             self._impedance,
             terms,
             plan,
             out[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
-            state[-1],
+            state[integral],
             out[: self._plan_from],
-            out[self._pose_at :],
+            out[self._pose_at],
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         action = self._action.Eval(context)
         state, _ = self._last.take(context, discrete_state, action)
-        q, end = self._q.Eval(context), self._estimator_end
+        q, end, integral = self._q.Eval(context), self._estimator_end, self._integral
         tick_update(
             *(*self._taking, state[:end], q, self._v.Eval(context), self._current.Eval(context)),
             *(self._given, action[self._reading_at], self._estimator_scratch),
         )
+        if self._tracker is not None:
+            track_vibration(
+                self._tracker.constants,
+                action[self._reading_at],
+                self._lesson,
+                action[self._freed_at],
+                action[self._shares_at],
+                action.item(self._plan_to - 2) >= 0.0,  # the feed's time: at work
+                state[integral + 1 :],
+            )
         follow_tick(
-            *(*self._plan_values, context.get_time(), q, action[self._pose_at :]),
+            *(*self._plan_values, context.get_time(), q, action[self._pose_at]),
             action[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
-            state[end:],
+            state[end:integral],
         )
-        state[-1] = action[self._integral_at]
+        state[integral] = action[self._integral_at]
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._chain.terms(self._q.Eval(context), self._v.Eval(context)))

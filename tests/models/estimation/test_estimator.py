@@ -320,6 +320,29 @@ def test_what_was_taught_corrects_the_reading_and_friction_slides_at_planned_spe
         assert one.valid == found.valid[k]
 
 
+def test_the_sd_of_a_correction_adds_to_the_torque_error_s() -> None:
+    """Eq. 22, torque errors that are independent: Sigma_F = J^-T (Sigma_tau + D^2) J^-1."""
+    q, v, current = log(40)
+    own = WrenchEstimator(
+        arm(),
+        replace(model(), residual_covariance=np.diag(np.arange(1.0, 7.0))),
+        replace(CONFIG, reconstruction=WrenchReconstructionConfig("inverse")),
+    )
+    zero, sd = np.zeros_like(v), np.linspace(0.1, 2.0, v.size).reshape(v.shape)
+    plain, wide = (
+        own.run(own.initial_state(), q, v, current, taught=Taught(zero, v, np.ones(40), more))
+        for more in (0.0, sd)
+    )
+    np.testing.assert_array_equal(wide.tau_ext, plain.tau_ext)
+    for k in range(0, 40, 7):
+        gain = np.linalg.inv(own.chain.jacobian(q[k]).T)
+        expected = plain.covariance[k] + gain @ np.diag(sd[k] ** 2) @ gain.T
+        np.testing.assert_allclose(wide.covariance[k], expected, rtol=1e-6)
+    state = own.initial_state()
+    one = own.step(state, q[0], v[0], current[0], taught=Taught(zero[0], v[0], 1.0, sd[0]))
+    np.testing.assert_array_equal(one.covariance, wide.covariance[0])
+
+
 def test_friction_with_memory_follows_the_measured_motion_of_a_taught_estimator() -> None:
     """What was planned plays no part: the reading is the plain one, corrected."""
     q, v, current = log(200)

@@ -8,8 +8,9 @@ tool works, from the first to the last motion, turns included:
     coulomb_viscous  the same with the identified law alone
     ours             the estimator in the loop: presliding friction, which follows the joints
                      through rest and reversal, and what an air pass has taught
-                     (`models.machining.air_pass`), bayesian; its band by the state of each joint,
-                     learnt from another air pass
+                     (`models.machining.air_pass`), less what a vibrating tool frees of friction
+                     (`models.machining.tool_vibration`), bayesian; its band by the state of each
+                     joint, learnt from another air pass
     known_friction   no estimator: the article's with the true friction taken off the torques
     sensor           no estimator: the sensor under the tool, behind its low-pass
 """
@@ -67,6 +68,7 @@ _LOGGED = (
     "feed_time",
     "force_setpoint",
 )
+_TAUGHT = (*_LOGGED, "tool_vibration")
 
 
 @dataclass(frozen=True)
@@ -207,7 +209,7 @@ def run_machining(
         models.models[LAW],
         meshcat,
         machining_path=plan,
-        log=LogRequest(also=("tau_f_true",), only=_LOGGED),
+        log=LogRequest(also=("tau_f_true",), only=_LOGGED if taught is None else _TAUGHT),
         taught=taught,
         estimator_model=reads or models.models[OURS],
     )

@@ -141,6 +141,10 @@ def feed_metrics(
     out["steady_share"] = float(steady.sum() / working.sum())
     out["band"] = {feedback: band_shares(entry) for feedback, entry in runs.items()}
     out["regulation"] = {feedback: regulation(entry) for feedback, entry in runs.items()}
+    out["tool_vibration_m_per_s"] = {
+        feedback: float(np.median(entry.signals["tool_vibration"][entry.working]))
+        for feedback, entry in runs.items()
+    }
     out["fault"] = {
         feedback: FAULT_SENTENCES.get(entry.fault, "none") for feedback, entry in runs.items()
     }
@@ -275,5 +279,7 @@ def machining_notes(task: MachiningTask) -> list[str]:
         f"{each('regulation.estimate.median_n')} N; largest overshoot "
         f"{each('regulation.estimate.overshoot_n', '.1f')} N.",
         f"Inside the 95 % band, x y z by feed: {inside} %.",
+        "Amplitude of the tool's vibration, found from the torques, median: "
+        f"{each('tool_vibration_m_per_s.sensor', '1000 .1f')} mm/s.",
         f"Share of the work at steady feed: {each('steady_share', '100 .0f')} %.",
     ]

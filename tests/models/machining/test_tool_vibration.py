@@ -1,0 +1,153 @@
+"""How far a tool shakes joints, what that frees of friction, and how strong it is from torques."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator_arrays import tick_of, tick_sizes
+from wrenchsight.models.estimation.tick import COUNTS
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.machining.tool_vibration import (
+    AMPLITUDES,
+    VibrationTracker,
+    freed_friction,
+    held_share,
+    track_vibration,
+    vibration_shares,
+)
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.observers.observer import TAU_F, V
+
+N, T, K_0 = 6, 1e-3, 20.0
+DRY = np.array([8.0, 10.0, 6.5, 1.3, 1.9, 0.9])  # N m
+SPEED = np.array([0.04, -0.03, 0.036, 0.018, -0.03, 0.025])  # rad/s
+SHARES = np.array([0.1, 0.2, 2.8, 0.1, 0.5, 0.0])  # rad/m
+FORCE = np.array([0.0, 0.0, 0.0, 5.0, -8.0, 40.0])  # N m, N
+POSTURE = np.array([0.1, -0.95, -0.2, 3.1, 1.3, 1.3])  # rad, of work on the blade
+NOTHING = np.zeros(N)
+
+
+@pytest.fixture(scope="module")
+def tracker(sts):
+    return VibrationTracker(estimator_of(sts))
+
+
+def estimator_of(robot, observer=None):
+    observer = MomentumObserverConfig([K_0], time_step=T) if observer is None else observer
+    return WrenchEstimator(robot, IdentifiedModel.nominal(robot), WrenchEstimatorConfig(observer))
+
+
+def freed_at(amplitude, speed):
+    """What a law without the process takes off too much, N m."""
+    held = [held_share(v, a) for v, a in zip(speed, SHARES * amplitude, strict=True)]
+    return np.sign(speed) * DRY * (1.0 - np.array(held))
+
+
+def follow(tracker, robot, amplitude, seconds=9.0, noise=0.2, counts=1.0, works=True):
+    """What the tracker takes off joints that go to and fro under a constant force.
+
+    Returns:
+        What was taken off (ticks, 2N + 1), what was free (ticks, N), and the state.
+    """
+    viscous, J = tracker.constants.viscous, robot.chain.jacobian(POSTURE)
+    state, taken, rng = tracker.initial_state.copy(), np.zeros(2 * N + 1), np.random.default_rng(1)
+    reading = np.zeros(sum(tick_sizes(N).values()))
+    tick = tick_of(reading, N)
+    tick.flags[COUNTS], tick.J[:] = counts, J
+    pole = np.exp(-K_0 * T)
+    freed, error, log = np.zeros(N), np.zeros(N), []
+    for k in range(int(seconds / T)):
+        speed = SPEED * np.cos(2.0 * np.pi * k * T / 6.0)
+        freed_friction(tracker.constants.amplitudes, state, taken)
+        freed = pole * freed + (1.0 - pole) * freed_at(amplitude, speed)
+        error += (1.0 - pole) * (10.0 * noise * rng.standard_normal(N) - error)
+        tick.signals[TAU_F], tick.signals[V] = np.sign(speed) * DRY + viscous * speed, speed
+        tick.tau_ext[:] = J.T @ FORCE + freed + error - taken[:N]
+        tick.error.sd[:] = np.hypot(noise, taken[N : 2 * N])
+        track_vibration(tracker.constants, reading, NOTHING, taken, SHARES, works, state)
+        log.append((taken.copy(), freed))
+    return *map(np.array, zip(*log, strict=True)), state
+
+
+def test_joints_are_shaken_as_free_masses_by_one_force_along_the_normal():
+    rng = np.random.default_rng(5)
+    root, J = rng.normal(size=(N, N)), rng.normal(size=(6, N))
+    M, normal, out = root @ root.T + np.eye(N), np.array([0.0, 0.6, -0.8]), np.empty(N)
+    vibration_shares(M, J, normal, out)
+    shaken = np.linalg.solve(M, J[3:].T @ normal)
+    shaken /= normal @ J[3:] @ shaken
+    np.testing.assert_allclose(out, np.abs(shaken), rtol=1e-12)
+    assert normal @ J[3:] @ shaken == pytest.approx(1.0)
+    vibration_shares(M, np.zeros((6, N)), normal, out)
+    np.testing.assert_array_equal(out, 0.0)  # a tool that no joint moves along the normal
+
+
+@pytest.mark.parametrize("v", [0.0, 1e-4, 0.02, -0.049, 0.06])
+def test_friction_keeps_the_mean_of_its_sign_over_the_vibration(v):
+    phase = (np.arange(100_000) + 0.5) * np.pi / 100_000
+    expected = abs(np.mean(np.sign(v + 0.05 * np.cos(phase))))
+    assert held_share(v, 0.05) == pytest.approx(expected, abs=1e-5)
+    assert held_share(v, 0.0) == 1.0
+
+
+def test_before_anything_is_read_no_vibration_is_as_likely_as_any(tracker):
+    taken = np.empty(2 * N + 1)
+    freed_friction(tracker.constants.amplitudes, tracker.initial_state, taken)
+    assert taken[-1] == pytest.approx(0.5 * AMPLITUDES[1:].mean())
+    np.testing.assert_array_equal(taken[:-1], 0.0)
+
+
+@pytest.mark.parametrize("amplitude", [0.008, 0.019, 0.05])
+def test_the_amplitude_is_found_and_what_it_frees_taken_off(tracker, sts, amplitude):
+    taken, freed, _ = follow(tracker, sts, amplitude)
+    taken, freed = taken[3000:], freed[3000:]
+    assert taken[-1, -1] == pytest.approx(amplitude, rel=0.35)  # the grid's steps are a third
+    error = taken[:, :N] - freed
+    assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(freed**2))
+    # Its sd says how far it is off; below 1 % of the smallest friction nobody asks.
+    assert np.mean(np.abs(error) < 2.0 * taken[:, N : 2 * N] + 0.01) > 0.95
+
+
+def test_without_vibration_next_to_nothing_is_taken_off(tracker, sts):
+    taken, *_ = follow(tracker, sts, 0.0)
+    assert taken[-1, -1] < 0.003
+    assert np.abs(taken[-1, :N]).max() < 0.03 * np.abs(DRY).max()
+
+
+def test_a_reading_that_does_not_count_tells_nothing_but_may_be_off_by_what_any_vibration_frees(
+    tracker, sts
+):
+    taken, freed, state = follow(tracker, sts, 0.019, seconds=0.5, counts=0.0)
+    np.testing.assert_array_equal(state[: len(AMPLITUDES)], 0.0)
+    off = np.abs(taken[-1, :N] - freed[-1])
+    assert taken[-1, N : 2 * N].max() > 1.0
+    assert np.all(off < 2.0 * taken[-1, N : 2 * N] + 0.01)
+
+
+def test_a_tool_that_does_not_work_frees_nothing(tracker, sts):
+    taken, _, state = follow(tracker, sts, 0.0, seconds=0.5, works=False)
+    np.testing.assert_array_equal(taken[:, : 2 * N], 0.0)
+    np.testing.assert_array_equal(state, tracker.initial_state)
+
+
+def test_a_torque_that_is_not_finite_is_no_evidence(tracker, sts):
+    taken, *_, state = follow(tracker, sts, 0.019, seconds=0.5)
+    before = state.copy()
+    reading = np.zeros(sum(tick_sizes(N).values()))
+    tick = tick_of(reading, N)
+    tick.flags[COUNTS], tick.error.sd[:] = 1.0, 0.3
+    tick.J[:], tick.signals[V] = sts.chain.jacobian(sts.home), SPEED
+    tick.signals[TAU_F], tick.tau_ext[2] = DRY, np.nan
+    track_vibration(tracker.constants, reading, NOTHING, taken[-1], SHARES, True, state)
+    m = len(AMPLITUDES)
+    np.testing.assert_array_equal(state[:m], before[:m])
+    assert np.all(np.isfinite(state))
+
+
+def test_an_observer_without_a_gain_is_refused(sts):
+    config = replace(KalmanObserverConfig(), time_step=T)
+    with pytest.raises(ValueError, match="gain K_0"):
+        VibrationTracker(estimator_of(sts, config))
