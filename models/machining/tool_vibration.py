@@ -47,7 +47,7 @@ from wrenchsight.models.rigid_body.small_matrices import (
 )
 
 AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
-"""m/s, the grid; ISO 28927 measures 2 to 60 mm/s at the handles of grinders and polishers."""
+"""m/s, the grid; 10 m/s^2 at 100 Hz are 0.016 m/s."""
 CORRELATION, MEMORY = 0.3, 5.0  # s
 FORCES = 3.0  # of `live_prior`'s force sd: a tool presses harder than the rated payload weighs
 
