@@ -290,7 +290,7 @@ def simulate(
         write_page(meshcat, page, title)
         files.append(page)
     t, signals = kept.logged()
-    for name in ("progress", "feed_time"):
+    for name in ("progress", "feed_time", "freed_torque", "freed_sd"):
         signals.pop(name, None)
     phase, fault = signals.pop("phase", None), Fault.NONE
     if phase is not None:
@@ -314,6 +314,7 @@ def simulate(
         real_time_factor=float(t[-1]) / elapsed,
         phase=_first_column(phase),
         fault=fault,
+        tool_vibration=_first_column(signals.pop("tool_vibration", None)),
         notices=tuple(notices),
         files=tuple(files),
         **signals,

@@ -56,6 +56,7 @@ class SimulationResult:
         pose_error: (T, 6) rad and m, under impedance control.
         phase: (T,) of models.machining.machining_phases, and fault: why it retreated; of a
             machining pass.
+        tool_vibration: (T,) m/s that the torques tell, of a pass after an air pass.
         force_setpoint: (T,) N, under force control.
         real_time_factor: simulated over elapsed time.
         notices: what the reader of the result should know, one sentence each.
@@ -83,6 +84,7 @@ class SimulationResult:
     real_time_factor: float
     phase: Array | None = None
     fault: Fault = Fault.NONE
+    tool_vibration: Array | None = None
     notices: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
 
@@ -126,6 +128,9 @@ class SimulationResult:
                 "normal_force_rmse_n": float(np.sqrt(np.mean(work**2))) if len(work) else None,
                 "max_normal_force_n": float(self.pressing_force().max()),
             }
+            if self.tool_vibration is not None and len(work):
+                found = np.median(self.tool_vibration[self.phase == Phase.WORK])
+                metrics["machining"]["tool_vibration_m_per_s"] = float(found)
         elif self.force_setpoint is not None:
             error = self.pressing_force() - self.force_setpoint
             metrics["force_control_rmse_n"] = _rms(error)

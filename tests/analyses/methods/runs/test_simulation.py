@@ -231,6 +231,15 @@ def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(sts):
     assert untaught.valid.mean() > 0.9  # it does not know what it does not know
 
 
+def test_a_pass_after_an_air_pass_says_how_the_tool_vibrates(sts):
+    scenario = load_scenario("Grinding")
+    machining = replace(scenario.machining, one_way=1.0, passes=1)
+    result = simulate(replace(scenario, machining=machining), sts)
+    found = result.metrics()["machining"]["tool_vibration_m_per_s"]
+    assert 0.0 < found < 0.1
+    assert found == np.median(result.tool_vibration[result.phase == Phase.WORK])
+
+
 def test_what_a_pass_would_hit_is_said(sts, monkeypatch):
     scenario = load_scenario("Polishing")
     machining = replace(scenario.machining, one_way=2.0, ramp=0.5, air_pass=0.0)
