@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import opened_log, refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -132,7 +133,7 @@ class NpzTable:
     def _stored(self) -> dict[str, _Stored]:
         """The arrays of the file, by name."""
         stored: dict[str, _Stored] = {}
-        whole = opened_log(self.path)
+        whole = opened(self.path, "a log")
         try:
             with whole, zipfile.ZipFile(whole) as archive:
                 for member in archive.infolist():

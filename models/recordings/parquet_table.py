@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import opened_log, refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 
 Lines = NDArray[np.int64]
 
@@ -207,7 +208,7 @@ class ParquetTable:
 
     def _opened(self) -> pq.ParquetFile:
         path = self.path
-        with opened_log(path) as raw:
+        with opened(path, "a log") as raw:
             head = raw.read(4)
         if not head:
             raise InputError(path, "", "is empty", "record the log again")

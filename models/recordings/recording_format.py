@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import named_file
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration
 from wrenchsight.models.files.input_error import InputError
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000
 ROBOT, ENVIRONMENT = "robot", "environment"  # on which an external torque is exerted
-_BUNDLED = Path(__file__).parent / "formats"
+FORMATS = "recordings/formats"  # folder of the bundled descriptions
 
 _UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -115,11 +116,6 @@ class ColumnLayout:
         return self.column_names[signal.columns[index]] if signal else name
 
 
-def bundled_formats() -> list[str]:
-    """Names of the descriptions that come with the package."""
-    return sorted(path.stem for path in _BUNDLED.glob("*.yaml"))
-
-
 def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
     """Reads a description: a bundled name, or the path of a YAML file.
 
@@ -129,18 +125,7 @@ def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
     Raises:
         InputError: no such description, or it is wrong.
     """
-    path = Path(name_or_path)
-    if path.suffix.lower() not in (".yaml", ".yml"):
-        if str(name_or_path) not in bundled_formats():
-            near = difflib.get_close_matches(str(name_or_path), bundled_formats(), n=1)
-            hint = f'did you mean "{near[0]}"? ' if near else ""
-            raise InputError(
-                str(name_or_path),
-                "",
-                "no such description of a log",
-                f"{hint}give one of {', '.join(bundled_formats())}, or the path of a .yaml",
-            )
-        path = _BUNDLED / f"{name_or_path}.yaml"
+    path = named_file(name_or_path, FORMATS, "description of a log")
     description = load_configuration(path, RecordingFormat)
     _check_description(description, path)
     return description, path

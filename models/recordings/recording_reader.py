@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.differentiation import (
@@ -46,12 +47,12 @@ from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.recordings.recording_format import (
+    FORMATS,
     MOST_COLUMNS,
     ColumnLayout,
     RecordingFormat,
     Signal,
     SignalColumns,
-    bundled_formats,
     further_signals,
     load_format,
     resolve_layout,
@@ -475,7 +476,7 @@ class RecordingReader:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
         if table.names is not None and "t" in (name.lower() for name in table.names):
             return None
-        for name in bundled_formats():
+        for name in bundled_files(FORMATS):
             form, form_path = load_format(name)
             if form.num_columns != table.num_columns or form.header != (table.names is not None):
                 continue

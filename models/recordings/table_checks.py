@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -62,21 +61,3 @@ def refuse_missing(
             "is empty or not finite, expected a number",
             "correct or remove the row; a short gap is bridged",
         )
-
-
-def opened_log(path: Path) -> BinaryIO:
-    """Opens a log's file.
-
-    Raises:
-        InputError: no such file, a directory, or one that may not be read.
-    """
-    if path.is_dir():
-        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
-    try:
-        return path.open("rb")
-    except FileNotFoundError as error:
-        raise InputError(path, "", "no such file", "check the path") from error
-    except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check the path"
-        ) from error

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import opened_log
 
 Lines = NDArray[np.int64]
 
@@ -97,7 +97,7 @@ class TextTable:
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
-        with opened_log(path) as file:
+        with opened(path, "a log") as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
             for _ in range(skip_lines):
@@ -168,7 +168,7 @@ class TextTable:
     def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Whole lines below the header, some MB at a time, with the first one's number."""
         line = self._num_head_lines + 1
-        with opened_log(self.path) as file:
+        with opened(self.path, "a log") as file:
             file.seek(self._begin)
             for _ in range(self._num_head_lines):
                 file.readline()

@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import bundled_files, named_file
 from wrenchsight.models.files.configuration import load_configuration, nearest, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -308,25 +308,13 @@ class Robot:
 
 def bundled_robots() -> list[str]:
     """Names of the robots that come with the package."""
-    folder = _bundled_folder()
-    return sorted(entry.name for entry in folder.iterdir() if (entry / "robot.yaml").is_file())
-
-
-def _bundled_folder() -> Path:
-    return Path(str(resources.files("wrenchsight.models"))) / "robots"
+    return list(bundled_files("robots"))
 
 
 def _robot_file(name_or_path: "str | Path") -> Path:
-    text = str(name_or_path)
-    if text in bundled_robots():
-        return _bundled_folder() / text / "robot.yaml"
-    path = Path(name_or_path)
-    if path.is_dir() and (path / "robot.yaml").is_file():
+    path = named_file(name_or_path, "robots", "robot")
+    if (path / "robot.yaml").is_file():
         return path / "robot.yaml"
-    if not path.exists() and path.suffix not in {".yaml", ".yml"}:
-        names = bundled_robots()
-        remedy = nearest(text, names) or f"give the path of a robot.yaml or one of {names}"
-        raise InputError(text, "", "no such robot", remedy)
     if path.suffix in {".urdf", ".xacro", ".sdf", ".xml"}:
         draft = f"draft one: wrenchsight robot {path} --out robot.yaml"
         raise InputError(path, "", "describes the robot's links, and is no robot.yaml", draft)

@@ -32,7 +32,7 @@ def read_document(
             `urdf_of_sdf`.
     """
     remedy = f"see {named_by}" if named_by is not None else "check the path"
-    data = read_limited(path, LARGEST_DOCUMENT, "URDF", remedy)
+    data = read_limited(path, LARGEST_DOCUMENT, "a URDF", remedy)
     root, lines = _parsed(data, path)
     if root.tag == "sdf":
         return urdf_of_sdf(root, path), {}

@@ -226,7 +226,7 @@ def _write_statistics(
     path = root / _STATS
     if path.is_file():
         try:
-            held = json.loads(read_limited(path, _LARGEST_META, path.name))
+            held = json.loads(read_limited(path, _LARGEST_META, "statistics"))
         except ValueError as error:
             raise InputError(path, "", f"is no JSON ({error})", "copy it again") from error
         more = any(isinstance(one, dict) and "q50" in one for one in held.values())

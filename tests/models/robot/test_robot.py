@@ -652,7 +652,7 @@ def test_a_moving_body_without_mass(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_no_urdf(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"absent\.urdf: URDF: no such file; see .*robot\.yaml"):
+    with pytest.raises(InputError, match=r"absent\.urdf: no such file; see .*robot\.yaml"):
         load_small(tmp_path, urdf_name="absent.urdf")
     with pytest.raises(InputError, match="<mujoco> is the root element, expected <robot>"):
         load_small(tmp_path, "<mujoco/>")
@@ -664,7 +664,7 @@ def test_a_file_that_is_no_urdf(tmp_path: Path) -> None:
     ("name", "expected"),
     [
         ("ur10", 'ur10: no such robot; did you mean "ur10e"?'),
-        ("qqqq", "give the path of a robot.yaml or one of"),
+        ("qqqq", "give the path of a YAML file or one of"),
         ("absent/robot.yaml", "absent/robot.yaml: no such file"),
     ],
 )
