@@ -64,7 +64,7 @@ class ParquetTable:
         try:
             schema = file.schema_arrow
             self.num_rows = file.metadata.num_rows
-            self._schema_names, self._types = schema.names, schema.types
+            self._kinds = dict(zip(schema.names, schema.types, strict=True))
             self._places: list[tuple[str, int]] = []  # name in the file and entry, by column
             widths: dict[str, int] = {}
             if self.num_rows:
@@ -174,10 +174,9 @@ class ParquetTable:
 
     def _widths(self, file: pq.ParquetFile) -> dict[str, int]:
         """How many numbers a row of each column holds, as its type or its first row says."""
-        schema = file.schema_arrow
-        counted = [name for name, kind in zip(schema.names, schema.types, strict=True)
-                   if _is_list(kind) and _is_number(_entry(kind))]  # fmt: skip
-        widths = dict.fromkeys(schema.names, 1)
+        kinds = self._kinds.items()
+        counted = [name for name, kind in kinds if _is_list(kind) and _is_number(_entry(kind))]
+        widths = dict.fromkeys(self._kinds, 1)
         if counted:
             first = next(file.iter_batches(1, columns=counted))
             for name in counted:
@@ -194,14 +193,10 @@ class ParquetTable:
 
     def _check_type(self, column: int) -> None:
         name, _ = self._places[column]
-        kind = dict(zip(self._schema_names, self._types, strict=True))[name]
+        kind = self._kinds[name]
         if not _is_number(_entry(kind)):
-            raise InputError(
-                self.path,
-                f"column {name}",
-                f"holds {kind}, expected numbers",
-                "write one numeric column per joint, or lists of numbers",
-            )
+            remedy = "write one numeric column per joint, or lists of numbers"
+            raise InputError(self.path, f"column {name}", f"holds {kind}, expected numbers", remedy)
 
     def _damaged(self, place: str, error: Exception) -> InputError:
         return InputError(self.path, place, f"is damaged ({error})", "write the file again")
@@ -218,9 +213,8 @@ class ParquetTable:
             # Without read-ahead and memory mapping the memory stays that of some pages.
             return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, memory_map=False)
         except (pa.ArrowException, OSError) as error:
-            raise InputError(
-                path, "", f"is a damaged Parquet file ({error})", "write the file again"
-            ) from error
+            problem = f"is a damaged Parquet file ({error})"
+            raise InputError(path, "", problem, "write the file again") from error
 
 
 def _is_list(kind: pa.DataType) -> bool:

@@ -257,56 +257,44 @@ class TextTable:
         for number, data in enumerate(block.split(b"\n"), start=line):
             if not data.strip(b" \t\r"):
                 continue
-            place = f"line {number}"
-            if b"\0" in data:
-                raise InputError(
-                    self.path,
-                    place,
-                    "holds zero bytes instead of text, as after a power failure",
-                    "cut the file before this line",
-                )
-            if b"\r" in data.removesuffix(b"\r"):
-                raise InputError(
-                    self.path,
-                    place,
-                    "holds a carriage return in the middle",
-                    "correct or remove the line",
-                )
             text = data.decode("utf-8", "replace").strip("\r")
-            if self.names and text.strip() == self._head:
-                raise InputError(
-                    self.path,
-                    place,
-                    "repeats the header: two logs in one file",
-                    "split the file before this line",
-                )
             cells = self._cells(text)
-            if len(cells) != self.num_columns:
-                remedy = "correct or remove the line"
-                if len(cells) > self.num_columns and self.separator == ",":
-                    remedy += "; decimal commas need another separator, such as ;"
-                if re.search(r"[^\d\s.,;+\-eE]", text):
-                    remedy += f' (it begins with "{text[:30]}")'
-                raise InputError(
-                    self.path,
-                    place,
-                    f"has {len(cells)} columns, expected {self.num_columns}",
-                    remedy,
-                )
+            fault = self._fault_of_line(data, text, cells)
+            if fault is not None:
+                raise InputError(self.path, f"line {number}", *fault)
             for column in columns:
                 if column in may_be_empty and cells[column] in ("", *_NO_NUMBERS):
                     continue
-                self._check_cell(cells[column], place, column)
+                fault = self._fault_of_cell(cells[column], number)
+                if fault is not None:
+                    name = f" ({self.names[column]})" if self.names and self.names[column] else ""
+                    place = f"line {number}, column {column + 1}{name}"
+                    raise InputError(self.path, place, *fault)
 
-    def _check_cell(self, cell: str, place: str, column: int) -> None:
-        name = self.names[column] if self.names else ""
-        place += f", column {column + 1}" + (f" ({name})" if name else "")
+    def _fault_of_line(self, data: bytes, text: str, cells: list[str]) -> tuple[str, str] | None:
+        """Problem and remedy; None: it has as many cells as it should."""
+        if b"\0" in data:
+            problem = "holds zero bytes instead of text, as after a power failure"
+            return problem, "cut the file before this line"
+        if b"\r" in data.removesuffix(b"\r"):
+            return "holds a carriage return in the middle", "correct or remove the line"
+        if self.names and text.strip() == self._head:
+            return "repeats the header: two logs in one file", "split the file before this line"
+        if len(cells) == self.num_columns:
+            return None
+        remedy = "correct or remove the line"
+        if len(cells) > self.num_columns and self.separator == ",":
+            remedy += "; decimal commas need another separator, such as ;"
+        if re.search(r"[^\d\s.,;+\-eE]", text):
+            remedy += f' (it begins with "{text[:30]}")'
+        return f"has {len(cells)} columns, expected {self.num_columns}", remedy
+
+    def _fault_of_cell(self, cell: str, line: int) -> tuple[str, str] | None:
+        """Problem and remedy; None: it is a finite number."""
         if _is_number(cell, self.decimal_mark):
             if np.isfinite(float(cell.replace(self.decimal_mark, "."))):
-                return
-            raise InputError(
-                self.path, place, f"{cell} is beyond any number", "correct or remove the line"
-            )
+                return None
+            return f"{cell} is beyond any number", "correct or remove the line"
         if not cell:
             problem = "is empty, expected a number"
         elif re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", cell, re.IGNORECASE):
@@ -314,13 +302,13 @@ class TextTable:
         else:
             problem = f'holds "{cell[:40]}", expected a number'
         remedy = "correct or remove the line; a short gap is bridged"
-        if self.names is None and place.startswith(f"line {self._num_head_lines + 1},"):
+        if self.names is None and line == self._num_head_lines + 1:
             remedy = "set header: true in the description if this line names the columns"
         elif self.decimal_mark == "." and _is_number(cell, ","):
             remedy = 'set decimal_mark: "," in the description'
         elif self.decimal_mark == "," and _is_number(cell, "."):
             remedy = "use one decimal mark in all lines"
-        raise InputError(self.path, place, problem, remedy)
+        return problem, remedy
 
     def _endless(self, place: str) -> InputError:
         remedy = "expected text with one sample a line"
