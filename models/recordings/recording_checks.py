@@ -123,14 +123,8 @@ class RecordingChecks:
                 f"{IN_DEGREES}; if not, set position: {{unit: deg}} in a description"
             )
         unit = "rad" if revolute else "m"
-        raise self._error(
-            chunk,
-            k,
-            "q",
-            j,
-            f"q is {value:.6g} {unit}, expected {lower[j]:.4g} to {upper[j]:.4g} {unit}",
-            remedy,
-        )
+        problem = f"q is {value:.6g} {unit}, expected {lower[j]:.4g} to {upper[j]:.4g} {unit}"
+        raise self._error(chunk, k, "q", j, problem, remedy)
 
     def _check_speeds(self, chunk: Recording) -> None:
         limit = self._robot.velocity_limit
@@ -143,14 +137,8 @@ class RecordingChecks:
         if not self._is_prismatic(j):
             remedy = "if these are degrees per second, set velocity: {unit: deg/s} "
             remedy += "in a description (--log-format)"
-        raise self._error(
-            chunk,
-            k,
-            "v",
-            j,
-            f"v is {value:.6g} {unit}, but the joint reaches {limit[j]:.4g} {unit}",
-            remedy,
-        )
+        problem = f"v is {value:.6g} {unit}, but the joint reaches {limit[j]:.4g} {unit}"
+        raise self._error(chunk, k, "v", j, problem, remedy)
 
     def _check_jumps(self, part: Recording) -> None:
         jump = np.diff(part.q, axis=0)
@@ -164,14 +152,8 @@ class RecordingChecks:
             remedy = "the angle is wrapped: unwrap it before"
         elif abs(abs(jump[k, j]) - 360) < 30:
             remedy = "the angle is wrapped, in degrees: unwrap it and set unit: deg"
-        raise self._error(
-            part,
-            k + 1,
-            "q",
-            j,
-            f"q jumps by {jump[k, j]:.4g} in {part.t[k + 1] - part.t[k]:.4g} s",
-            remedy,
-        )
+        problem = f"q jumps by {jump[k, j]:.4g} in {part.t[k + 1] - part.t[k]:.4g} s"
+        raise self._error(part, k + 1, "q", j, problem, remedy)
 
     def _check_currents(self, chunk: Recording) -> None:
         if not chunk.num_samples:
@@ -192,14 +174,10 @@ class RecordingChecks:
             remedy += "(--log-format)"
         elif (np.median(np.abs(chunk.current), axis=0) < limit).all():
             remedy += "; if torques in N m, name the columns tau1.."
-        raise self._error(
-            chunk,
-            None,
-            "current",
-            j,
-            f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m",
-            remedy,
+        problem = (
+            f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m"
         )
+        raise self._error(chunk, None, "current", j, problem, remedy)
 
     def _add_motion(self, part: Recording) -> None:
         steps = np.diff(part.t)
@@ -269,15 +247,12 @@ class RecordingChecks:
             return
         is_torque = self._has_torque_only(chunk)  # which current_sign does not touch
         turn = "" if is_torque else "turn current_sign in the robot's file, or "
-        raise self._error(
-            chunk,
-            None,
-            "current",
-            int(wrong[0]),
-            found.sentence(self._word(chunk), self._robot.joint_names),
+        problem = found.sentence(self._word(chunk), self._robot.joint_names)
+        remedy = (
             f"its sign is wrong: {turn}set gain: -1 in a description; or the robot is not mounted "
-            "upright; or take it as it is: --accept-signs",
+            "upright; or take it as it is: --accept-signs"
         )
+        raise self._error(chunk, None, "current", int(wrong[0]), problem, remedy)
 
     def _word(self, chunk: Recording) -> str:
         return "torque" if self._has_torque_only(chunk) else "current"
@@ -295,13 +270,9 @@ class RecordingChecks:
         if len(dead):
             j = int(dead[0])
             gravity = sums.gravity()[j]
+            problem = f"the {word} is zero, but gravity alone takes {gravity:.3g} N m"
             raise self._error(
-                chunk,
-                None,
-                "current",
-                j,
-                f"the {word} is zero, but gravity alone takes {gravity:.3g} N m",
-                f"log the motor {word}, or give its column",
+                chunk, None, "current", j, problem, f"log the motor {word}, or give its column"
             )
         self._judge_unit(chunk, loaded & (np.abs(cosine) > FOLLOWS))
         # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
@@ -318,14 +289,10 @@ class RecordingChecks:
             remedy = f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere"
             if self._has_torque_only(chunk):
                 remedy = "check the column and its unit: motor_torque: {unit: ...}"
-            raise self._error(
-                chunk,
-                None,
-                "current",
-                j,
-                f"the motor torque is {size[j]:.3g} times the gravity torque, expected about 1",
-                remedy,
+            problem = (
+                f"the motor torque is {size[j]:.3g} times the gravity torque, expected about 1"
             )
+            raise self._error(chunk, None, "current", j, problem, remedy)
 
     def _judge_unit(self, chunk: Recording, telling: NDArray[np.bool_]) -> None:
         """Refuses torque that was given as current, and current that was given as torque.
