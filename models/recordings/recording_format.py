@@ -146,12 +146,8 @@ def rows_for(description: RecordingFormat, file: Path) -> tuple[int, int] | None
 
 def _check_description(description: RecordingFormat, path: Path) -> None:
     if len(description.separator) != 1 or description.separator in '"\n\r':
-        raise InputError(
-            path,
-            "separator",
-            f'expected one character, found "{description.separator}"',
-            'write separator: ";", or "\\t" for tabs',
-        )
+        problem = f'expected one character, found "{description.separator}"'
+        raise InputError(path, "separator", problem, 'write separator: ";", or "\\t" for tabs')
     if description.decimal_mark not in (".", ","):
         raise InputError(path, "decimal_mark", 'expected "." or ","', "correct it")
     if description.decimal_mark == description.separator:
@@ -162,11 +158,9 @@ def _check_description(description: RecordingFormat, path: Path) -> None:
             raise InputError(path, key, f"{value}, expected 0 to {most}")
     for name, rows in description.rows.items():
         if rows and (len(rows) != 2 or not 1 <= rows[0] < rows[1]):
+            problem = f"expected the first and the last row, counted from 1, found {rows}"
             raise InputError(
-                path,
-                f"rows, {name}",
-                f"expected the first and the last row, counted from 1, found {rows}",
-                "write e.g. [635, 3510], or [] for all rows",
+                path, f"rows, {name}", problem, "write e.g. [635, 3510], or [] for all rows"
             )
     for key in ("t", *_JOINT_SIGNALS, "dropout"):
         if key in description.extra:

@@ -334,12 +334,9 @@ class RecordingReader:
             if wrong.any():
                 k, j = (int(index[0]) for index in np.nonzero(wrong))
                 column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
-                raise InputError(
-                    self.path,
-                    f"{place_of(chunk, k)}, {column}",
-                    f"{signal[k, j]:.3g} is beyond any robot",
-                    "correct or remove the row; a short gap is bridged",
-                )
+                problem = f"{signal[k, j]:.3g} is beyond any robot"
+                remedy = "correct or remove the row; a short gap is bridged"
+                raise InputError(self.path, f"{place_of(chunk, k)}, {column}", problem, remedy)
         wrong = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
         if wrong.any():
             k = int(np.argmax(wrong))
@@ -388,12 +385,9 @@ class RecordingReader:
     def _fit_to_robot(self) -> None:
         robot, size = self._robot, self.num_joints
         if robot is not None and size and size != robot.num_joints:
-            raise InputError(
-                self.path,
-                "columns",
-                f"holds {size} joints, but {robot.name} has {robot.num_joints}",
-                "give the robot that the log comes from, " + _DESCRIBE,
-            )
+            problem = f"holds {size} joints, but {robot.name} has {robot.num_joints}"
+            remedy = "give the robot that the log comes from, " + _DESCRIBE
+            raise InputError(self.path, "columns", problem, remedy)
 
     def _more(self, table: LogTable) -> tuple[Signal, ...]:
         """The signals that no description names."""
@@ -417,12 +411,10 @@ class RecordingReader:
                 episode,
             )
         if container is None:
-            raise InputError(
-                path,
-                "",
-                f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml',
-                "export the log as CSV, " + _DESCRIBE,
+            problem = (
+                f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
             )
+            raise InputError(path, "", problem, "export the log as CSV, " + _DESCRIBE)
         table = container.open(path, None)
         known = self._known_format(table)
         if known is not None:
@@ -442,12 +434,9 @@ class RecordingReader:
                     return form, str(path), table
                 return form, str(path), container.open(path, form)
         if table.names is None:
-            raise InputError(
-                path,
-                "line 1",
-                f"holds {table.num_columns} numbers and no names",
-                "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE,
-            )
+            problem = f"holds {table.num_columns} numbers and no names"
+            remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
+            raise InputError(path, "line 1", problem, remedy)
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
@@ -515,12 +504,9 @@ def _has_columns(form: RecordingFormat, names: Sequence[str]) -> bool:
 def _file_of(description: Path) -> Path:
     form, _ = load_format(description)
     if not form.file:
-        raise InputError(
-            description,
-            "",
-            'names no "file"',
-            "give the log itself with --log-format, or add the key file",
-        )
+        problem = 'names no "file"'
+        remedy = "give the log itself with --log-format, or add the key file"
+        raise InputError(description, "", problem, remedy)
     return description.parent / form.file
 
 

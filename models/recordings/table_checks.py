@@ -25,12 +25,8 @@ def rows_within(
     """
     first, last = rows or (1, count)
     if last > count:
-        raise InputError(
-            path,
-            "",
-            f"has {count} {counted}, but rows {first} to {last} are wanted",
-            "correct the rows in the description",
-        )
+        problem = f"has {count} {counted}, but rows {first} to {last} are wanted"
+        raise InputError(path, "", problem, "correct the rows in the description")
     return first, last
 
 
@@ -55,9 +51,8 @@ def refuse_missing(
     if wrong.any():
         assert table.names is not None
         i, k = (int(places[0]) for places in np.nonzero(wrong))
+        problem = "is empty or not finite, expected a number"
+        remedy = "correct or remove the row; a short gap is bridged"
         raise InputError(
-            path,
-            f"{table.row_word} {rows[i]}, column {table.names[columns[k]]}",
-            "is empty or not finite, expected a number",
-            "correct or remove the row; a short gap is bridged",
+            path, f"{table.row_word} {rows[i]}, column {table.names[columns[k]]}", problem, remedy
         )

@@ -119,12 +119,9 @@ class TextTable:
         self._head = first
         self.decimal_mark = decimal_mark or self._found_decimal_mark(second)
         if header and all(_is_number(cell, self.decimal_mark) for cell in cells):
-            raise InputError(
-                path,
-                f"line {self._num_head_lines}",
-                "holds numbers where the names of the columns are expected",
-                "set header: false in the description, or add a first line t,q1,...",
-            )
+            problem = "holds numbers where the names of the columns are expected"
+            remedy = "set header: false in the description, or add a first line t,q1,..."
+            raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
 
     def blocks(
         self,
@@ -157,13 +154,11 @@ class TextTable:
             if len(lines):
                 yield values, lines
         if rows is not None and end < last_line:
-            raise InputError(
-                self.path,
-                "",
+            problem = (
                 f"ends at row {end - self._num_head_lines}, but rows {rows[0]} to {rows[1]} are "
-                "wanted",
-                "correct the rows in the description",
+                "wanted"
             )
+            raise InputError(self.path, "", problem, "correct the rows in the description")
 
     def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Whole lines below the header, some MB at a time, with the first one's number."""
@@ -334,11 +329,9 @@ class TextTable:
         if len(line) == _LONGEST_LINE and b"\r" not in line:
             raise self._endless("the first line or the header")
         if b"\r" in line.rstrip(b"\r\n"):
+            problem = "lines end with carriage returns alone"
             raise InputError(
-                self.path,
-                "line 1",
-                "lines end with carriage returns alone",
-                "convert the line ends (dos2unix -c mac)",
+                self.path, "line 1", problem, "convert the line ends (dos2unix -c mac)"
             )
         try:
             return line.decode("utf-8")

@@ -311,12 +311,11 @@ class Robot:
             )
         for joint, position in zip(self._urdf.joints, home, strict=True):
             if not joint.lower <= position <= joint.upper:
-                raise InputError(
-                    self.source,
-                    "home",
+                problem = (
                     f"{joint.name} = {position:g} lies outside its limits "
-                    f"[{joint.lower:g}, {joint.upper:g}]",
+                    f"[{joint.lower:g}, {joint.upper:g}]"
                 )
+                raise InputError(self.source, "home", problem)
         return home
 
 
@@ -398,12 +397,9 @@ def _ordered_drives(
             raise InputError(source, f"{place}.rotor_inertia_side", problem)
     missing = [name for name in joint_names if name not in by_joint]
     if missing:
-        raise InputError(
-            source,
-            "drives",
-            f"no drive for {', '.join(missing)}",
-            "add one, or name the joint under locked_joints",
-        )
+        problem = f"no drive for {', '.join(missing)}"
+        remedy = "add one, or name the joint under locked_joints"
+        raise InputError(source, "drives", problem, remedy)
     return [by_joint[name] for name in joint_names]
 
 
@@ -422,12 +418,8 @@ def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
             source, place, "needs torque_per_ampere, or torque_constant with gear_ratio"
         )
     if not _WEAK <= value <= _STRONG:
-        raise InputError(
-            source,
-            place,
-            f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}",
-            "the sign belongs in current_sign",
-        )
+        problem = f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}"
+        raise InputError(source, place, problem, "the sign belongs in current_sign")
     return value
 
 
@@ -437,11 +429,9 @@ def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
     if drive.gear_ratio is None:
         if drive.rotor_inertia == 0.0:
             return 0.0
+        problem = "rotor_inertia is on the motor side, and gear_ratio is missing"
         raise InputError(
-            source,
-            f"drive of {drive.joint}",
-            "rotor_inertia is on the motor side, and gear_ratio is missing",
-            "add it, or set rotor_inertia_side: joint",
+            source, f"drive of {drive.joint}", problem, "add it, or set rotor_inertia_side: joint"
         )
     reflected = drive.rotor_inertia * drive.gear_ratio**2
     if reflected > _STRONG:
@@ -454,12 +444,9 @@ def _effort_limit(drive: DriveConfig, joint: JointLimits, urdf: Path) -> float:
     if drive.effort_limit is not None:
         return drive.effort_limit
     if joint.effort is None:
-        raise InputError(
-            urdf,
-            f"line {joint.line}" if joint.line else "",
-            f'joint "{joint.name}" has no effort limit above 0',
-            'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml',
-        )
+        problem = f'joint "{joint.name}" has no effort limit above 0'
+        remedy = 'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml'
+        raise InputError(urdf, f"line {joint.line}" if joint.line else "", problem, remedy)
     return joint.effort
 
 

@@ -200,12 +200,8 @@ class _Reader:
         """Drops all that does not hang on the base link: W is the base link's frame."""
         base = self.config.base_link
         if base not in self.links or base == "world":
-            raise InputError(
-                self.config_source,
-                "base_link",
-                f'"{base}" is no link of the robot in {self.path.name}',
-                self._near_link(base),
-            )
+            problem = f'"{base}" is no link of the robot in {self.path.name}'
+            raise InputError(self.config_source, "base_link", problem, self._near_link(base))
         (root,) = (name for name in self.links if name not in self.parent_joint)
         poses = self._below(root)
         if not poses[base].rotation().IsNearlyIdentity(1e-6):
@@ -245,12 +241,8 @@ class _Reader:
         """The moving joints from base to flange; any other moving joint is a branch."""
         flange = self.config.flange
         if flange not in self.links:
-            raise InputError(
-                self.config_source,
-                "flange",
-                f'"{flange}" is no link below "{self.config.base_link}"',
-                self._near_link(flange),
-            )
+            problem = f'"{flange}" is no link below "{self.config.base_link}"'
+            raise InputError(self.config_source, "flange", problem, self._near_link(flange))
         chain: list[ET.Element] = []
         joint = self.parent_joint.get(flange)
         while joint is not None:

@@ -37,11 +37,8 @@ def read_document(
     if root.tag == "sdf":
         return urdf_of_sdf(root, path), {}
     if root.tag != "robot":
-        raise InputError(
-            path,
-            f"line {lines[root]}",
-            f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>",
-        )
+        problem = f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>"
+        raise InputError(path, f"line {lines[root]}", problem)
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         root, lines = _parsed(urdf_of_xacro(path, arguments), path)[0], {}
     for element in root.iter():

@@ -42,12 +42,8 @@ class LowPass:
         if cutoff == 0.0:
             return cls(np.zeros((1, 1)), np.ones(1), np.ones(1))
         if not 0.0 < cutoff < 0.5 / time_step:
-            raise InputError(
-                "low-pass",
-                "cutoff",
-                f"{cutoff} Hz is outside 0 to {0.5 / time_step:g} Hz, half the sampling rate",
-                "0 means no filter",
-            )
+            problem = f"{cutoff} Hz is outside 0 to {0.5 / time_step:g} Hz, half the sampling rate"
+            raise InputError("low-pass", "cutoff", problem, "0 means no filter")
         if order not in (1, 2, 3, 4):
             raise InputError("low-pass", "order", f"{order} is none of 1, 2, 3, 4")
         numerator, denominator = signal.butter(order, 2 * np.pi * cutoff, analog=True)

@@ -206,12 +206,9 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
                 break  # fingers of a hand that no name tells
             if depths[1] >= _LEAST_ARM:
                 ends = [joint.child for joint in ways if joint.moves + depth(joint.child) > 1]
-                raise InputError(
-                    urdf,
-                    link,
-                    f"carries several arms or legs ({', '.join(ends)})",
-                    "name the link that carries the tool with --flange",
-                )
+                problem = f"carries several arms or legs ({', '.join(ends)})"
+                remedy = "name the link that carries the tool with --flange"
+                raise InputError(urdf, link, problem, remedy)
         way = next(joint for joint in ways if joint.moves + depth(joint.child) == depths[0])
         link, length = way.child, length + way.moves
     # Links fixed to the last one, of which one may be made for the tool.

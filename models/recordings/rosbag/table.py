@@ -204,12 +204,8 @@ class RosbagTable:
                         self._columns.append((topic, k))
         if not self._columns:
             listed = ", ".join(sorted(kinds)) or "nothing"
-            raise InputError(
-                path,
-                "",
-                f"holds no topic of {' or '.join(KINDS)}; it holds {listed}",
-                "record the joint states",
-            )
+            problem = f"holds no topic of {' or '.join(KINDS)}; it holds {listed}"
+            raise InputError(path, "", problem, "record the joint states")
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
 
