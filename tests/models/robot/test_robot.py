@@ -98,19 +98,29 @@ def test_bundled_robots_are_found_and_load() -> None:
         assert robot.notices == ()
 
 
-def test_sts_kinematics_are_table_1_exactly(sts: Robot) -> None:
-    # Table 1 as printed; 1e-12 leaves nothing but the rounding of the products.
-    alpha = np.radians([90.0, 0.0, 90.0, -90.0, 90.0, 0.0])
-    a = np.array([29.90, 270.60, 69.27, 0.0, 0.0, 0.0]) / 1000
-    d = np.array([379.50, 0.0, 0.0, 323.30, 0.0, 130.64]) / 1000
-    offset = np.radians([0.0, 90.0, 0.0, 0.0, 0.0, 0.0])
-    plant, parts = plant_of(sts)
+UP = np.pi / 2
+TURNED = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link is the DH base turned by 180 degrees
+# Robot: base, alpha, a, d, offset; of the first Table 1 as printed.
+PUBLISHED = {
+    "sts_sre4_600": (np.eye(4), [UP, 0, UP, -UP, UP, 0], [0.0299, 0.2706, 0.06927, 0, 0, 0],
+        [0.3795, 0, 0, 0.3233, 0, 0.13064], [0, UP, 0, 0, 0, 0]),
+    "ur10e": (TURNED, [UP, 0, 0, UP, -UP, 0], [0, -0.6127, -0.57155, 0, 0, 0],
+        [0.1807, 0, 0, 0.17415, 0.11985, 0.11655], np.zeros(6)),
+    "ur5e": (TURNED, [UP, 0, 0, UP, -UP, 0], [0, -0.425, -0.3922, 0, 0, 0],
+        [0.1625, 0, 0, 0.1333, 0.0997, 0.0996], np.zeros(6)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_kinematics_are_the_published_ones(name: str) -> None:
+    base, alpha, a, d, offset = PUBLISHED[name]
+    plant, parts = plant_of(Robot.load(name))
     context = plant.CreateDefaultContext()
-    rng = np.random.default_rng(1)
-    for q in rng.uniform(-np.pi, np.pi, (50, 6)):
+    for q in np.random.default_rng(1).uniform(-np.pi, np.pi, (50, 6)):
         plant.SetPositions(context, q)
         X_WE = parts.frame_E.CalcPoseInWorld(context).GetAsMatrix4()
-        np.testing.assert_allclose(X_WE, dh_pose(alpha, a, d, q + offset), rtol=0, atol=1e-12)
+        expected = base @ dh_pose(alpha, a, d, q + offset)
+        np.testing.assert_allclose(X_WE, expected, rtol=0, atol=1e-12)  # rounding
 
 
 def test_sts_has_the_stated_mass_tool_and_contact_sphere(sts: Robot) -> None:
@@ -146,20 +156,6 @@ def test_sts_home_is_free_of_self_collision() -> None:
         context = scene_graph.GetMyContextFromRoot(diagram.CreateDefaultContext())
         query = scene_graph.get_query_output_port().Eval(context)
         assert query.ComputePointPairPenetration() == []
-
-
-def test_ur10e_kinematics_are_the_published_ones(ur10e: Robot) -> None:
-    alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
-    a = np.array([0, -0.6127, -0.57155, 0, 0, 0])
-    d = np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
-    plant, parts = plant_of(ur10e)
-    context = plant.CreateDefaultContext()
-    rng = np.random.default_rng(2)
-    turned = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link is the DH base turned by 180 degrees
-    for q in rng.uniform(-np.pi, np.pi, (50, 6)):
-        plant.SetPositions(context, q)
-        X_WE = parts.frame_E.CalcPoseInWorld(context).GetAsMatrix4()
-        np.testing.assert_allclose(X_WE, turned @ dh_pose(alpha, a, d, q), rtol=0, atol=1e-12)
 
 
 def test_ur10e_agrees_with_the_recordings_urdf(ur10e: Robot, data: Callable[[str], Path]) -> None:
@@ -212,19 +208,6 @@ def test_a_bundled_arm_moves_as_pinocchio_says(name: str) -> None:
     expected = [pinocchio.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)]
     found = robot.chain.inverse_dynamics(q, v, vdot)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding
-
-
-def test_ur5e_kinematics_are_the_published_ones() -> None:
-    alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
-    a = np.array([0, -0.425, -0.3922, 0, 0, 0])
-    d = np.array([0.1625, 0, 0, 0.1333, 0.0997, 0.0996])
-    robot = Robot.load("ur5e")
-    turned = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link is the DH base turned by 180 degrees
-    for q in np.random.default_rng(2).uniform(-np.pi, np.pi, (50, 6)):
-        R_WE, p_WE = robot.chain.pose(q)
-        X_WE = turned @ dh_pose(alpha, a, d, q)
-        np.testing.assert_allclose(p_WE, X_WE[:3, 3], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(R_WE, X_WE[:3, :3], rtol=0, atol=1e-12)
 
 
 def test_ur5e_has_the_published_masses_and_limits() -> None:
