@@ -81,14 +81,12 @@ class EffectiveUrdf:
             hulls: with the convex hulls of the collision meshes that Drake does not read, and with
                 the links that stand around the arm: for distances.
         """
-        self._root.set("name", name)
-        if not hulls:
-            return ET.tostring(self._root, encoding="unicode")
-        around = [element for pair in self._standing for element in pair]
-        with self.meshes.as_hulls():
-            self._root.extend(around)
-            try:
-                return ET.tostring(self._root, encoding="unicode")
-            finally:
-                for element in around:
-                    self._root.remove(element)
+        root = self._root
+        if hulls:
+            root = copy.deepcopy(root)
+            root.extend(copy.deepcopy(element) for pair in self._standing for element in pair)
+            links = {link.get("name"): link for link in root.findall("link")}
+            for link, element in self.meshes.hulls():
+                links[link].append(element)
+        root.set("name", name)
+        return ET.tostring(root, encoding="unicode")

@@ -27,7 +27,7 @@ def drop_pictures(
         What happened, a sentence each.
     """
     dropped: dict[tuple[str, str], int] = {}
-    for link in links.values():
+    for name, link in links.items():
         for kind in ("visual", "collision"):
             for element in link.findall(kind):
                 reason = _undrawable(element, urdf)
@@ -36,7 +36,7 @@ def drop_pictures(
                 link.remove(element)
                 if kind == "collision":
                     mesh, missing = _mesh_for_hull(element, urdf)
-                    collisions.add(link, element, mesh, missing or reason)
+                    collisions.add(name, element, mesh, missing or reason)
                     if mesh is not None:
                         continue
                 dropped[kind, reason] = dropped.get((kind, reason), 0) + 1

@@ -1,5 +1,6 @@
 """What stands around an arm, and what hangs on it without an inertia of its own."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -121,3 +122,14 @@ def test_a_mesh_of_a_package_is_found_however_it_is_written(tmp_path: Path, slas
     (folder / "a.stl").write_text("")
     found = resolved_mesh(f"{slashes}arm_description/a.stl", folder / "urdf" / "arm.urdf")
     assert found == folder / "a.stl"
+
+
+def test_an_arm_whose_joints_have_moved_keeps_its_hulls(
+    wheel_robot: Callable[[str], Robot],
+) -> None:
+    robot = wheel_robot("ur5")
+    slight = np.full((6, 3), 1e-6)
+    moved = robot.with_moved_joints(slight, slight)
+    slacks = [Clearance(one, floor=None).slack(robot.home) for one in (moved, robot)]
+    assert slacks[0] == pytest.approx(slacks[1], abs=1e-4)
+    assert np.isfinite(slacks[0])
