@@ -405,11 +405,8 @@ class RecordingReader:
             return form, str(form_path), (container or TEXT).open(path, form)
         if container is DATA_SETS:
             episode = DATA_SETS.open(path, None)
-            return (
-                self._laid_out(episode.layout(self._robot, self._words.angle)),
-                str(path),
-                episode,
-            )
+            form = self._laid_out(episode.layout(self._robot, self._words.angle))
+            return form, str(path), episode
         if container is None:
             problem = (
                 f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
@@ -418,21 +415,17 @@ class RecordingReader:
         table = container.open(path, None)
         known = self._known_format(table)
         if known is not None:
-            return known
+            return (*known, table)
+        layout: KnownLayout | None = None
         if table.names is not None and not _has_drives(table.names):
-            torques = external_torque_layout(table.names, path)
-            if torques is not None:
-                self._notices += torques.notices
-                return torques.form, str(path), table
-        if table.names is not None and "q1" not in _in_lower_case(table.names):
+            layout = external_torque_layout(table.names, path)
+        if layout is None and table.names and "q1" not in _in_lower_case(table.names):
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = known_layout(table.names, table.num_columns, path, joint_names)
             layout = layout or array_layout(table.names)
-            if layout is not None:
-                form = self._in_asked_angle(self._laid_out(layout))
-                if form.header:
-                    return form, str(path), table
-                return form, str(path), container.open(path, form)
+        if layout is not None:
+            form = self._in_asked_angle(self._laid_out(layout))
+            return form, str(path), table if form.header else container.open(path, form)
         if table.names is None:
             problem = f"holds {table.num_columns} numbers and no names"
             remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
@@ -461,7 +454,7 @@ class RecordingReader:
         self._effort = layout.effort
         return layout.form
 
-    def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str, LogTable] | None:
+    def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str] | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
         if table.names is not None and "t" in (name.lower() for name in table.names):
             return None
@@ -478,7 +471,7 @@ class RecordingReader:
             if rows:
                 notice += f", rows {rows[0]} to {rows[1]}"
             self._notices.append(notice)
-            return form, str(form_path), table
+            return form, str(form_path)
         return None
 
 

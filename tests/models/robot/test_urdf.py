@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
@@ -124,12 +126,15 @@ def test_a_mesh_of_a_package_is_found_however_it_is_written(tmp_path: Path, slas
     assert found == folder / "a.stl"
 
 
-def test_an_arm_whose_joints_have_moved_keeps_its_hulls(
-    wheel_robot: Callable[[str], Robot],
-) -> None:
+def _num_shapes(robot: Robot, hulls: bool) -> int:
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
+    robot.add_to_plant(plant, hulls=hulls)
+    return int(plant.num_collision_geometries())
+
+
+def test_moved_joints_keep_the_hulls(wheel_robot: Callable[[str], Robot]) -> None:
     robot = wheel_robot("ur5")
-    slight = np.full((6, 3), 1e-6)
-    moved = robot.with_moved_joints(slight, slight)
-    slacks = [Clearance(one, floor=None).slack(robot.home) for one in (moved, robot)]
-    assert slacks[0] == pytest.approx(slacks[1], abs=1e-4)
-    assert np.isfinite(slacks[0])
+    moved = robot.with_moved_joints(np.full((6, 3), 1e-6), np.full((6, 3), 1e-6))
+    assert _num_shapes(moved, True) == _num_shapes(robot, True)
+    # One shape is no mesh; the others are there only where hulls are asked for.
+    assert _num_shapes(robot, True) - _num_shapes(robot, False) == 7

@@ -158,6 +158,16 @@ def test_several_topics(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.extra["ft"], expected, atol=2e-6)  # of UNIX time's grain
 
 
+def test_a_long_gap_of_another_topic_is_not_bridged(tmp_path: Path) -> None:
+    messages = _states(_values())
+    sensor = np.delete(_stamps(), np.s_[50:150])  # 0.2 s
+    messages += [("/ft/wrench", int(s), _wrench(int(s), np.ones(6))) for s in sensor]
+    messages.sort(key=lambda message: message[1])
+    recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
+    assert recording.row is not None
+    np.testing.assert_array_equal(recording.row, [*range(1, 51), *range(152, 201)])
+
+
 def test_a_driver_that_fills_no_efforts(tmp_path: Path) -> None:
     values = _values()
     values[:, 6:] = np.nan
