@@ -25,8 +25,8 @@ from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
-from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.motion.branches import all_branches, closed_form
 from wrenchsight.models.motion.inverse_kinematics import follow_path

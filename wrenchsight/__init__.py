@@ -11,67 +11,16 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-# Public name -> the module that defines it. `__init__.pyi` says the same to a type checker.
-_HOME = {
-    "Robot": "wrenchsight.models.robot.robot",
-    "bundled_robots": "wrenchsight.models.robot.robot",
-    "InputError": "wrenchsight.models.files.input_error",
-    "IdentifiedModel": "wrenchsight.models.identification.identified_model",
-    "Recording": "wrenchsight.models.recordings.recording",
-    "WrenchEstimator": "wrenchsight.models.estimation.estimator",
-    "WrenchEstimatorConfig": "wrenchsight.models.estimation.estimator",
-    "TickEstimate": "wrenchsight.models.estimation.estimator",
-    "EstimateBatch": "wrenchsight.models.estimation.estimator",
-    "smoothed_estimate": "wrenchsight.models.estimation.smoothing",
-    "ContactDetectionConfig": "wrenchsight.models.detection.contact_detector",
-    "ContactDetector": "wrenchsight.models.detection.contact_detector",
-    "Detection": "wrenchsight.models.detection.contact_detector",
-    "MomentumObserverConfig": "wrenchsight.models.observers.momentum_observer",
-    "KalmanObserverConfig": "wrenchsight.models.observers.kalman_observer",
-    "WrenchReconstructionConfig": "wrenchsight.models.estimation.wrench",
-    "CoulombViscous": "wrenchsight.models.friction.velocity_friction",
-    "SemiParametricFriction": "wrenchsight.models.friction.velocity_friction",
-    "PreslidingFriction": "wrenchsight.models.friction.presliding_friction",
-    "FrictionLaw": "wrenchsight.models.friction.friction_law",
-    "make_estimator": "wrenchsight.diagrams.estimator",
-    "add_estimator": "wrenchsight.diagrams.estimator",
-    "Scenario": "wrenchsight.diagrams.scenario",
-    "load_scenario": "wrenchsight.diagrams.scenario",
-    "bundled_scenarios": "wrenchsight.diagrams.scenario",
-    "ClosedLoop": "wrenchsight.diagrams.closed_loop",
-    "make_closed_loop": "wrenchsight.diagrams.closed_loop",
-    "RobotCell": "wrenchsight.diagrams.robot_cell",
-    "make_robot_cell": "wrenchsight.diagrams.robot_cell",
-    "IdentificationConfig": "wrenchsight.analyses.methods.learning.identification_config",
-    "IdentificationResult": "wrenchsight.analyses.methods.learning.identification",
-    "identify": "wrenchsight.analyses.methods.learning.identification",
-    "identify_logs": "wrenchsight.analyses.methods.learning.identification",
-    "EstimateConfig": "wrenchsight.analyses.methods.reading.estimate_config",
-    "EstimateResult": "wrenchsight.analyses.methods.reading.estimation",
-    "estimate_log": "wrenchsight.analyses.methods.reading.estimation",
-    "estimate_torque_logs": "wrenchsight.analyses.methods.external_torque.torque_logs",
-    "TorqueLogsResult": "wrenchsight.analyses.methods.external_torque.torque_logs",
-    "ExcitationConfig": "wrenchsight.analyses.methods.planning.excitation_config",
-    "ExcitationResult": "wrenchsight.analyses.methods.planning.excitation",
-    "excite_robot": "wrenchsight.analyses.methods.planning.excitation",
-    "place_task": "wrenchsight.analyses.methods.planning.placement",
-    "PlacementResult": "wrenchsight.analyses.methods.planning.placement_result",
-    "SimulationResult": "wrenchsight.analyses.methods.runs.simulation_result",
-    "live": "wrenchsight.analyses.methods.live.session",
-    "WatchConfig": "wrenchsight.analyses.methods.live.watch_config",
-    "open_source": "wrenchsight.analyses.methods.live.sources",
-    "LiveEstimator": "wrenchsight.models.live.live_estimator",
-    "LiveRobot": "wrenchsight.systems.live_robot",
-    "Reading": "wrenchsight.models.live.reading",
-    "StreamEvent": "wrenchsight.models.live.samples",
-    "simulate": "wrenchsight.analyses.methods.runs.simulation",
-    "FourierMotion": "wrenchsight.diagrams.scenario",
-    "excite": "wrenchsight.analyses.methods.planning.excitation",
-    "read_recording": "wrenchsight.models.recordings.recording_reader",
-    "write_recording": "wrenchsight.models.recordings.recording_writer",
-    "resampled": "wrenchsight.models.recordings.resampling",
-}
 
+def _homes() -> dict[str, str]:
+    """Public name -> the module that defines it, as `__init__.pyi` imports it."""
+    with open(f"{__file__}i", encoding="utf-8") as stub:  # noqa: PTH123  (pathlib is no light import)
+        statements = stub.read().replace("(\n    ", "").splitlines()
+    words = [statement.split() for statement in statements if statement.startswith("from ")]
+    return {name: module for _, module, _, name, *_ in words}
+
+
+_HOME = _homes()
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604  (the table holds strings)
 
 

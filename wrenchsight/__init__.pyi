@@ -1,4 +1,4 @@
-"""The public names, for a type checker; `__init__.py` imports them when they are used."""
+"""The public names: what a type checker reads, and what `__init__.py` imports when it is used."""
 
 from wrenchsight.analyses.methods.external_torque.torque_logs import (
     TorqueLogsResult as TorqueLogsResult,

@@ -24,8 +24,8 @@ import yaml
 from pydrake.common import pretty_class_name
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
-from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import read_limited
 from wrenchsight.models.files.whole_file import whole_file
 
 T = TypeVar("T")
@@ -123,20 +123,10 @@ def _read_text(path: Path) -> str:
         inside = sorted(path.glob("*.yaml"))[:3]
         remedy = f"name a file in it: {', '.join(map(str, inside))}" if inside else ""
         raise InputError(path, "", "is a directory, expected a YAML file", remedy)
-    about_to_read(path)
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)  # a device may have no end
-        if len(content) > LARGEST_FILE:
-            problem = f"is larger than {LARGEST_FILE >> 20} MB"
-            raise InputError(path, "", problem, "expected a YAML file")
-        return content.decode("utf-8")
-    except FileNotFoundError as error:
-        raise InputError(path, "", "no such file") from error
+        return read_limited(path, LARGEST_FILE, "a YAML file").decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(path, "", "is no text file", "expected YAML in UTF-8") from error
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read: {error.strerror}") from error
 
 
 def _name(schema: Any) -> str:

@@ -1,17 +1,36 @@
-"""Files that are read up to a largest size: a device such as /dev/zero never ends."""
+"""Files that are opened or read whole, up to a largest size: a device such as /dev/zero never ends.
+
+What cannot be read is one line.
+"""
 
 from pathlib import Path
+from typing import BinaryIO
 
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 
 
-def read_limited(path: Path, most: int, kind: str, remedy: str = "") -> bytes:
+def opened(path: Path, expected: str, remedy: str = "check the path") -> BinaryIO:
+    """Opens a file.
+
+    Args:
+        expected: what it should be, for error lines: "a URDF".
+
+    Raises:
+        InputError: no such file, a directory, or one that may not be read.
+    """
+    try:
+        return path.open("rb")
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error, expected, remedy) from error
+
+
+def read_limited(path: Path, most: int, expected: str, remedy: str = "check the path") -> bytes:
     """Returns the content of a file.
 
     Args:
         most: bytes that a file of this kind has at most.
-        kind: for error lines: "URDF".
+        expected: as `opened`.
 
     Raises:
         InputError: the file is missing, larger, or cannot be read.
@@ -21,9 +40,18 @@ def read_limited(path: Path, most: int, kind: str, remedy: str = "") -> bytes:
         with path.open("rb") as file:
             content = file.read(most + 1)
     except (OSError, ValueError) as error:
-        what = getattr(error, "strerror", None) or str(error)
-        what = "no such file" if isinstance(error, FileNotFoundError) else what
-        raise InputError(path, "", f"{kind}: {what}", remedy) from error
+        raise _unreadable(path, error, expected, remedy) from error
     if len(content) > most:
-        raise InputError(path, "", f"{kind}: is larger than {most >> 20} MB", remedy)
+        problem = f"is larger than {most >> 20} MB, expected {expected}"
+        raise InputError(path, "", problem, remedy)
     return content
+
+
+def _unreadable(path: Path, error: Exception, expected: str, remedy: str) -> InputError:
+    if isinstance(error, FileNotFoundError):
+        return InputError(path, "", "no such file", remedy)
+    if isinstance(error, IsADirectoryError):
+        problem = f"is a directory, expected {expected}"
+        return InputError(path, "", problem, "name a file in it")
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError(path, "", f"cannot be read ({reason})", remedy)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
-from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.motion.paths import StraightPath
 from wrenchsight.models.motion.posture_measures import check_joints
 from wrenchsight.models.placement.placement_program import PlacementBounds

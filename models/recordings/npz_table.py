@@ -8,7 +8,6 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,9 +16,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import opened_log, refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -55,18 +55,6 @@ class NpzContainer:
                     np.lib.format.write_array(member, np.asarray(column), allow_pickle=False)
 
 
-@dataclass(frozen=True)
-class _Stored:
-    """One array of the file."""
-
-    name: str
-    shape: tuple[int, ...]
-
-    @property
-    def width(self) -> int:
-        return math.prod(self.shape[1:])
-
-
 class NpzTable:
     """An npz file of one array per signal or per column, one sample a row; rows count from 1.
 
@@ -85,7 +73,7 @@ class NpzTable:
         self.notices: list[str] = []
         self.progress = 0.0
         stored = self._stored()
-        lengths = {name: array.shape[0] for name, array in stored.items() if array.shape}
+        lengths = {name: shape[0] for name, shape in stored.items() if shape}
         self.num_rows = max(lengths.values(), default=0)
         if self.num_rows == 0:
             raise InputError(path, "", "has no rows", "record the log again")
@@ -94,13 +82,12 @@ class NpzTable:
             self.notices.append(
                 f"arrays that have not {self.num_rows} rows are left out: {', '.join(left_out)}"
             )
-        self._places: list[tuple[_Stored, int]] = []  # array and column in it, by column
+        self._places: list[tuple[str, int]] = []  # array and column in it, by column
         names: list[str] = []
-        for name, array in stored.items():
-            if name in left_out:
-                continue
-            names += _column_names(name, array)
-            self._places += [(array, k) for k in range(array.width)]
+        for name, shape in stored.items():
+            if name not in left_out:
+                names += _column_names(name, shape)
+                self._places += [(name, k) for k in range(math.prod(shape[1:]))]
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
 
@@ -115,24 +102,24 @@ class NpzTable:
         wanted = dict.fromkeys(self._places[column][0] for column in columns)
         try:
             with np.load(self.path, allow_pickle=False) as archive:
-                arrays = {one: archive[one.name].reshape(self.num_rows, -1) for one in wanted}
+                arrays = {name: archive[name].reshape(self.num_rows, -1) for name in wanted}
         except (*_DAMAGE, MemoryError) as error:
             raise self._damaged(error) from error
         for begin in range(first, last + 1, _BLOCK_ROWS):
             end = min(begin + _BLOCK_ROWS - 1, last)
             values = np.empty((end - begin + 1, len(columns)))
             for i, column in enumerate(columns):
-                array, k = self._places[column]
-                values[:, i] = arrays[array][begin - 1 : end, k]
+                name, k = self._places[column]
+                values[:, i] = arrays[name][begin - 1 : end, k]
             numbers = np.arange(begin, end + 1)
             refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
             self.progress = end / self.num_rows
             yield values, numbers
 
-    def _stored(self) -> dict[str, _Stored]:
-        """The arrays of the file, by name."""
-        stored: dict[str, _Stored] = {}
-        whole = opened_log(self.path)
+    def _stored(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the file's arrays, by name."""
+        stored: dict[str, tuple[int, ...]] = {}
+        whole = opened(self.path, "a log")
         try:
             with whole, zipfile.ZipFile(whole) as archive:
                 for member in archive.infolist():
@@ -152,7 +139,7 @@ class NpzTable:
                     if left > _LARGEST_ARRAY or math.prod(shape[1:]) > _MOST_COLUMNS:
                         self.notices.append(f"the array {name} {shape} is too large: left out")
                         continue
-                    stored[name] = _Stored(name, shape)
+                    stored[name] = shape
         except _DAMAGE as error:
             raise self._damaged(error) from error
         if not stored:
@@ -178,10 +165,9 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return shape, dtype
 
 
-def _column_names(name: str, array: _Stored) -> list[str]:
-    if len(array.shape) == 1:
+def _column_names(name: str, shape: tuple[int, ...]) -> list[str]:
+    if len(shape) == 1:
         return [name]
-    letter = _JOINT_ARRAYS.get(name)
-    if letter and len(array.shape) == 2:
-        return [f"{letter}{k + 1}" for k in range(array.width)]
-    return [f"{name}.{k + 1}" for k in range(array.width)]
+    letter = _JOINT_ARRAYS.get(name) if len(shape) == 2 else None
+    start = letter or f"{name}."
+    return [f"{start}{k + 1}" for k in range(math.prod(shape[1:]))]

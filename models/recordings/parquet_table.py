@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import opened_log, refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 
 Lines = NDArray[np.int64]
 
@@ -63,7 +64,7 @@ class ParquetTable:
         try:
             schema = file.schema_arrow
             self.num_rows = file.metadata.num_rows
-            self._schema_names, self._types = schema.names, schema.types
+            self._kinds = dict(zip(schema.names, schema.types, strict=True))
             self._places: list[tuple[str, int]] = []  # name in the file and entry, by column
             widths: dict[str, int] = {}
             if self.num_rows:
@@ -173,10 +174,9 @@ class ParquetTable:
 
     def _widths(self, file: pq.ParquetFile) -> dict[str, int]:
         """How many numbers a row of each column holds, as its type or its first row says."""
-        schema = file.schema_arrow
-        counted = [name for name, kind in zip(schema.names, schema.types, strict=True)
-                   if _is_list(kind) and _is_number(_entry(kind))]  # fmt: skip
-        widths = dict.fromkeys(schema.names, 1)
+        kinds = self._kinds.items()
+        counted = [name for name, kind in kinds if _is_list(kind) and _is_number(_entry(kind))]
+        widths = dict.fromkeys(self._kinds, 1)
         if counted:
             first = next(file.iter_batches(1, columns=counted))
             for name in counted:
@@ -193,21 +193,17 @@ class ParquetTable:
 
     def _check_type(self, column: int) -> None:
         name, _ = self._places[column]
-        kind = dict(zip(self._schema_names, self._types, strict=True))[name]
+        kind = self._kinds[name]
         if not _is_number(_entry(kind)):
-            raise InputError(
-                self.path,
-                f"column {name}",
-                f"holds {kind}, expected numbers",
-                "write one numeric column per joint, or lists of numbers",
-            )
+            remedy = "write one numeric column per joint, or lists of numbers"
+            raise InputError(self.path, f"column {name}", f"holds {kind}, expected numbers", remedy)
 
     def _damaged(self, place: str, error: Exception) -> InputError:
         return InputError(self.path, place, f"is damaged ({error})", "write the file again")
 
     def _opened(self) -> pq.ParquetFile:
         path = self.path
-        with opened_log(path) as raw:
+        with opened(path, "a log") as raw:
             head = raw.read(4)
         if not head:
             raise InputError(path, "", "is empty", "record the log again")
@@ -217,9 +213,8 @@ class ParquetTable:
             # Without read-ahead and memory mapping the memory stays that of some pages.
             return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False, memory_map=False)
         except (pa.ArrowException, OSError) as error:
-            raise InputError(
-                path, "", f"is a damaged Parquet file ({error})", "write the file again"
-            ) from error
+            problem = f"is a damaged Parquet file ({error})"
+            raise InputError(path, "", problem, "write the file again") from error
 
 
 def _is_list(kind: pa.DataType) -> bool:

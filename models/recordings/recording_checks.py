@@ -6,15 +6,20 @@ against gravity, are checked by sums over the log so far, so that friction, nois
 delay do not matter.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.log_words import IN_DEGREES
 from wrenchsight.models.recordings.plausibility.drive_evidence import DriveEvidence, SignEvidence
+from wrenchsight.models.recordings.plausibility.product_sums import (
+    FACTOR,
+    FOLLOWS,
+    LEAST_GRAVITY,
+    GravitySums,
+    ProductSums,
+    telling_joints,
+)
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_format import ColumnLayout
 from wrenchsight.models.robot.robot import Robot
@@ -37,15 +42,10 @@ _WINDOWS_OF_SHORT = 5  # in a log of less than half a second, where _WINDOW_S gi
 _SHORTEST_WINDOW_S = 0.05
 _LEAST_CORRELATION = 0.7  # measured on real logs: 0.99; a delay of 30 ms at 3 Hz gives 0.84
 _VELOCITY_RATIO = (0.8, 1.25)
-_SLOW = 0.25  # of the velocity limit, all joints: gravity prevails over dynamics
 _GRAVITY_SHARE = 0.03  # of the effort limit: below, friction hides gravity
-_LEAST_GRAVITY = 1.0  # N m
-_FACTOR = 2.5  # torque per ampere that tells N m from A at all
 _ALIKE = 1.6  # times more or less than gravity: a load, a poor model
 _ONE_MULTIPLE = 50.0  # of gravity torque, more or less, that no motor gives
 _COMMON_MULTIPLE = 7.0  # where all loaded joints have it: none carries seven times its own arm
-_FOLLOWS = 0.7  # cosine between motor and gravity torque
-_GRAVITY_SAMPLES = 500  # of a chunk
 _LEAST_GRAVITY_SAMPLES = 50
 _SCALES = (
     (1 / _DEGREE, "the positions look like degrees: set position: {unit: deg}"),
@@ -55,35 +55,6 @@ _SCALES = (
     (-1.0, "the velocity has the opposite sign: set gain: [-1] for one of them"),
     (2 * np.pi / 60, "the velocities look like revolutions per minute: set unit: rpm"),
 )
-
-
-@dataclass
-class _Sums:
-    """Sums of x x, x y, y y per joint, and how many."""
-
-    xx: Array
-    xy: Array
-    yy: Array
-    count: NDArray[np.int64]
-
-    @classmethod
-    def zero(cls, size: int) -> "_Sums":
-        return cls(np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size, np.int64))
-
-    def add(self, x: Array, y: Array, which: NDArray[np.bool_]) -> None:
-        """Adds (N, n) samples where `which` is set."""
-        self.xx += np.sum(np.where(which, x * x, 0.0), axis=0)
-        self.xy += np.sum(np.where(which, x * y, 0.0), axis=0)
-        self.yy += np.sum(np.where(which, y * y, 0.0), axis=0)
-        self.count += np.sum(which, axis=0)
-
-    def cosine(self) -> Array:
-        scale = np.sqrt(self.xx * self.yy)
-        return np.divide(self.xy, scale, out=np.zeros_like(scale), where=scale > 0)
-
-    def ratio(self) -> Array:
-        """y over x, least squares."""
-        return np.divide(self.xy, self.xx, out=np.zeros_like(self.xx), where=self.xx > 0)
 
 
 class RecordingChecks:
@@ -104,8 +75,8 @@ class RecordingChecks:
         self._layout = layout
         self._last: Recording | None = None  # one sample
         self._is_first = True  # of the chunks
-        self._motion = _Sums.zero(robot.num_joints)  # x: integral of v; y: change of q
-        self._gravity = _Sums.zero(robot.num_joints)  # x: gravity torque; y: motor torque
+        self._motion = ProductSums(robot.num_joints)  # x: integral of v; y: change of q
+        self._gravity = GravitySums(robot)  # x: gravity torque; y: motor torque
 
     def feed(self, chunk: Recording) -> None:
         """Checks the next chunk.
@@ -125,7 +96,9 @@ class RecordingChecks:
         self._judge_motion(chunk)
         if self._has_drives():
             self._check_currents(chunk)
-            self._add_gravity(chunk)
+            if self._robot.has_inertias:
+                torque = self._robot.joint_torque(chunk.current)
+                self._gravity.add_slow(chunk.q, chunk.v, torque)
             self._drives.add(chunk)
             self._judge_signs(chunk)
             self._judge_gravity(chunk)
@@ -150,14 +123,8 @@ class RecordingChecks:
                 f"{IN_DEGREES}; if not, set position: {{unit: deg}} in a description"
             )
         unit = "rad" if revolute else "m"
-        raise self._error(
-            chunk,
-            k,
-            "q",
-            j,
-            f"q is {value:.6g} {unit}, expected {lower[j]:.4g} to {upper[j]:.4g} {unit}",
-            remedy,
-        )
+        problem = f"q is {value:.6g} {unit}, expected {lower[j]:.4g} to {upper[j]:.4g} {unit}"
+        raise self._error(chunk, k, "q", j, problem, remedy)
 
     def _check_speeds(self, chunk: Recording) -> None:
         limit = self._robot.velocity_limit
@@ -170,14 +137,8 @@ class RecordingChecks:
         if not self._is_prismatic(j):
             remedy = "if these are degrees per second, set velocity: {unit: deg/s} "
             remedy += "in a description (--log-format)"
-        raise self._error(
-            chunk,
-            k,
-            "v",
-            j,
-            f"v is {value:.6g} {unit}, but the joint reaches {limit[j]:.4g} {unit}",
-            remedy,
-        )
+        problem = f"v is {value:.6g} {unit}, but the joint reaches {limit[j]:.4g} {unit}"
+        raise self._error(chunk, k, "v", j, problem, remedy)
 
     def _check_jumps(self, part: Recording) -> None:
         jump = np.diff(part.q, axis=0)
@@ -191,14 +152,8 @@ class RecordingChecks:
             remedy = "the angle is wrapped: unwrap it before"
         elif abs(abs(jump[k, j]) - 360) < 30:
             remedy = "the angle is wrapped, in degrees: unwrap it and set unit: deg"
-        raise self._error(
-            part,
-            k + 1,
-            "q",
-            j,
-            f"q jumps by {jump[k, j]:.4g} in {part.t[k + 1] - part.t[k]:.4g} s",
-            remedy,
-        )
+        problem = f"q jumps by {jump[k, j]:.4g} in {part.t[k + 1] - part.t[k]:.4g} s"
+        raise self._error(part, k + 1, "q", j, problem, remedy)
 
     def _check_currents(self, chunk: Recording) -> None:
         if not chunk.num_samples:
@@ -219,14 +174,10 @@ class RecordingChecks:
             remedy += "(--log-format)"
         elif (np.median(np.abs(chunk.current), axis=0) < limit).all():
             remedy += "; if torques in N m, name the columns tau1.."
-        raise self._error(
-            chunk,
-            None,
-            "current",
-            j,
-            f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m",
-            remedy,
+        problem = (
+            f"the median torque would be {torque[j]:.4g} N m, but the joint has {limit[j]:.4g} N m"
         )
+        raise self._error(chunk, None, "current", j, problem, remedy)
 
     def _add_motion(self, part: Recording) -> None:
         steps = np.diff(part.t)
@@ -284,19 +235,6 @@ class RecordingChecks:
                     remedy += ", and that q and v name the joints in one order"
             raise self._error(chunk, None, "v", int(j), problem, remedy)
 
-    def _add_gravity(self, chunk: Recording) -> None:
-        if not self._robot.has_inertias:
-            return
-        slow = np.all(np.abs(chunk.v) < _SLOW * self._robot.velocity_limit, axis=1)
-        chosen = np.flatnonzero(slow)
-        chosen = chosen[:: max(1, len(chosen) // _GRAVITY_SAMPLES)]
-        if not len(chosen):
-            return
-        q = np.ascontiguousarray(chunk.q[chosen])
-        torque = self._robot.joint_torque(chunk.current[chosen])
-        gravity = self._robot.chain.gravity_torque(q)
-        self._gravity.add(gravity, torque, np.ones_like(torque, dtype=np.bool_))
-
     @property
     def sign_evidence(self) -> SignEvidence:
         """What the log so far says of the signs of its drives."""
@@ -309,15 +247,12 @@ class RecordingChecks:
             return
         is_torque = self._has_torque_only(chunk)  # which current_sign does not touch
         turn = "" if is_torque else "turn current_sign in the robot's file, or "
-        raise self._error(
-            chunk,
-            None,
-            "current",
-            int(wrong[0]),
-            found.sentence(self._word(chunk), self._robot.joint_names),
+        problem = found.sentence(self._word(chunk), self._robot.joint_names)
+        remedy = (
             f"its sign is wrong: {turn}set gain: -1 in a description; or the robot is not mounted "
-            "upright; or take it as it is: --accept-signs",
+            "upright; or take it as it is: --accept-signs"
         )
+        raise self._error(chunk, None, "current", int(wrong[0]), problem, remedy)
 
     def _word(self, chunk: Recording) -> str:
         return "torque" if self._has_torque_only(chunk) else "current"
@@ -329,21 +264,17 @@ class RecordingChecks:
         limit = self._robot.effort_limit
         word = self._word(chunk)
         least = np.where(np.isfinite(limit), _GRAVITY_SHARE * limit, 0.0)
-        loaded = np.sqrt(sums.xx / sums.count) > np.maximum(least, _LEAST_GRAVITY)
+        loaded = sums.gravity() > np.maximum(least, LEAST_GRAVITY)
         cosine = sums.cosine()
         dead = np.flatnonzero(loaded & (sums.yy < 1e-12 * sums.xx))
         if len(dead):
             j = int(dead[0])
-            gravity = np.sqrt(sums.xx / sums.count)[j]
+            gravity = sums.gravity()[j]
+            problem = f"the {word} is zero, but gravity alone takes {gravity:.3g} N m"
             raise self._error(
-                chunk,
-                None,
-                "current",
-                j,
-                f"the {word} is zero, but gravity alone takes {gravity:.3g} N m",
-                f"log the motor {word}, or give its column",
+                chunk, None, "current", j, problem, f"log the motor {word}, or give its column"
             )
-        self._judge_unit(chunk, loaded & (np.abs(cosine) > _FOLLOWS))
+        self._judge_unit(chunk, loaded & (np.abs(cosine) > FOLLOWS))
         # Whatever friction does to the shape, gravity must be held up, and with no multiple of it.
         size = np.sqrt(sums.yy / np.where(sums.xx > 0.0, sums.xx, np.inf))
         smallest, largest = 1.0 / _ONE_MULTIPLE, _ONE_MULTIPLE
@@ -358,14 +289,10 @@ class RecordingChecks:
             remedy = f"if {unit}, set current: {{unit: ...}}; else check torque_per_ampere"
             if self._has_torque_only(chunk):
                 remedy = "check the column and its unit: motor_torque: {unit: ...}"
-            raise self._error(
-                chunk,
-                None,
-                "current",
-                j,
-                f"the motor torque is {size[j]:.3g} times the gravity torque, expected about 1",
-                remedy,
+            problem = (
+                f"the motor torque is {size[j]:.3g} times the gravity torque, expected about 1"
             )
+            raise self._error(chunk, None, "current", j, problem, remedy)
 
     def _judge_unit(self, chunk: Recording, telling: NDArray[np.bool_]) -> None:
         """Refuses torque that was given as current, and current that was given as torque.
@@ -376,7 +303,7 @@ class RecordingChecks:
         """
         gain = self._robot.torque_per_ampere
         ratio = np.abs(self._gravity.ratio())  # whatever its sign
-        telling = telling & (np.maximum(gain, 1.0 / gain) > _FACTOR) & (ratio > 0.0)
+        telling = telling & telling_joints(self._robot) & (ratio > 0.0)
         if not telling.any():
             return
         is_torque = self._has_torque_only(chunk)
@@ -384,7 +311,7 @@ class RecordingChecks:
         other = np.abs(np.log(ratio[telling] / unit_ratio[telling]))
         if np.max(other) > np.log(_ALIKE):
             return
-        if np.min(np.abs(np.log(ratio[telling]))) < np.log(_FACTOR / _ALIKE):
+        if np.min(np.abs(np.log(ratio[telling]))) < np.log(FACTOR / _ALIKE):
             return
         j = int(np.flatnonzero(telling)[0])
         names = ", ".join(self._robot.joint_names[k] for k in np.flatnonzero(telling))

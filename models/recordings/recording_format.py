@@ -1,22 +1,22 @@
 """Descriptions of recordings: which column of a log holds which signal, in which unit."""
 
-import difflib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.files.configuration import REQUIRED, load_configuration
+from wrenchsight.models.files.bundled_files import named_file
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000
 ROBOT, ENVIRONMENT = "robot", "environment"  # on which an external torque is exerted
-_BUNDLED = Path(__file__).parent / "formats"
+FORMATS = "recordings/formats"  # folder of the bundled descriptions
 
 _UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -37,6 +37,14 @@ _ANY_UNIT = {unit: factor for table in _UNITS.values() for unit, factor in table
 }
 _DEFAULT_UNIT = {"time": "s", "position": "rad", "velocity": "rad/s", "current": "A"}
 _DEFAULT_UNIT["motor_torque"] = "N m"
+_SIGNAL_NAMES = {
+    "time": "t",
+    "position": "q",
+    "velocity": "v",
+    "current": "current",
+    "motor_torque": "tau_J",
+}
+_JOINT_SIGNALS = ("q", "v", "current", "tau_J")
 
 
 @dataclass
@@ -115,11 +123,6 @@ class ColumnLayout:
         return self.column_names[signal.columns[index]] if signal else name
 
 
-def bundled_formats() -> list[str]:
-    """Names of the descriptions that come with the package."""
-    return sorted(path.stem for path in _BUNDLED.glob("*.yaml"))
-
-
 def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
     """Reads a description: a bundled name, or the path of a YAML file.
 
@@ -129,18 +132,7 @@ def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
     Raises:
         InputError: no such description, or it is wrong.
     """
-    path = Path(name_or_path)
-    if path.suffix.lower() not in (".yaml", ".yml"):
-        if str(name_or_path) not in bundled_formats():
-            near = difflib.get_close_matches(str(name_or_path), bundled_formats(), n=1)
-            hint = f'did you mean "{near[0]}"? ' if near else ""
-            raise InputError(
-                str(name_or_path),
-                "",
-                "no such description of a log",
-                f"{hint}give one of {', '.join(bundled_formats())}, or the path of a .yaml",
-            )
-        path = _BUNDLED / f"{name_or_path}.yaml"
+    path = named_file(name_or_path, FORMATS, "description of a log")
     description = load_configuration(path, RecordingFormat)
     _check_description(description, path)
     return description, path
@@ -154,12 +146,8 @@ def rows_for(description: RecordingFormat, file: Path) -> tuple[int, int] | None
 
 def _check_description(description: RecordingFormat, path: Path) -> None:
     if len(description.separator) != 1 or description.separator in '"\n\r':
-        raise InputError(
-            path,
-            "separator",
-            f'expected one character, found "{description.separator}"',
-            'write separator: ";", or "\\t" for tabs',
-        )
+        problem = f'expected one character, found "{description.separator}"'
+        raise InputError(path, "separator", problem, 'write separator: ";", or "\\t" for tabs')
     if description.decimal_mark not in (".", ","):
         raise InputError(path, "decimal_mark", 'expected "." or ","', "correct it")
     if description.decimal_mark == description.separator:
@@ -170,13 +158,11 @@ def _check_description(description: RecordingFormat, path: Path) -> None:
             raise InputError(path, key, f"{value}, expected 0 to {most}")
     for name, rows in description.rows.items():
         if rows and (len(rows) != 2 or not 1 <= rows[0] < rows[1]):
+            problem = f"expected the first and the last row, counted from 1, found {rows}"
             raise InputError(
-                path,
-                f"rows, {name}",
-                f"expected the first and the last row, counted from 1, found {rows}",
-                "write e.g. [635, 3510], or [] for all rows",
+                path, f"rows, {name}", problem, "write e.g. [635, 3510], or [] for all rows"
             )
-    for key in ("t", "q", "v", "current", "tau_J", "dropout"):
+    for key in ("t", *_JOINT_SIGNALS, "dropout"):
         if key in description.extra:
             raise InputError(path, f"extra, {key}", "this name is taken", "choose another one")
     if not str(description.time.columns).strip():
@@ -201,38 +187,32 @@ def resolve_layout(
     Raises:
         InputError: the log lacks a column, has too many, or the description contradicts itself.
     """
+    log_columns = _LogColumns(description_source, log, names, num_columns)
     if description.num_columns and num_columns != description.num_columns:
-        raise InputError(
-            log,
-            "line 1" if names is None else "header",
-            f"has {num_columns} columns, expected {description.num_columns}",
-            "check the separator, or describe the columns with --log-format",
-        )
-    shown = tuple(names) if names else tuple(f"column {i + 1}" for i in range(num_columns))
-    given = [
-        ("time", "t", description.time),
-        ("position", "q", description.position),
-        ("velocity", "v", description.velocity),
-        ("current", "current", description.current),
-        ("motor_torque", "tau_J", description.motor_torque),
-    ]
+        problem = f"has {num_columns} columns, expected {description.num_columns}"
+        remedy = "check the separator, or describe the columns with --log-format"
+        raise log_columns.lacking(problem, remedy)
     signals: list[Signal] = []
-    for key, name, entry in given:
+    for key, name in _SIGNAL_NAMES.items():
+        entry: SignalColumns | None = getattr(description, key)
         if entry is not None:
             if entry.shape:
-                raise InputError(
-                    description_source, key, "only an extra signal has a shape", "remove it"
-                )
-            signals.append(
-                _signal(entry, key, name, _UNITS[key], description_source, log, shown, names)
-            )
+                problem = "only an extra signal has a shape"
+                raise InputError(description_source, key, problem, "remove it")
+            signals.append(log_columns.signal(entry, key, name, _UNITS[key]))
     for name, entry in description.extra.items():
-        place = f"extra, {name}"
-        signals.append(
-            _signal(entry, place, name, _ANY_UNIT, description_source, log, shown, names)
-        )
-    _check_sizes(signals, description_source)
-    return ColumnLayout(tuple(signals), shown)
+        signals.append(log_columns.signal(entry, f"extra, {name}", name))
+    count = len(signals[0].columns)
+    if count > 2:
+        problem = f"has {count} columns, expected 1, or 2: seconds and nanoseconds"
+        raise InputError(description_source, "time", problem, "name one or two")
+    sizes = {s.name: len(s.columns) for s in signals if s.name in _JOINT_SIGNALS}
+    if len(set(sizes.values())) > 1:
+        listed = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+        problem = f"the signals have different numbers of joints ({listed})"
+        place = "position, velocity, current"
+        raise InputError(description_source, place, problem, "name one column per joint in each")
+    return ColumnLayout(tuple(signals), log_columns.shown)
 
 
 def further_signals(
@@ -252,136 +232,97 @@ def further_signals(
     Raises:
         InputError: the log lacks a column.
     """
-    shown = tuple(names) if names else tuple(f"column {i + 1}" for i in range(num_columns))
-    return tuple(
-        _signal(entry, name, name, _ANY_UNIT, asked_by, log, shown, names)
-        for name, entry in further.items()
-    )
+    log_columns = _LogColumns(asked_by, log, names, num_columns)
+    return tuple(log_columns.signal(entry, name, name) for name, entry in further.items())
 
 
-def _check_sizes(signals: list[Signal], source: str) -> None:
-    if len(signals[0].columns) > 2:
-        raise InputError(
-            source,
-            "time",
-            f"has {len(signals[0].columns)} columns, expected 1, or 2: seconds and nanoseconds",
-            "name one or two",
-        )
-    sizes = {s.name: len(s.columns) for s in signals if s.name in ("q", "v", "current", "tau_J")}
-    if len(set(sizes.values())) > 1:
-        listed = ", ".join(f"{name}: {size}" for name, size in sizes.items())
-        raise InputError(
-            source,
-            "position, velocity, current",
-            f"the signals have different numbers of joints ({listed})",
-            "name one column per joint in each",
-        )
+class _LogColumns:
+    """The columns of a log, in which a description (or an option) finds its signals."""
 
+    def __init__(
+        self, source: str, log: Path, names: Sequence[str] | None, num_columns: int
+    ) -> None:
+        self._source, self._log, self._names = source, log, list(names) if names else None
+        self.shown = tuple(names) if names else tuple(f"column {k + 1}" for k in range(num_columns))
 
-def _signal(
-    entry: SignalColumns,
-    place: str,
-    name: str,
-    units: dict[str, float],
-    source: str,
-    log: Path,
-    shown: Sequence[str],
-    names: Sequence[str] | None,
-) -> Signal:
-    unit = entry.unit or _DEFAULT_UNIT.get(place, "")
-    if unit not in units:
-        listed = ", ".join(u for u in units if u)
-        raise InputError(source, place, f'unknown unit "{unit}"', f"give one of {listed}")
-    columns = _columns(entry, place, source, log, shown, names)
-    scale = units[unit] * _per_column(entry.gain, 1.0, len(columns), f"{place}, gain", source)
-    offset = _per_column(entry.offset, 0.0, len(columns), f"{place}, offset", source)
-    if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
-        raise InputError(source, place, "a gain is zero or not a number", "correct it")
-    if entry.exerted_on not in (ROBOT, ENVIRONMENT):
-        problem = f'exerted_on is "{entry.exerted_on}", expected {ROBOT} or {ENVIRONMENT}'
-        raise InputError(source, place, problem, "correct it")
-    if entry.exerted_on == ENVIRONMENT:
-        scale = -scale
-    shape = tuple(entry.shape) if entry.shape else (len(columns),)
-    size = math.prod(shape)
-    if min(shape) < 1 or size != len(columns):
-        raise InputError(
-            source,
-            f"{place}, shape",
-            f"{list(shape)} holds {size} numbers, but {len(columns)} columns are named",
-            "correct one of them",
-        )
-    if entry.may_be_empty and name == "t":
-        raise InputError(source, place, "every sample needs its time", "remove may_be_empty")
-    if name == "t":
-        shape = ()
-        if len(columns) == 2:  # seconds and nanoseconds
-            if entry.unit or entry.gain or entry.offset:
-                problem = "of two columns is seconds and nanoseconds, without unit, gain or offset"
-                raise InputError(source, place, problem, "remove them")
-            scale[1] = 1e-9
-    empty, on = entry.may_be_empty, entry.exerted_on
-    return Signal(name, tuple(columns), scale, offset, shape, empty, on)
+    def lacking(self, problem: str, remedy: str) -> InputError:
+        return InputError(self._log, "header" if self._names else "line 1", problem, remedy)
 
+    def signal(
+        self,
+        entry: SignalColumns,
+        place: str,
+        name: str,
+        units: Mapping[str, float] = _ANY_UNIT,
+    ) -> Signal:
+        """The place of a signal; `place` is that of its entry in the description."""
+        source = self._source
+        unit = entry.unit or _DEFAULT_UNIT.get(place, "")
+        if unit not in units:
+            listed = ", ".join(u for u in units if u)
+            raise InputError(source, place, f'unknown unit "{unit}"', f"give one of {listed}")
+        columns = self._columns(entry, place)
+        size = len(columns)
+        scale = units[unit] * self._per_column(entry.gain, 1.0, size, f"{place}, gain")
+        offset = self._per_column(entry.offset, 0.0, size, f"{place}, offset")
+        if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
+            raise InputError(source, place, "a gain is zero or not a number", "correct it")
+        if entry.exerted_on not in (ROBOT, ENVIRONMENT):
+            problem = f'exerted_on is "{entry.exerted_on}", expected {ROBOT} or {ENVIRONMENT}'
+            raise InputError(source, place, problem, "correct it")
+        if entry.exerted_on == ENVIRONMENT:
+            scale = -scale
+        shape = tuple(entry.shape) or (size,)
+        held = math.prod(shape)
+        if min(shape) < 1 or held != size:
+            problem = f"{list(shape)} holds {held} numbers, but {size} columns are named"
+            raise InputError(source, f"{place}, shape", problem, "correct one of them")
+        if name == "t":
+            shape = ()
+            if entry.may_be_empty:
+                problem = "every sample needs its time"
+                raise InputError(source, place, problem, "remove may_be_empty")
+            if size == 2:  # seconds and nanoseconds
+                if entry.unit or entry.gain or entry.offset:
+                    problem = "of two columns is seconds and nanoseconds, without unit, gain or "
+                    raise InputError(source, place, problem + "offset", "remove them")
+                scale[1] = 1e-9
+        empty, on = entry.may_be_empty, entry.exerted_on
+        return Signal(name, tuple(columns), scale, offset, shape, empty, on)
 
-def _per_column(values: list[float], default: float, size: int, place: str, source: str) -> Array:
-    if not values:
-        return np.full(size, default)
-    if len(values) == 1:
-        return np.full(size, values[0])
-    if len(values) != size:
-        raise InputError(
-            source,
-            place,
-            f"has {len(values)} values for {size} columns",
-            "give one for all, or one per column",
-        )
-    return np.array(values, dtype=np.float64)
+    def _per_column(self, values: list[float], default: float, size: int, place: str) -> Array:
+        if len(values) not in (0, 1, size):
+            problem = f"has {len(values)} values for {size} columns"
+            raise InputError(self._source, place, problem, "give one for all, or one per column")
+        return np.array(np.broadcast_to(values or [default], size), dtype=np.float64)
 
+    def _columns(self, entry: SignalColumns, place: str) -> list[int]:
+        items = column_items(str(entry.columns), place, self._source)
+        columns = [self._column(item, place) for item in items]
+        if len(set(columns)) != len(columns):
+            problem = "names a column twice"
+            raise InputError(self._source, place, problem, "name each column once")
+        return columns
 
-def _columns(
-    entry: SignalColumns,
-    place: str,
-    source: str,
-    log: Path,
-    shown: Sequence[str],
-    names: Sequence[str] | None,
-) -> list[int]:
-    columns: list[int] = []
-    for item in column_items(str(entry.columns), place, source):
+    def _column(self, item: str, place: str) -> int:
+        names, by = self._names, f"{Path(self._source).name} ({place})"
         if item.isdecimal():
             number = int(item) if len(item) < 10 else MOST_COLUMNS + 1
-            if not 1 <= number <= len(shown):
-                raise InputError(
-                    log,
-                    "header" if names else "line 1",
-                    f"has {len(shown)} columns, but {Path(source).name} ({place}) names column "
-                    f"{item}",
-                    "check the separator, or the description's column numbers (counted from 1)",
-                )
-            columns.append(number - 1)
-        elif names is None:
-            raise InputError(
-                source,
-                place,
-                f'names column "{item}", but the log has no header',
-                "give column numbers counted from 1, or set header: true",
-            )
-        elif item not in names:
-            near = difflib.get_close_matches(item, list(names), n=1)
-            raise InputError(
-                log,
-                "header",
-                f'lacks the column "{item}", which {Path(source).name} ({place}) names',
-                f'did you mean "{near[0]}"?' if near else f"it has {', '.join(names[:12])}, ...",
-            )
-        elif list(names).count(item) > 1:
-            raise InputError(log, "header", f'the column "{item}" is there twice', "rename one")
-        else:
-            columns.append(list(names).index(item))
-    if len(set(columns)) != len(columns):
-        raise InputError(source, place, "names a column twice", "name each column once")
-    return columns
+            if not 1 <= number <= len(self.shown):
+                problem = f"has {len(self.shown)} columns, but {by} names column {item}"
+                remedy = "check the separator, or the description's column numbers, from 1 on"
+                raise self.lacking(problem, remedy)
+            return number - 1
+        if names is None:
+            problem = f'names column "{item}", but the log has no header'
+            remedy = "give column numbers counted from 1, or set header: true"
+            raise InputError(self._source, place, problem, remedy)
+        if item not in names:
+            remedy = nearest(item, names) or f"it has {', '.join(names[:12])}, ..."
+            raise self.lacking(f'lacks the column "{item}", which {by} names', remedy)
+        if names.count(item) > 1:
+            raise self.lacking(f'the column "{item}" is there twice', "rename one")
+        return names.index(item)
 
 
 _NUMBERS = re.compile(r"(\d+)\s*(?:-|\.\.)\s*(\d+)")

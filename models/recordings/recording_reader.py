@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.differentiation import (
@@ -46,12 +47,12 @@ from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.recordings.recording_format import (
+    FORMATS,
     MOST_COLUMNS,
     ColumnLayout,
     RecordingFormat,
     Signal,
     SignalColumns,
-    bundled_formats,
     further_signals,
     load_format,
     resolve_layout,
@@ -333,12 +334,9 @@ class RecordingReader:
             if wrong.any():
                 k, j = (int(index[0]) for index in np.nonzero(wrong))
                 column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
-                raise InputError(
-                    self.path,
-                    f"{place_of(chunk, k)}, {column}",
-                    f"{signal[k, j]:.3g} is beyond any robot",
-                    "correct or remove the row; a short gap is bridged",
-                )
+                problem = f"{signal[k, j]:.3g} is beyond any robot"
+                remedy = "correct or remove the row; a short gap is bridged"
+                raise InputError(self.path, f"{place_of(chunk, k)}, {column}", problem, remedy)
         wrong = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
         if wrong.any():
             k = int(np.argmax(wrong))
@@ -387,12 +385,9 @@ class RecordingReader:
     def _fit_to_robot(self) -> None:
         robot, size = self._robot, self.num_joints
         if robot is not None and size and size != robot.num_joints:
-            raise InputError(
-                self.path,
-                "columns",
-                f"holds {size} joints, but {robot.name} has {robot.num_joints}",
-                "give the robot that the log comes from, " + _DESCRIBE,
-            )
+            problem = f"holds {size} joints, but {robot.name} has {robot.num_joints}"
+            remedy = "give the robot that the log comes from, " + _DESCRIBE
+            raise InputError(self.path, "columns", problem, remedy)
 
     def _more(self, table: LogTable) -> tuple[Signal, ...]:
         """The signals that no description names."""
@@ -410,43 +405,31 @@ class RecordingReader:
             return form, str(form_path), (container or TEXT).open(path, form)
         if container is DATA_SETS:
             episode = DATA_SETS.open(path, None)
-            return (
-                self._laid_out(episode.layout(self._robot, self._words.angle)),
-                str(path),
-                episode,
-            )
+            form = self._laid_out(episode.layout(self._robot, self._words.angle))
+            return form, str(path), episode
         if container is None:
-            raise InputError(
-                path,
-                "",
-                f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml',
-                "export the log as CSV, " + _DESCRIBE,
+            problem = (
+                f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
             )
+            raise InputError(path, "", problem, "export the log as CSV, " + _DESCRIBE)
         table = container.open(path, None)
         known = self._known_format(table)
         if known is not None:
-            return known
+            return (*known, table)
+        layout: KnownLayout | None = None
         if table.names is not None and not _has_drives(table.names):
-            torques = external_torque_layout(table.names, path)
-            if torques is not None:
-                self._notices += torques.notices
-                return torques.form, str(path), table
-        if table.names is not None and "q1" not in _in_lower_case(table.names):
+            layout = external_torque_layout(table.names, path)
+        if layout is None and table.names and "q1" not in _in_lower_case(table.names):
             joint_names = self._robot.joint_names if self._robot is not None else None
             layout = known_layout(table.names, table.num_columns, path, joint_names)
             layout = layout or array_layout(table.names)
-            if layout is not None:
-                form = self._in_asked_angle(self._laid_out(layout))
-                if form.header:
-                    return form, str(path), table
-                return form, str(path), container.open(path, form)
+        if layout is not None:
+            form = self._in_asked_angle(self._laid_out(layout))
+            return form, str(path), table if form.header else container.open(path, form)
         if table.names is None:
-            raise InputError(
-                path,
-                "line 1",
-                f"holds {table.num_columns} numbers and no names",
-                "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE,
-            )
+            problem = f"holds {table.num_columns} numbers and no names"
+            remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
+            raise InputError(path, "line 1", problem, remedy)
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
@@ -471,11 +454,11 @@ class RecordingReader:
         self._effort = layout.effort
         return layout.form
 
-    def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str, LogTable] | None:
+    def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str] | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
         if table.names is not None and "t" in (name.lower() for name in table.names):
             return None
-        for name in bundled_formats():
+        for name in bundled_files(FORMATS):
             form, form_path = load_format(name)
             if form.num_columns != table.num_columns or form.header != (table.names is not None):
                 continue
@@ -488,7 +471,7 @@ class RecordingReader:
             if rows:
                 notice += f", rows {rows[0]} to {rows[1]}"
             self._notices.append(notice)
-            return form, str(form_path), table
+            return form, str(form_path)
         return None
 
 
@@ -514,12 +497,9 @@ def _has_columns(form: RecordingFormat, names: Sequence[str]) -> bool:
 def _file_of(description: Path) -> Path:
     form, _ = load_format(description)
     if not form.file:
-        raise InputError(
-            description,
-            "",
-            'names no "file"',
-            "give the log itself with --log-format, or add the key file",
-        )
+        problem = 'names no "file"'
+        remedy = "give the log itself with --log-format, or add the key file"
+        raise InputError(description, "", problem, remedy)
     return description.parent / form.file
 
 

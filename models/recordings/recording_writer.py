@@ -24,10 +24,6 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     path = Path(path)
     container = container_of(path)
     if container is None:
-        raise InputError(
-            path,
-            "",
-            f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())}',
-            "give the log another name",
-        )
+        problem = f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())}'
+        raise InputError(path, "", problem, "give the log another name")
     container.write(path, recording.columns())

@@ -109,12 +109,8 @@ def plausible_step(chunk: Recording) -> float:
     if fitting:
         unit = fitting[0]
         remedy = f"it looks like {unit}: set time: {{unit: {unit}}} in a description (--log-format)"
-    raise InputError(
-        chunk.source,
-        "column t",
-        f"the median step is {step:.6g} s, expected {shortest} to {longest} s",
-        remedy,
-    )
+    problem = f"the median step is {step:.6g} s, expected {shortest} to {longest} s"
+    raise InputError(chunk.source, "column t", problem, remedy)
 
 
 class _Grid:
@@ -153,10 +149,11 @@ class _Grid:
         k = int(wrong[0])
         if steps[k] <= 0:
             raise time_error(part, k + 1)
+        problem = f"a gap of {steps[k]:.4g} s, expected at most {self._max_gap:.4g} s"
         raise InputError(
             part.source,
             f"{place_of(part, k)} to {place_of(part, k + 1)}, column t",
-            f"a gap of {steps[k]:.4g} s, expected at most {self._max_gap:.4g} s",
+            problem,
             "split the log there, or allow a longer gap",
         )
 

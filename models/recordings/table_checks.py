@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -26,12 +25,8 @@ def rows_within(
     """
     first, last = rows or (1, count)
     if last > count:
-        raise InputError(
-            path,
-            "",
-            f"has {count} {counted}, but rows {first} to {last} are wanted",
-            "correct the rows in the description",
-        )
+        problem = f"has {count} {counted}, but rows {first} to {last} are wanted"
+        raise InputError(path, "", problem, "correct the rows in the description")
     return first, last
 
 
@@ -56,27 +51,8 @@ def refuse_missing(
     if wrong.any():
         assert table.names is not None
         i, k = (int(places[0]) for places in np.nonzero(wrong))
+        problem = "is empty or not finite, expected a number"
+        remedy = "correct or remove the row; a short gap is bridged"
         raise InputError(
-            path,
-            f"{table.row_word} {rows[i]}, column {table.names[columns[k]]}",
-            "is empty or not finite, expected a number",
-            "correct or remove the row; a short gap is bridged",
+            path, f"{table.row_word} {rows[i]}, column {table.names[columns[k]]}", problem, remedy
         )
-
-
-def opened_log(path: Path) -> BinaryIO:
-    """Opens a log's file.
-
-    Raises:
-        InputError: no such file, a directory, or one that may not be read.
-    """
-    if path.is_dir():
-        raise InputError(path, "", "is a directory, expected a log", "name a file in it")
-    try:
-        return path.open("rb")
-    except FileNotFoundError as error:
-        raise InputError(path, "", "no such file", "check the path") from error
-    except OSError as error:
-        raise InputError(
-            path, "", f"cannot be read ({error.strerror})", "check the path"
-        ) from error

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import opened_log
 
 Lines = NDArray[np.int64]
 
@@ -97,7 +97,7 @@ class TextTable:
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
-        with opened_log(path) as file:
+        with opened(path, "a log") as file:
             _refuse_binary(path, file)
             self._begin = _after_byte_order_mark(file)
             for _ in range(skip_lines):
@@ -119,12 +119,9 @@ class TextTable:
         self._head = first
         self.decimal_mark = decimal_mark or self._found_decimal_mark(second)
         if header and all(_is_number(cell, self.decimal_mark) for cell in cells):
-            raise InputError(
-                path,
-                f"line {self._num_head_lines}",
-                "holds numbers where the names of the columns are expected",
-                "set header: false in the description, or add a first line t,q1,...",
-            )
+            problem = "holds numbers where the names of the columns are expected"
+            remedy = "set header: false in the description, or add a first line t,q1,..."
+            raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
 
     def blocks(
         self,
@@ -157,18 +154,16 @@ class TextTable:
             if len(lines):
                 yield values, lines
         if rows is not None and end < last_line:
-            raise InputError(
-                self.path,
-                "",
+            problem = (
                 f"ends at row {end - self._num_head_lines}, but rows {rows[0]} to {rows[1]} are "
-                "wanted",
-                "correct the rows in the description",
+                "wanted"
             )
+            raise InputError(self.path, "", problem, "correct the rows in the description")
 
     def _raw_blocks(self) -> Iterator[tuple[bytes, int]]:
         """Whole lines below the header, some MB at a time, with the first one's number."""
         line = self._num_head_lines + 1
-        with opened_log(self.path) as file:
+        with opened(self.path, "a log") as file:
             file.seek(self._begin)
             for _ in range(self._num_head_lines):
                 file.readline()
@@ -257,56 +252,44 @@ class TextTable:
         for number, data in enumerate(block.split(b"\n"), start=line):
             if not data.strip(b" \t\r"):
                 continue
-            place = f"line {number}"
-            if b"\0" in data:
-                raise InputError(
-                    self.path,
-                    place,
-                    "holds zero bytes instead of text, as after a power failure",
-                    "cut the file before this line",
-                )
-            if b"\r" in data.removesuffix(b"\r"):
-                raise InputError(
-                    self.path,
-                    place,
-                    "holds a carriage return in the middle",
-                    "correct or remove the line",
-                )
             text = data.decode("utf-8", "replace").strip("\r")
-            if self.names and text.strip() == self._head:
-                raise InputError(
-                    self.path,
-                    place,
-                    "repeats the header: two logs in one file",
-                    "split the file before this line",
-                )
             cells = self._cells(text)
-            if len(cells) != self.num_columns:
-                remedy = "correct or remove the line"
-                if len(cells) > self.num_columns and self.separator == ",":
-                    remedy += "; decimal commas need another separator, such as ;"
-                if re.search(r"[^\d\s.,;+\-eE]", text):
-                    remedy += f' (it begins with "{text[:30]}")'
-                raise InputError(
-                    self.path,
-                    place,
-                    f"has {len(cells)} columns, expected {self.num_columns}",
-                    remedy,
-                )
+            fault = self._fault_of_line(data, text, cells)
+            if fault is not None:
+                raise InputError(self.path, f"line {number}", *fault)
             for column in columns:
                 if column in may_be_empty and cells[column] in ("", *_NO_NUMBERS):
                     continue
-                self._check_cell(cells[column], place, column)
+                fault = self._fault_of_cell(cells[column], number)
+                if fault is not None:
+                    name = f" ({self.names[column]})" if self.names and self.names[column] else ""
+                    place = f"line {number}, column {column + 1}{name}"
+                    raise InputError(self.path, place, *fault)
 
-    def _check_cell(self, cell: str, place: str, column: int) -> None:
-        name = self.names[column] if self.names else ""
-        place += f", column {column + 1}" + (f" ({name})" if name else "")
+    def _fault_of_line(self, data: bytes, text: str, cells: list[str]) -> tuple[str, str] | None:
+        """Problem and remedy; None: it has as many cells as it should."""
+        if b"\0" in data:
+            problem = "holds zero bytes instead of text, as after a power failure"
+            return problem, "cut the file before this line"
+        if b"\r" in data.removesuffix(b"\r"):
+            return "holds a carriage return in the middle", "correct or remove the line"
+        if self.names and text.strip() == self._head:
+            return "repeats the header: two logs in one file", "split the file before this line"
+        if len(cells) == self.num_columns:
+            return None
+        remedy = "correct or remove the line"
+        if len(cells) > self.num_columns and self.separator == ",":
+            remedy += "; decimal commas need another separator, such as ;"
+        if re.search(r"[^\d\s.,;+\-eE]", text):
+            remedy += f' (it begins with "{text[:30]}")'
+        return f"has {len(cells)} columns, expected {self.num_columns}", remedy
+
+    def _fault_of_cell(self, cell: str, line: int) -> tuple[str, str] | None:
+        """Problem and remedy; None: it is a finite number."""
         if _is_number(cell, self.decimal_mark):
             if np.isfinite(float(cell.replace(self.decimal_mark, "."))):
-                return
-            raise InputError(
-                self.path, place, f"{cell} is beyond any number", "correct or remove the line"
-            )
+                return None
+            return f"{cell} is beyond any number", "correct or remove the line"
         if not cell:
             problem = "is empty, expected a number"
         elif re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", cell, re.IGNORECASE):
@@ -314,13 +297,13 @@ class TextTable:
         else:
             problem = f'holds "{cell[:40]}", expected a number'
         remedy = "correct or remove the line; a short gap is bridged"
-        if self.names is None and place.startswith(f"line {self._num_head_lines + 1},"):
+        if self.names is None and line == self._num_head_lines + 1:
             remedy = "set header: true in the description if this line names the columns"
         elif self.decimal_mark == "." and _is_number(cell, ","):
             remedy = 'set decimal_mark: "," in the description'
         elif self.decimal_mark == "," and _is_number(cell, "."):
             remedy = "use one decimal mark in all lines"
-        raise InputError(self.path, place, problem, remedy)
+        return problem, remedy
 
     def _endless(self, place: str) -> InputError:
         remedy = "expected text with one sample a line"
@@ -346,11 +329,9 @@ class TextTable:
         if len(line) == _LONGEST_LINE and b"\r" not in line:
             raise self._endless("the first line or the header")
         if b"\r" in line.rstrip(b"\r\n"):
+            problem = "lines end with carriage returns alone"
             raise InputError(
-                self.path,
-                "line 1",
-                "lines end with carriage returns alone",
-                "convert the line ends (dos2unix -c mac)",
+                self.path, "line 1", problem, "convert the line ends (dos2unix -c mac)"
             )
         try:
             return line.decode("utf-8")

@@ -38,20 +38,14 @@ def coupling_of(rows: Sequence[Sequence[float]], num_joints: int, source: Path) 
     lengths = {len(row) for row in rows}
     if len(rows) != num_joints or lengths != {num_joints}:
         found = f"{len(rows)} rows of {' or '.join(str(k) for k in sorted(lengths))} numbers"
-        raise InputError(
-            source,
-            "coupling",
-            f"{found}, expected {num_joints} rows of {num_joints}",
-            "one row a joint: how far each motor, behind its own gear, turns it",
-        )
+        problem = f"{found}, expected {num_joints} rows of {num_joints}"
+        remedy = "one row a joint: how far each motor, behind its own gear, turns it"
+        raise InputError(source, "coupling", problem, remedy)
     matrix = np.array(rows, dtype=np.float64)
     if not np.isfinite(matrix).all() or np.linalg.cond(matrix) > _LARGEST_CONDITION:
-        raise InputError(
-            source,
-            "coupling",
-            "the matrix has no inverse: some joint would move without any motor",
-            "q_joint = coupling q_motor, 1 on the diagonal where a motor drives its own joint",
-        )
+        problem = "the matrix has no inverse: some joint would move without any motor"
+        remedy = "q_joint = coupling q_motor, 1 on the diagonal where a motor drives its own joint"
+        raise InputError(source, "coupling", problem, remedy)
     return matrix
 
 
@@ -84,9 +78,6 @@ def coupling_notice(coupling: Array, joint_names: Sequence[str]) -> str:
 def refuse_coupling(coupling: Array, source: Path, what: str) -> None:
     """Raises InputError where joints are coupled and `what` is written for single joints."""
     if is_coupled(coupling):
-        raise InputError(
-            source,
-            "coupling",
-            f"{what} is for joints that each have a motor of their own",
-            "identify the whole model again from free motion: that knows the coupling",
-        )
+        problem = f"{what} is for joints that each have a motor of their own"
+        remedy = "identify the whole model again from free motion: that knows the coupling"
+        raise InputError(source, "coupling", problem, remedy)

@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
+from wrenchsight.models.robot.urdf_elements import set_pose
 
 
 @dataclass(frozen=True)
@@ -59,20 +60,15 @@ class EffectiveUrdf:
             if joint.get("name") not in moved or joint.find("axis") is None:
                 continue
             translation, rotation = moved[str(joint.get("name"))]
-            origin = joint.find("origin")
-            if origin is None:
-                origin = ET.SubElement(joint, "origin")
+            stated = {} if (origin := joint.find("origin")) is None else origin.attrib
             xyz, rpy = (
-                np.array(origin.get(key, "0 0 0").split(), dtype=np.float64)
+                np.array(stated.get(key, "0 0 0").split(), dtype=np.float64)
                 for key in ("xyz", "rpy")
             )
             angle = float(np.linalg.norm(rotation))
             axis = rotation / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
             step = RigidTransform(RotationMatrix(AngleAxis(angle, axis)), translation)
-            pose = RigidTransform(RollPitchYaw(rpy), xyz) @ step
-            angles = RollPitchYaw(pose.rotation()).vector()
-            origin.set("xyz", " ".join(f"{x:.17g}" for x in pose.translation()))
-            origin.set("rpy", " ".join(f"{x:.17g}" for x in angles))
+            set_pose(joint, RigidTransform(RollPitchYaw(rpy), xyz) @ step)
         return EffectiveUrdf(
             *(root, self.joints, self.notices, self.source, self.meshes, self.inertia_fault),
             self._standing,
@@ -85,14 +81,12 @@ class EffectiveUrdf:
             hulls: with the convex hulls of the collision meshes that Drake does not read, and with
                 the links that stand around the arm: for distances.
         """
-        self._root.set("name", name)
-        if not hulls:
-            return ET.tostring(self._root, encoding="unicode")
-        around = [element for pair in self._standing for element in pair]
-        with self.meshes.as_hulls():
-            self._root.extend(around)
-            try:
-                return ET.tostring(self._root, encoding="unicode")
-            finally:
-                for element in around:
-                    self._root.remove(element)
+        root = self._root
+        if hulls:
+            root = copy.deepcopy(root)
+            root.extend(copy.deepcopy(element) for pair in self._standing for element in pair)
+            links = {link.get("name"): link for link in root.findall("link")}
+            for link, element in self.meshes.hulls():
+                links[link].append(element)
+        root.set("name", name)
+        return ET.tostring(root, encoding="unicode")

@@ -15,28 +15,12 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 
 
-def current_to_torque(
-    current: ArrayLike, torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0
-) -> Array:
-    """Returns tau_J in N m, shaped like `current`.
-
-    Args:
-        current: (n,) or (N, n) motor current, A, as the drive reports it.
-        torque_per_ampere: (n,) N m/A on the joint side, positive.
-        current_sign: (n,) +1 or -1.
-    """
-    return np.asarray(current, float) * motor_gain(torque_per_ampere, current_sign)
-
-
-def torque_to_current(
-    tau_J: ArrayLike, torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0
-) -> Array:
-    """Returns the current in A that puts `tau_J` ((n,) or (N, n), N m) on the joints."""
-    return np.asarray(tau_J, float) / motor_gain(torque_per_ampere, current_sign)
-
-
 def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> Array:
     """Returns the signed gain tau_J / current in N m/A, (n,).
+
+    Args:
+        torque_per_ampere: (n,) N m/A on the joint side, positive.
+        current_sign: (n,) +1 or -1.
 
     Raises:
         ValueError: a gain is not positive and finite, or a sign is neither +1 nor -1.
@@ -51,15 +35,8 @@ def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> A
 
 
 @kernel
-def motor_torque(gain: Array, current: Array, tau_J: Array) -> None:
-    """Single-sample kernel: writes tau_J (n,) from the signed gain and the current (n,)."""
-    for i in range(gain.shape[0]):
-        tau_J[i] = gain[i] * current[i]
-
-
-@kernel
 def joint_torque(gain: Array, motor_rates: Array, current: Array, tau_J: Array) -> None:
-    """Single-sample kernel: as `motor_torque`, for motors that move several joints.
+    """Single-sample kernel: the torque of motors, of which one may move several joints.
 
     Args:
         gain: (n,) signed, of the motors, N m/A.
@@ -67,13 +44,11 @@ def joint_torque(gain: Array, motor_rates: Array, current: Array, tau_J: Array) 
         current: (n,) A.
         tau_J: (n,) N m, written: D^T (gain current).
     """
-    if motor_rates.shape[0] == 0:
-        motor_torque(gain, current, tau_J)
-        return
     n = gain.shape[0]
+    is_coupled = motor_rates.shape[0] > 0
     for i in range(n):
-        tau_J[i] = 0.0
-    for k in range(n):
+        tau_J[i] = 0.0 if is_coupled else gain[i] * current[i]
+    for k in range(motor_rates.shape[0]):
         for i in range(n):
             if motor_rates[k, i] != 0.0:  # so that a NaN stays with the joints it belongs to
                 tau_J[i] += motor_rates[k, i] * gain[k] * current[k]

@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,15 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import bundled_files, named_file
 from wrenchsight.models.files.configuration import load_configuration, nearest, save_configuration
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import LARGEST, check_numbers
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
 from wrenchsight.models.robot.drake_parsing import add_model
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
-from wrenchsight.models.robot.motors import current_to_torque, torque_to_current
+from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot_config import (
     DriveConfig,
     PoseConfig,
@@ -37,9 +38,22 @@ from wrenchsight.models.robot.truth_config import JointFrictionConfig, Simulated
 from wrenchsight.models.robot.urdf import read_urdf
 
 # Limits that no robot exceeds: a number beyond is a wrong unit or a typing error.
-_FAR = 1e3  # m, rad, m/s^2, A
-_LIGHT, _HEAVY = 1e-3, 1e5  # kg, kg m^2
+_FAR = (-1e3, 1e3)  # m, rad, m/s^2
+_SIZE = (1e-9, 1e3)  # m
+_HEAVY = 1e5  # kg, kg m^2
 _WEAK, _STRONG = 1e-5, 1e6  # N m, N m/A
+_LIMITS = {
+    **dict.fromkeys(("xyz", "rpy", "gravity", "floor", "locked_joints", "com"), _FAR),
+    **dict.fromkeys(("home", "mass", "inertia"), (-_HEAVY, _HEAVY)),
+    **dict.fromkeys(("sphere", "cylinder", "box"), _SIZE),
+    **dict.fromkeys(("rotor_inertia", "current_resolution", "current_noise_sd"), (0.0, 1e3)),
+    **dict.fromkeys(("rgba", "rest_friction_share"), (0.0, 1.0)),
+    "payload": (1e-3, _HEAVY),  # kg
+    "position_resolution": (0.0, 0.1),  # rad (m)
+    "gear_ratio": (1e-3, 1e5),
+    "current_bandwidth": (1e-3, LARGEST),  # Hz
+    "effort_limit": (_WEAK, _STRONG),
+}
 
 
 @dataclass(frozen=True)
@@ -76,6 +90,7 @@ class Robot:
         self.torque_per_ampere = _frozen([_torque_per_ampere(d, source) for d in drives])
         self.reflected_inertia = _frozen([_reflected_inertia(d, source) for d in drives])
         self.current_sign = _frozen([float(d.current_sign) for d in drives])
+        self._motor_gain = motor_gain(self.torque_per_ampere, self.current_sign)
         self.coupling = coupling_of(config.coupling, self.num_joints, source)
         self.coupling.setflags(write=False)
         if self.is_coupled:
@@ -88,10 +103,7 @@ class Robot:
         )
         self.current_bandwidth = _frozen([d.current_bandwidth or math.inf for d in drives])
         self.effort_limit = _frozen(
-            [
-                _effort_limit(d, j, source, urdf.source)
-                for d, j in zip(drives, urdf.joints, strict=True)
-            ]
+            [_effort_limit(d, j, urdf.source) for d, j in zip(drives, urdf.joints, strict=True)]
         )
         self.velocity_limit = _frozen([joint.velocity for joint in urdf.joints])
         self.position_lower = _frozen([joint.lower for joint in urdf.joints])
@@ -108,8 +120,12 @@ class Robot:
         """
         path = _robot_file(name_or_path)
         config = load_configuration(path, RobotConfig)
-        _check_lists(config, path)
-        return cls(config, path, read_urdf(_urdf_path(config, path), config, path))
+        return cls._read(config, path)
+
+    @classmethod
+    def _read(cls, config: RobotConfig, source: Path) -> "Robot":
+        _check_config(config, source)
+        return cls(config, source, read_urdf(_urdf_path(config, source), config, source))
 
     def with_tool(self, tool: ToolConfig | None, tool_frame: PoseConfig) -> "Robot":
         """The same robot with another tool (None: without one), and E elsewhere in the flange.
@@ -117,11 +133,7 @@ class Robot:
         Raises:
             InputError: a list has another length than it should.
         """
-        config = replace(self.config, tool=tool, tool_frame=tool_frame)
-        _check_lists(config, self.source)
-        return Robot(
-            config, self.source, read_urdf(_urdf_path(config, self.source), config, self.source)
-        )
+        return self._read(replace(self.config, tool=tool, tool_frame=tool_frame), self.source)
 
     @property
     def urdf_text(self) -> str:
@@ -153,7 +165,7 @@ class Robot:
 
     def joint_torque(self, current: Array) -> Array:
         """tau_J (..., n) in N m on the joints, of the motors' current (..., n) in A."""
-        tau_motor = current_to_torque(current, self.torque_per_ampere, self.current_sign)
+        tau_motor = np.asarray(current, float) * self._motor_gain
         return tau_motor @ self.motor_rates if self.is_coupled else tau_motor
 
     @property
@@ -167,7 +179,7 @@ class Robot:
     def motor_current(self, tau_J: Array) -> Array:
         """The motors' current (..., n) in A that puts tau_J (..., n) in N m on the joints."""
         tau_motor = np.asarray(tau_J, float) @ self.coupling if self.is_coupled else tau_J
-        return torque_to_current(tau_motor, self.torque_per_ampere, self.current_sign)
+        return np.asarray(tau_motor, float) / self._motor_gain
 
     @property
     def has_inertias(self) -> bool:
@@ -220,7 +232,9 @@ class Robot:
         Raises:
             InputError: a drive is missing, or a number of it out of range.
         """
-        return Robot(replace(self.config, drives=drives), self.source, self._urdf)
+        config = replace(self.config, drives=drives)
+        _check_config(config, self.source)
+        return Robot(config, self.source, self._urdf)
 
     def with_truth(self, truth: SimulatedTruthConfig) -> "Robot":
         """Returns the same robot with another simulated truth.
@@ -297,36 +311,23 @@ class Robot:
             )
         for joint, position in zip(self._urdf.joints, home, strict=True):
             if not joint.lower <= position <= joint.upper:
-                raise InputError(
-                    self.source,
-                    "home",
+                problem = (
                     f"{joint.name} = {position:g} lies outside its limits "
-                    f"[{joint.lower:g}, {joint.upper:g}]",
+                    f"[{joint.lower:g}, {joint.upper:g}]"
                 )
+                raise InputError(self.source, "home", problem)
         return home
 
 
 def bundled_robots() -> list[str]:
     """Names of the robots that come with the package."""
-    folder = _bundled_folder()
-    return sorted(entry.name for entry in folder.iterdir() if (entry / "robot.yaml").is_file())
-
-
-def _bundled_folder() -> Path:
-    return Path(str(resources.files("wrenchsight.models"))) / "robots"
+    return list(bundled_files("robots"))
 
 
 def _robot_file(name_or_path: "str | Path") -> Path:
-    text = str(name_or_path)
-    if text in bundled_robots():
-        return _bundled_folder() / text / "robot.yaml"
-    path = Path(name_or_path)
-    if path.is_dir() and (path / "robot.yaml").is_file():
+    path = named_file(name_or_path, "robots", "robot")
+    if (path / "robot.yaml").is_file():
         return path / "robot.yaml"
-    if not path.exists() and path.suffix not in {".yaml", ".yml"}:
-        names = bundled_robots()
-        remedy = nearest(text, names) or f"give the path of a robot.yaml or one of {names}"
-        raise InputError(text, "", "no such robot", remedy)
     if path.suffix in {".urdf", ".xacro", ".sdf", ".xml"}:
         draft = f"draft one: wrenchsight robot {path} --out robot.yaml"
         raise InputError(path, "", "describes the robot's links, and is no robot.yaml", draft)
@@ -343,53 +344,35 @@ def _frozen(values: Sequence[float] | Array) -> Array:
     return array
 
 
-def _check_lists(config: RobotConfig, source: Path) -> None:
-    """Lengths, signs and sizes that the YAML schema cannot state."""
+def _check_config(config: RobotConfig, source: Path) -> None:
+    """Sizes of numbers and lengths of lists, that the YAML schema cannot state."""
+    known = replace(config, simulated_truth=SimulatedTruthConfig())  # which may hold inf
+    check_numbers(known, str(source), _LIMITS)
 
-    def expect(values: Sequence[float], length: int, place: str, most: float = _FAR) -> None:
+    def expect(values: Sequence[float], length: int, place: str) -> None:
         if len(values) != length:
             raise InputError(source, place, f"{len(values)} numbers, expected {length}")
-        if not all(abs(value) <= most for value in values):
-            problem = f"{list(values)}, expected numbers between {-most:g} and {most:g}"
-            raise InputError(source, place, problem)
 
     expect(config.tool_frame.xyz, 3, "tool_frame.xyz")
     expect(config.tool_frame.rpy, 3, "tool_frame.rpy")
     expect(config.gravity, 3, "gravity")
-    expect(
-        [] if config.floor is None else [config.floor], 0 if config.floor is None else 1, "floor"
-    )
-    expect(list(config.locked_joints.values()), len(config.locked_joints), "locked_joints")
-    expect(config.home, len(config.home), "home", _HEAVY)
-    if not _LIGHT <= config.payload <= _HEAVY:
-        problem = f"{config.payload:g}, expected {_LIGHT:g} to {_HEAVY:g} kg"
-        raise InputError(source, "payload", problem)
     if config.tool is None:
         return
-    expect([config.tool.mass], 1, "tool.mass", _HEAVY)
     expect(config.tool.com, 3, "tool.com")
-    inertia = "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)"
-    expect(config.tool.inertia, 6, inertia, _HEAVY)
+    expect(config.tool.inertia, 6, "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)")
     for kind in ("visual", "collision"):
         for index, shape in enumerate(getattr(config.tool, kind)):
             place = f"tool.{kind}[{index}]"
             expect(shape.pose.xyz, 3, f"{place}.pose.xyz")
             expect(shape.pose.rpy, 3, f"{place}.pose.rpy")
-            expect(shape.rgba, 4, f"{place}.rgba", 1.0)
+            expect(shape.rgba, 4, f"{place}.rgba")
             given = [n for n in ("sphere", "cylinder", "box") if getattr(shape, n) is not None]
             if len(given) != 1:
                 raise InputError(source, place, "expected one of sphere, cylinder and box")
-            sizes = [] if shape.sphere is None else [shape.sphere]
             if shape.cylinder is not None:
                 expect(shape.cylinder, 2, f"{place}.cylinder (radius, length)")
-                sizes = shape.cylinder
             if shape.box is not None:
                 expect(shape.box, 3, f"{place}.box")
-                sizes = shape.box
-            if not all(0.0 < size <= _FAR for size in sizes) or min(shape.rgba) < 0.0:
-                raise InputError(
-                    source, place, "a size is not above 0, or a colour below", "correct it"
-                )
 
 
 def _ordered_drives(
@@ -406,41 +389,17 @@ def _ordered_drives(
         if drive.joint in by_joint:
             raise InputError(source, place, f'a second drive for "{drive.joint}"')
         by_joint[drive.joint] = drive
-        checks = {
-            "current_sign": (drive.current_sign in (-1, 1), "expected 1 or -1"),
-            "rotor_inertia": (0 <= drive.rotor_inertia <= _FAR, "expected kg m^2, 0 or more"),
-            "rotor_inertia_side": (
-                drive.rotor_inertia_side in ("motor", "joint"),
-                'expected "motor" or "joint"',
-            ),
-            "current_resolution": (0 <= drive.current_resolution <= _FAR, "expected A"),
-            "current_noise_sd": (0 <= drive.current_noise_sd <= _FAR, "expected A"),
-            "rest_friction_share": (0 <= drive.rest_friction_share <= 1, "expected 0 to 1"),
-            "position_resolution": (
-                drive.position_resolution is None or 0 <= drive.position_resolution < 0.1,
-                "expected rad (m) below 0.1, the step of the encoder at the joint",
-            ),
-            "gear_ratio": (
-                drive.gear_ratio is None or 1e-3 <= drive.gear_ratio <= _HEAVY,
-                f"expected 0.001 to {_HEAVY:g}",
-            ),
-            "current_bandwidth": (
-                drive.current_bandwidth is None or drive.current_bandwidth >= 1e-3,
-                "expected Hz, 0.001 or more",
-            ),
-        }
-        for key, (holds, expected) in checks.items():
-            if not holds:
-                value = getattr(drive, key)
-                raise InputError(source, f"{place}.{key}", f"{value!r}, {expected}")
+        if drive.current_sign not in (-1, 1):
+            problem = f"{drive.current_sign}, expected 1 or -1"
+            raise InputError(source, f"{place}.current_sign", problem)
+        if drive.rotor_inertia_side not in ("motor", "joint"):
+            problem = f'"{drive.rotor_inertia_side}", expected "motor" or "joint"'
+            raise InputError(source, f"{place}.rotor_inertia_side", problem)
     missing = [name for name in joint_names if name not in by_joint]
     if missing:
-        raise InputError(
-            source,
-            "drives",
-            f"no drive for {', '.join(missing)}",
-            "add one, or name the joint under locked_joints",
-        )
+        problem = f"no drive for {', '.join(missing)}"
+        remedy = "add one, or name the joint under locked_joints"
+        raise InputError(source, "drives", problem, remedy)
     return [by_joint[name] for name in joint_names]
 
 
@@ -459,12 +418,8 @@ def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
             source, place, "needs torque_per_ampere, or torque_constant with gear_ratio"
         )
     if not _WEAK <= value <= _STRONG:
-        raise InputError(
-            source,
-            place,
-            f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}",
-            "the sign belongs in current_sign",
-        )
+        problem = f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}"
+        raise InputError(source, place, problem, "the sign belongs in current_sign")
     return value
 
 
@@ -474,11 +429,9 @@ def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
     if drive.gear_ratio is None:
         if drive.rotor_inertia == 0.0:
             return 0.0
+        problem = "rotor_inertia is on the motor side, and gear_ratio is missing"
         raise InputError(
-            source,
-            f"drive of {drive.joint}",
-            "rotor_inertia is on the motor side, and gear_ratio is missing",
-            "add it, or set rotor_inertia_side: joint",
+            source, f"drive of {drive.joint}", problem, "add it, or set rotor_inertia_side: joint"
         )
     reflected = drive.rotor_inertia * drive.gear_ratio**2
     if reflected > _STRONG:
@@ -487,19 +440,13 @@ def _reflected_inertia(drive: DriveConfig, source: Path) -> float:
     return reflected
 
 
-def _effort_limit(drive: DriveConfig, joint: JointLimits, source: Path, urdf: Path) -> float:
+def _effort_limit(drive: DriveConfig, joint: JointLimits, urdf: Path) -> float:
     if drive.effort_limit is not None:
-        if not _WEAK <= drive.effort_limit <= _STRONG:
-            problem = f"effort_limit {drive.effort_limit:g}, expected {_WEAK:g} to {_STRONG:g} N m"
-            raise InputError(source, f"drive of {drive.joint}", problem)
         return drive.effort_limit
     if joint.effort is None:
-        raise InputError(
-            urdf,
-            f"line {joint.line}" if joint.line else "",
-            f'joint "{joint.name}" has no effort limit above 0',
-            'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml',
-        )
+        problem = f'joint "{joint.name}" has no effort limit above 0'
+        remedy = 'add effort="..." (N m) to its <limit>, or effort_limit to its drive in robot.yaml'
+        raise InputError(urdf, f"line {joint.line}" if joint.line else "", problem, remedy)
     return joint.effort
 
 

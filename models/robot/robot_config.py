@@ -37,8 +37,8 @@ class ToolConfig:
     com: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m, from the flange
     inertia: list[float] = field(default_factory=list, metadata=REQUIRED)
     # about its centre of mass: ixx, iyy, izz, ixy, ixz, iyz, kg m^2
-    visual: list[ShapeConfig] = field(default_factory=list)
-    collision: list[ShapeConfig] = field(default_factory=list)
+    visual: list[ShapeConfig] = field(default_factory=list)  # what is drawn
+    collision: list[ShapeConfig] = field(default_factory=list)  # what it collides with
 
 
 @dataclass
@@ -83,6 +83,7 @@ class RobotConfig:
     coupling: list[list[float]] = field(default_factory=list)
     # n rows of n: q_joint = coupling q_motor, motors behind their gears; without it: each its own
     simulated_truth: SimulatedTruthConfig = field(default_factory=SimulatedTruthConfig)
+    """What only the simulation knows; no model or estimator reads it."""
 
 
 def pose_of(config: PoseConfig) -> RigidTransform:

@@ -16,9 +16,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.drake_parsing import add_model
+from wrenchsight.models.robot.urdf_elements import add_inertial, fixed_joint, set_pose, text_of
 
 _SHAPES = ("visual", "collision")
 
@@ -78,12 +78,10 @@ def _add_joint(robot: ET.Element, joint: Any, X_LP: RigidTransform, effort: floa
         kind, axis = "revolute", joint.revolute_axis()
     elif isinstance(joint, PrismaticJoint):
         kind, axis = "prismatic", joint.translation_axis()
-    element = ET.SubElement(robot, "joint", name=joint.name())
-    ET.SubElement(element, "parent", link=joint.parent_body().name())
-    ET.SubElement(element, "child", link=joint.child_body().name())
-    ET.SubElement(element, "origin", _pose(X))
+    element = fixed_joint(joint.name(), joint.parent_body().name(), joint.child_body().name(), X)
+    robot.append(element)
     if axis is not None:
-        ET.SubElement(element, "axis", xyz=_text(axis))
+        ET.SubElement(element, "axis", xyz=text_of(axis))
         lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
         if kind == "revolute" and not (math.isfinite(lower) and math.isfinite(upper)):
             kind = "continuous"
@@ -104,12 +102,8 @@ def _add_inertial(link: ET.Element, body: Any, X_LB: RigidTransform) -> None:
         return
     about_origin = inertia.CalcRotationalInertia().CopyToFullMatrix3()
     about_com = about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com))
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", _pose(X_LB @ RigidTransform(com)))
-    ET.SubElement(inertial, "mass", value=repr(mass))
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = about_com
-    values = {"ixx": xx, "iyy": yy, "izz": zz, "ixy": xy, "ixz": xz, "iyz": yz}
-    ET.SubElement(inertial, "inertia", {key: repr(float(x)) for key, x in values.items()})
+    add_inertial(link, mass, X_LB @ RigidTransform(com), (xx, yy, zz, xy, xz, yz))
 
 
 def _add_shapes(link: ET.Element, given: ET.Element | None, X_LB: RigidTransform) -> None:
@@ -127,8 +121,7 @@ def _add_shapes(link: ET.Element, given: ET.Element | None, X_LB: RigidTransform
             values = [0.0] * 6
             if pose is not None and pose.text:
                 values = [float(word) for word in pose.text.split()]
-            X = X_LB @ RigidTransform(RollPitchYaw(values[3:]), values[:3])
-            element.insert(0, ET.Element("origin", _pose(X)))
+            set_pose(element, X_LB @ RigidTransform(RollPitchYaw(values[3:]), values[:3]))
             _add_geometry(geometry, shape.find("geometry"))
 
 
@@ -151,11 +144,3 @@ def _add_geometry(geometry: ET.Element, given: ET.Element | None) -> None:
         ET.SubElement(geometry, "mesh", filename=uri, scale=of("scale") or "1 1 1")
     else:
         ET.SubElement(geometry, shape.tag)
-
-
-def _pose(X: RigidTransform) -> dict[str, str]:
-    return {"xyz": _text(X.translation()), "rpy": _text(RollPitchYaw(X.rotation()).vector())}
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)

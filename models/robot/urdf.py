@@ -6,13 +6,12 @@ silence (no effort limit, a mesh that cannot be drawn). So the file is checked h
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import nearest
@@ -23,15 +22,20 @@ from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of
 from wrenchsight.models.robot.robot_config import RobotConfig, ShapeConfig, ToolConfig
 from wrenchsight.models.robot.rotational_inertia import inertia_matrix, unphysical
 from wrenchsight.models.robot.rounded_angles import exact_angle
-from wrenchsight.models.robot.standing_links import standing_links
 from wrenchsight.models.robot.urdf_document import read_document
+from wrenchsight.models.robot.urdf_elements import (
+    INERTIA,
+    add_inertial,
+    fixed_joint,
+    set_pose,
+    text_of,
+)
 from wrenchsight.models.robot.urdf_pictures import drop_pictures
 from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
 _KEPT = ("link", "joint", "material", "drake:collision_filter_group")
-_INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _LARGEST = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
@@ -60,7 +64,9 @@ class _Reader:
         self.root, self.lines = read_document(path, config_source, config.xacro_args)
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
-        self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}  # link and joint, by name
+        self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}
+        """Shapes around the arm that its base does not carry, and what places them, by name: a
+        torso's arm may hit its own machine."""
         self.parent_joint: dict[str, ET.Element] = {}  # by child link
         self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
 
@@ -124,7 +130,7 @@ class _Reader:
         if any(abs(value - float(word)) > 1e-7 for value, word in zip(exact, words, strict=True)):
             self.rounded.append(joint.get("name", ""))
         if exact != [float(word) for word in words]:
-            origin.set("rpy", _text(exact))
+            origin.set("rpy", text_of(exact))
 
     def _register(self, element: ET.Element, known: dict[str, ET.Element]) -> str:
         name = element.get("name", "")
@@ -187,38 +193,33 @@ class _Reader:
                     if kind == "prismatic"
                     else RigidTransform(AngleAxis(position, axis), np.zeros(3))
                 )
-                self._set_origin(joint, self._origin(joint) @ motion)
+                set_pose(joint, self._origin(joint) @ motion)
             joint.set("type", "fixed")
 
     def _keep_below_base(self) -> None:
         """Drops all that does not hang on the base link: W is the base link's frame."""
         base = self.config.base_link
         if base not in self.links or base == "world":
-            raise InputError(
-                self.config_source,
-                "base_link",
-                f'"{base}" is no link of the robot in {self.path.name}',
-                self._near_link(base),
-            )
-        joint = self.parent_joint.get(base)
-        turned = RotationMatrix()
-        while joint is not None:
-            turned = self._origin(joint).rotation() @ turned
-            joint = self.parent_joint.get(self._parent(joint))
-        if not turned.IsNearlyIdentity(1e-6):
+            problem = f'"{base}" is no link of the robot in {self.path.name}'
+            raise InputError(self.config_source, "base_link", problem, self._near_link(base))
+        (root,) = (name for name in self.links if name not in self.parent_joint)
+        poses = self._below(root)
+        if not poses[base].rotation().IsNearlyIdentity(1e-6):
             self.notices.append(
                 f'the mounting of "{base}" in the URDF is ignored: W is "{base}", '
                 "gravity is as robot.yaml states it"
             )
         kept = set(self._below(base))
         dropped = [name for name in self.links if name not in kept]
-        poses = {
-            name: (self._parent(element), self._child(element), self._origin(element))
-            for name, element in self.joints.items()
-        }
-        self.standing = standing_links(base, dropped, self.links, poses)
         for name in dropped:
-            self.root.remove(self.links.pop(name))
+            link = self.links.pop(name)
+            self.root.remove(link)
+            if shapes := link.findall("collision"):
+                obstacle = ET.Element("link", name=name)
+                obstacle.extend(shapes)
+                X_BL = poses[base].inverse() @ poses[name]
+                joint = fixed_joint(f"{name} stands", base, name, X_BL)
+                self.standing[name] = (obstacle, joint)
         for name, element in list(self.joints.items()):
             if self._child(element) not in kept or self._parent(element) not in kept:
                 self.root.remove(self.joints.pop(name))
@@ -240,12 +241,8 @@ class _Reader:
         """The moving joints from base to flange; any other moving joint is a branch."""
         flange = self.config.flange
         if flange not in self.links:
-            raise InputError(
-                self.config_source,
-                "flange",
-                f'"{flange}" is no link below "{self.config.base_link}"',
-                self._near_link(flange),
-            )
+            problem = f'"{flange}" is no link below "{self.config.base_link}"'
+            raise InputError(self.config_source, "flange", problem, self._near_link(flange))
         chain: list[ET.Element] = []
         joint = self.parent_joint.get(flange)
         while joint is not None:
@@ -308,24 +305,22 @@ class _Reader:
         if config.tool is not None:
             tool = config.tool
             link = ET.SubElement(self.root, "link", name=tool.name)
-            inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "origin", xyz=_text(tool.com), rpy="0 0 0")
-            ET.SubElement(inertial, "mass", value=repr(float(tool.mass)))
-            values = (repr(float(value)) for value in tool.inertia)
-            ET.SubElement(inertial, "inertia", dict(zip(_INERTIA, values, strict=True)))
+            add_inertial(link, tool.mass, RigidTransform(tool.com), tool.inertia)
             for kind, shapes in (("visual", tool.visual), ("collision", tool.collision)):
                 for index, shape in enumerate(shapes):
                     self._add_shape(link, kind, f"{tool.name}_{kind}_{index}", shape)
-            self._add_fixed("tool_mount", carrier, tool.name, RigidTransform())
+            self.root.append(fixed_joint("tool_mount", carrier, tool.name, RigidTransform()))
             carrier = tool.name
         ET.SubElement(self.root, "link", name="E")
-        pose = ET.SubElement(self._add_fixed("tool_frame", carrier, "E", None), "origin")
-        pose.set("xyz", _text(config.tool_frame.xyz))
-        pose.set("rpy", _text(config.tool_frame.rpy))
+        frame = fixed_joint("tool_frame", carrier, "E", None)
+        self.root.append(frame)
+        pose = ET.SubElement(frame, "origin")  # as robot.yaml has it: no rounding
+        pose.set("xyz", text_of(config.tool_frame.xyz))
+        pose.set("rpy", text_of(config.tool_frame.rpy))
 
     def _add_shape(self, link: ET.Element, kind: str, name: str, shape: ShapeConfig) -> None:
         element = ET.SubElement(link, kind, name=name)
-        ET.SubElement(element, "origin", xyz=_text(shape.pose.xyz), rpy=_text(shape.pose.rpy))
+        ET.SubElement(element, "origin", xyz=text_of(shape.pose.xyz), rpy=text_of(shape.pose.rpy))
         geometry = ET.SubElement(element, "geometry")
         if shape.sphere is not None:
             ET.SubElement(geometry, "sphere", radius=repr(shape.sphere))
@@ -333,27 +328,17 @@ class _Reader:
             radius, length = shape.cylinder
             ET.SubElement(geometry, "cylinder", radius=repr(radius), length=repr(length))
         elif shape.box is not None:
-            ET.SubElement(geometry, "box", size=_text(shape.box))
+            ET.SubElement(geometry, "box", size=text_of(shape.box))
         if kind == "visual":
             material = ET.SubElement(element, "material", name=f"{name}_colour")
-            ET.SubElement(material, "color", rgba=_text(shape.rgba))
-
-    def _add_fixed(
-        self, name: str, parent: str, child: str, pose: RigidTransform | None
-    ) -> ET.Element:
-        joint = ET.SubElement(self.root, "joint", name=name, type="fixed")
-        ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=child)
-        if pose is not None:
-            self._set_origin(joint, pose)
-        return joint
+            ET.SubElement(material, "color", rgba=text_of(shape.rgba))
 
     # Inertia ----------------------------------------------------------------------------------
 
     def _check_inertias(self, moving: list[ET.Element]) -> None:
         if self.config.tool is not None:
             self._check_tool(self.config.tool)
-        carried = {name for joint in moving for name in self._rigidly_below(self._child(joint))}
+        carried = {name for joint in moving for name in self._below(self._child(joint), True)}
         fixed = carried - {self._child(joint) for joint in moving}
         for name, link in self.links.items():
             try:
@@ -362,7 +347,7 @@ class _Reader:
                 if name in fixed and self._inertia(link)[0] >= 0.0:
                     # A locked finger, a sensor: what moves is judged with all that is fixed to it.
                     for inertia in link.findall("inertial/inertia"):
-                        inertia.attrib = dict.fromkeys(_INERTIA, "0")
+                        inertia.attrib = dict.fromkeys(INERTIA, "0")
                     self.notices.append(f"taken as a point mass: {fault}")
                     continue
                 if name in carried:  # what stands still needs none
@@ -393,7 +378,7 @@ class _Reader:
         """Checks a moving link with what is fixed to it."""
         tool = self.config.tool
         parts = []
-        for name, pose in self._rigidly_below(body).items():
+        for name, pose in self._below(body, True).items():
             mass, com, about_com = self._inertia(self.links[name])
             R = pose.rotation().matrix()
             parts.append((mass, pose @ com, R @ about_com @ R.T))
@@ -447,28 +432,20 @@ class _Reader:
         pose = self._origin(inertial)
         values = [0.0] * 6
         if inertia_element is not None:
-            values = [self._number(inertia_element, key, 0.0) for key in _INERTIA]
+            values = [self._number(inertia_element, key, 0.0) for key in INERTIA]
         R = pose.rotation().matrix()
         return mass, pose.translation(), R @ inertia_matrix(values) @ R.T
 
     # Small parts ------------------------------------------------------------------------------
 
-    def _below(self, link: str) -> Iterator[str]:
-        """`link` and every link that it carries."""
-        waiting = [link]
-        while waiting:
-            name = waiting.pop()
-            yield name
-            waiting += [self._child(joint) for joint in self.child_joints.get(name, [])]
-
-    def _rigidly_below(self, link: str) -> dict[str, RigidTransform]:
-        """`link` and every link fixed to it, with their poses in it."""
+    def _below(self, link: str, is_fixed: bool = False) -> dict[str, RigidTransform]:
+        """`link` and all that it carries, or that is fixed to it: poses in it, joints at 0."""
         poses = {link: RigidTransform()}
         waiting = [link]
         while waiting:
             name = waiting.pop()
             for joint in self.child_joints.get(name, []):
-                if joint.get("type") == "fixed":
+                if not is_fixed or joint.get("type") == "fixed":
                     poses[self._child(joint)] = poses[name] @ self._origin(joint)
                     waiting.append(self._child(joint))
         return poses
@@ -515,13 +492,6 @@ class _Reader:
             RollPitchYaw(self._vector(origin, "rpy")), self._vector(origin, "xyz")
         )
 
-    def _set_origin(self, element: ET.Element, pose: RigidTransform) -> None:
-        origin = element.find("origin")
-        if origin is None:
-            origin = ET.SubElement(element, "origin")
-        origin.set("xyz", _text(pose.translation()))
-        origin.set("rpy", _text(RollPitchYaw(pose.rotation()).vector()))
-
     def _vector(self, element: ET.Element, key: str) -> Array:
         text = element.get(key, "0 0 0")
         try:
@@ -562,7 +532,3 @@ class _Reader:
     def _fail(self, element: ET.Element, problem: str, remedy: str = "") -> NoReturn:
         line = self.lines.get(element)
         raise InputError(self.path, f"line {line}" if line else "", problem, remedy)
-
-
-def _text(values: "Array | list[float]") -> str:
-    return " ".join(repr(float(value)) for value in values)

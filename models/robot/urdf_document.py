@@ -32,16 +32,13 @@ def read_document(
             `urdf_of_sdf`.
     """
     remedy = f"see {named_by}" if named_by is not None else "check the path"
-    data = read_limited(path, LARGEST_DOCUMENT, "URDF", remedy)
+    data = read_limited(path, LARGEST_DOCUMENT, "a URDF", remedy)
     root, lines = _parsed(data, path)
     if root.tag == "sdf":
         return urdf_of_sdf(root, path), {}
     if root.tag != "robot":
-        raise InputError(
-            path,
-            f"line {lines[root]}",
-            f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>",
-        )
+        problem = f"<{root.tag}> is the root element, expected <robot> of a URDF, or <sdf>"
+        raise InputError(path, f"line {lines[root]}", problem)
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         root, lines = _parsed(urdf_of_xacro(path, arguments), path)[0], {}
     for element in root.iter():

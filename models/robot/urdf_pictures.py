@@ -27,7 +27,7 @@ def drop_pictures(
         What happened, a sentence each.
     """
     dropped: dict[tuple[str, str], int] = {}
-    for link in links.values():
+    for name, link in links.items():
         for kind in ("visual", "collision"):
             for element in link.findall(kind):
                 reason = _undrawable(element, urdf)
@@ -35,8 +35,8 @@ def drop_pictures(
                     continue
                 link.remove(element)
                 if kind == "collision":
-                    mesh = _mesh_for_hull(element, urdf)
-                    collisions.add(link, element, mesh, _missing(element, urdf) or reason)
+                    mesh, missing = _mesh_for_hull(element, urdf)
+                    collisions.add(name, element, mesh, missing or reason)
                     if mesh is not None:
                         continue
                 dropped[kind, reason] = dropped.get((kind, reason), 0) + 1
@@ -81,22 +81,14 @@ def _undrawable(element: ET.Element, urdf: Path) -> str:
     return ""
 
 
-def _mesh_for_hull(element: ET.Element, urdf: Path) -> Path | None:
-    """The file of a collision mesh that Drake does not read, but whose hull can be made."""
+def _mesh_for_hull(element: ET.Element, urdf: Path) -> tuple[Path | None, str]:
+    """The file of a collision mesh whose hull can be made, or that the file is not there."""
     shape = element.find("geometry/mesh")
     name = "" if shape is None else shape.get("filename", "")
-    if Path(name).suffix.lower() not in HULL_SUFFIXES:
-        return None
-    return resolved_mesh(name, urdf)
-
-
-def _missing(element: ET.Element, urdf: Path) -> str:
-    """That a mesh's file is not there, with the first place it was looked for; '' if it is."""
-    shape = element.find("geometry/mesh")
-    name = "" if shape is None else shape.get("filename", "")
-    if not name or resolved_mesh(name, urdf) is not None:
-        return ""
-    return f"{name} not found, looked for at {_mesh_places(name, urdf)[0]} and above"
+    found = resolved_mesh(name, urdf) if name else None
+    if name and found is None:
+        return None, f"{name} not found, looked for at {_mesh_places(name, urdf)[0]} and above"
+    return found if Path(name).suffix.lower() in HULL_SUFFIXES else None, ""
 
 
 def resolved_mesh(name: str, urdf: Path) -> Path | None:

@@ -185,14 +185,14 @@ class _Document:
             self._xacro.filestack.pop()
             missing = FileNotFoundError(f"no such file: {path}")
             raise self._xacro.XacroException(exc=missing)
-        data = read_limited(path, LARGEST_FILE, "xacro")
+        data = read_limited(path, LARGEST_FILE, "a xacro file")
         self._work.spend(len(data) // 2 + _ELEMENT // 3 * data.count(b"<"))
         return xml.dom.minidom.parseString(data)
 
     def _load_yaml(self, name: str) -> Any:
         path = self._inside(str(name))
         if path not in self._yaml:
-            data = read_limited(path, LARGEST_YAML, "YAML")
+            data = read_limited(path, LARGEST_YAML, "a YAML file")
             self._work.spend(5 * len(data))
             try:
                 self._yaml[path] = bounded(yaml.load(data, _loader(self._work)))
@@ -210,7 +210,9 @@ def _is_package(folder: Path, name: str) -> bool:
     described = folder / "package.xml"
     if not described.is_file():
         return False
-    named = re.search(rb"<name>\s*([\w.-]+)\s*</name>", read_limited(described, 1 << 20, "package"))
+    named = re.search(
+        rb"<name>\s*([\w.-]+)\s*</name>", read_limited(described, 1 << 20, "a package.xml")
+    )
     return folder.name == name or (named is not None and named[1].decode() == name)
 
 

@@ -42,12 +42,8 @@ class LowPass:
         if cutoff == 0.0:
             return cls(np.zeros((1, 1)), np.ones(1), np.ones(1))
         if not 0.0 < cutoff < 0.5 / time_step:
-            raise InputError(
-                "low-pass",
-                "cutoff",
-                f"{cutoff} Hz is outside 0 to {0.5 / time_step:g} Hz, half the sampling rate",
-                "0 means no filter",
-            )
+            problem = f"{cutoff} Hz is outside 0 to {0.5 / time_step:g} Hz, half the sampling rate"
+            raise InputError("low-pass", "cutoff", problem, "0 means no filter")
         if order not in (1, 2, 3, 4):
             raise InputError("low-pass", "order", f"{order} is none of 1, 2, 3, 4")
         numerator, denominator = signal.butter(order, 2 * np.pi * cutoff, analog=True)
@@ -79,12 +75,17 @@ def low_pass_step(A: Array, B: Array, u: Array, x: Array) -> None:
 
 
 @kernel
+def _output(C: Array, x: Array, y: Array) -> None:
+    for channel in range(x.shape[0]):
+        y[channel] = 0.0
+        for i in range(C.shape[0]):
+            y[channel] += C[i] * x[channel, i]
+
+
+@kernel
 def _low_pass_log(A: Array, B: Array, C: Array, u: Array, x: Array, y: Array) -> None:
     for k in range(u.shape[0]):
-        for channel in range(u.shape[1]):
-            y[k, channel] = 0.0
-            for i in range(B.shape[0]):
-                y[k, channel] += C[i] * x[channel, i]
+        _output(C, x, y[k])
         low_pass_step(A, B, u[k], x)
 
 
@@ -93,7 +94,4 @@ def low_pass_update(A: Array, B: Array, C: Array, signal: Array, state: Array) -
     """As low_pass_step, with x row by row in `state`; puts the new outputs in the inputs' place."""
     x = state.reshape(signal.shape[0], B.shape[0])
     low_pass_step(A, B, signal, x)
-    for channel in range(signal.shape[0]):
-        signal[channel] = 0.0
-        for i in range(B.shape[0]):
-            signal[channel] += C[i] * x[channel, i]
+    _output(C, x, signal)

@@ -13,8 +13,8 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
-from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.robot.robot import Robot
 
 

@@ -108,8 +108,7 @@ def draft_robot(
     leaders = {joint.name for joint in joints if joint not in arm}
     locked = [joint for joint in locked if joint.leader not in leaders]
     home = np.array([joint.middle for joint in arm])
-    truth = _Assumed(1.0, np.zeros(len(arm)))
-    fields = (urdf, arguments, name, base, flange, arm, locked)
+    draft = _Draft(out, urdf, arguments, name, base, flange, arm, locked)
     if os.path.lexists(out):
         raise InputError(out, "", "is there already", "name another file with --out")
     # Loaded twice: to find a posture to start from, and as it is written.
@@ -117,10 +116,10 @@ def draft_robot(
         out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
         with writing_to(out):
-            partial.write_text(_text(out, *fields, home, 0.0, truth), encoding="utf-8")
+            partial.write_text(draft.text(home, 0.0, 1.0, np.zeros(len(arm))), encoding="utf-8")
         robot = Robot.load(partial)
         home, floor = _good_posture(robot, home)
-        text = _text(out, *fields, home, floor, _assumed(robot))
+        text = draft.text(home, floor, *_assumed(robot))
         with writing_to(out):
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
@@ -206,12 +205,9 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
                 break  # fingers of a hand that no name tells
             if depths[1] >= _LEAST_ARM:
                 ends = [joint.child for joint in ways if joint.moves + depth(joint.child) > 1]
-                raise InputError(
-                    urdf,
-                    link,
-                    f"carries several arms or legs ({', '.join(ends)})",
-                    "name the link that carries the tool with --flange",
-                )
+                problem = f"carries several arms or legs ({', '.join(ends)})"
+                remedy = "name the link that carries the tool with --flange"
+                raise InputError(urdf, link, problem, remedy)
         way = next(joint for joint in ways if joint.moves + depth(joint.child) == depths[0])
         link, length = way.child, length + way.moves
     # Links fixed to the last one, of which one may be made for the tool.
@@ -254,23 +250,15 @@ def _good_posture(robot: Robot, middle: Array) -> tuple[Array, float | None]:
     return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), found
 
 
-@dataclass(frozen=True)
-class _Assumed:
+def _assumed(robot: Robot) -> tuple[float, Array]:
     """What a URDF says nothing of, as large as on common arms: payload in kg, and the torque (n,)
-    in N m (N) that a joint carries, of which friction and noise are parts.
+    in N m (N) that a joint carries, of which friction and noise are parts; 0 without inertias.
     """
-
-    payload: float
-    carried: Array
-
-
-def _assumed(robot: Robot) -> _Assumed:
-    """Of an arm whose inertias the URDF holds; else no friction."""
     n = robot.num_joints
     try:
         robot.require_inertias("a plain friction")
     except InputError:
-        return _Assumed(1.0, np.zeros(n))
+        return 1.0, np.zeros(n)
     low = np.clip(robot.position_lower, -_FULL_TURN, _FULL_TURN)
     high = np.clip(robot.position_upper, -_FULL_TURN, _FULL_TURN)
     q = low + (high - low) * np.random.default_rng(0).uniform(size=(_CANDIDATES, n))
@@ -283,70 +271,73 @@ def _assumed(robot: Robot) -> _Assumed:
         carried[j] += np.abs(inertial - robot.chain.inverse_dynamics(q, still, still))[:, j].max()
     carried = np.maximum(carried, _LEAST_CARRIED * carried.max())  # seals turn with any load
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
-    return _Assumed(float(f"{max(_PAYLOAD_SHARE * mass, 0.01):.2g}"), carried)
+    return float(f"{max(_PAYLOAD_SHARE * mass, 0.01):.2g}"), carried
 
 
-def _text(
-    out: Path,
-    urdf: Path,
-    arguments: Mapping[str, str],
-    name: str,
-    base: str,
-    flange: str,
-    arm: list[_Joint],
-    locked: list[_Joint],
-    home: Array,
-    floor: float | None,
-    assumed: _Assumed,
-) -> str:
-    path = urdf.resolve()
-    if path.is_relative_to(out.resolve().parent):
-        path = path.relative_to(out.resolve().parent)
-    lines = [
-        f"# Drafted from {urdf.name}. What the URDF does not hold is marked {FILL_IN}: such",
-        "# numbers only make the file load. docs/your-robot.md says where they are found.",
-        f"name: {_quoted(name)}",
-        f"urdf: {_quoted(str(path))}",
-        *(["xacro_args:"] if arguments else []),
-        *(f"  {_quoted(key)}: {json.dumps(value)}" for key, value in arguments.items()),
-        f"base_link: {_quoted(base)}  # W is its frame",
-        f"flange: {_quoted(flange)}  # the link that carries the tool",
-        f"tool_frame: {{xyz: [0, 0, 0], rpy: [0, 0, 0]}}  # {FILL_IN}: E in the flange, m and rad",
-        "# tool: {mass: kg, com: [x, y, z], inertia: [ixx, iyy, izz, ixy, ixz, iyz]}  "
-        "# what is mounted there, in axes of the flange",
-        "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted",
-        "floor: 0  # m, its height in W; null where there is none"
-        if floor is not None
-        else "floor: null  # the arm hangs below W; else the floor's height in W, m",
-        f"payload: {assumed.payload:g}  # {FILL_IN}: kg, rated (data sheet)",
-        f"home: [{', '.join(f'{value:g}' for value in home)}]"
-        "  # rad or m: free of contact, far from singular",
-    ]
-    if locked:
-        lines.append("locked_joints:  # moving joints that are not the arm's, rad or m")
-        lines += [f"  {_quoted(joint.name)}: {joint.middle:g}" for joint in locked]
-    lines += [
-        "",
-        "# torque_per_ampere, N m/A on the joint side: motor torque constant times gear ratio",
-        "# (data sheet). 1 where the log holds joint torque in N m instead of current.",
-        "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
-        "drives:",
-    ]
-    for joint, torque in zip(arm, assumed.carried, strict=True):
-        fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, rotor_inertia: 0.0, "
-        fields += "rotor_inertia_side: joint"
-        if torque > 0.0:
-            noise, step = _NOISE_SHARE * torque, _STEP_SHARE * torque
-            fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"
-        said = f"{FILL_IN}"
-        if not joint.effort > 0.0:
-            fields += ", effort_limit: 100.0"
-            said += ", also effort_limit, which the URDF lacks"
-        said += f"; limits {_limits(joint)}"
-        lines.append(f"  - {{{fields}}}  # {said}")
-    if assumed.carried.any():
-        lines += _truth_lines(arm, assumed.carried)
-    return "\n".join(lines) + "\n"
+@dataclass(frozen=True)
+class _Draft:
+    """What a URDF says of an arm, and the file that it is written to."""
+
+    out: Path
+    urdf: Path
+    arguments: Mapping[str, str]
+    name: str
+    base: str
+    flange: str
+    arm: list[_Joint]
+    locked: list[_Joint]  # moving joints that are not the arm's
+
+    def text(self, home: Array, floor: float | None, payload: float, carried: Array) -> str:
+        path = self.urdf.resolve()
+        if path.is_relative_to(self.out.resolve().parent):
+            path = path.relative_to(self.out.resolve().parent)
+        lines = [
+            f"# Drafted from {self.urdf.name}. "
+            f"What the URDF does not hold is marked {FILL_IN}: such",
+            "# numbers only make the file load. docs/your-robot.md says where they are found.",
+            f"name: {_quoted(self.name)}",
+            f"urdf: {_quoted(str(path))}",
+            *(["xacro_args:"] if self.arguments else []),
+            *(f"  {_quoted(key)}: {json.dumps(value)}" for key, value in self.arguments.items()),
+            f"base_link: {_quoted(self.base)}  # W is its frame",
+            f"flange: {_quoted(self.flange)}  # the link that carries the tool",
+            "tool_frame: {xyz: [0, 0, 0], rpy: [0, 0, 0]}"
+            f"  # {FILL_IN}: E in the flange, m and rad",
+            "# tool: {mass: kg, com: [x, y, z], inertia: [ixx, iyy, izz, ixy, ixz, iyz]}  "
+            "# what is mounted there, in axes of the flange",
+            "gravity: [0, 0, -9.81]  # in W; another vector where the base hangs or is tilted",
+            "floor: 0  # m, its height in W; null where there is none"
+            if floor is not None
+            else "floor: null  # the arm hangs below W; else the floor's height in W, m",
+            f"payload: {payload:g}  # {FILL_IN}: kg, rated (data sheet)",
+            f"home: [{', '.join(f'{value:g}' for value in home)}]"
+            "  # rad or m: free of contact, far from singular",
+        ]
+        if self.locked:
+            lines.append("locked_joints:  # moving joints that are not the arm's, rad or m")
+            lines += [f"  {_quoted(joint.name)}: {joint.middle:g}" for joint in self.locked]
+        lines += [
+            "",
+            "# torque_per_ampere, N m/A on the joint side: motor torque constant times gear ratio",
+            "# (data sheet). 1 where the log holds joint torque in N m instead of current.",
+            "# rotor_inertia, kg m^2 on the joint side: data sheet, times the gear ratio squared.",
+            "drives:",
+        ]
+        for joint, torque in zip(self.arm, carried, strict=True):
+            fields = f"joint: {_quoted(joint.name)}, torque_per_ampere: 1.0, rotor_inertia: 0.0, "
+            fields += "rotor_inertia_side: joint"
+            if torque > 0.0:
+                noise, step = _NOISE_SHARE * torque, _STEP_SHARE * torque
+                fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"
+            said = f"{FILL_IN}"
+            if not joint.effort > 0.0:
+                fields += ", effort_limit: 100.0"
+                said += ", also effort_limit, which the URDF lacks"
+            said += f"; limits {_limits(joint)}"
+            lines.append(f"  - {{{fields}}}  # {said}")
+        if carried.any():
+            lines += _truth_lines(self.arm, carried)
+        return "\n".join(lines) + "\n"
 
 
 def _truth_lines(arm: list[_Joint], carried: Array) -> list[str]:

@@ -17,7 +17,8 @@ from wrenchsight.analyses.methods.live.ros2_dds import OPTIONS, TopicReader, joi
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
 from wrenchsight.models.live.stream_order import SAY_AGAIN
-from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit, telling_joints
+from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
+from wrenchsight.models.recordings.plausibility.product_sums import telling_joints
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.rosbag.messages import JOINT_STATE, QUANTITIES, typestore
 from wrenchsight.models.robot.robot import Robot

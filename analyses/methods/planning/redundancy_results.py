@@ -17,8 +17,8 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
+from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
-from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.motion.redundancy import (
     Trajectory,
 )

@@ -151,12 +151,8 @@ def _series(
         held = topics[topic][quantity]
         missing = [joint for joint in joints if joint not in held]
         if missing:
-            raise InputError(
-                path,
-                "header",
-                f"{topic} lacks the {quantity} of {', '.join(missing)}",
-                "record all joints, " + _DESCRIBE,
-            )
+            problem = f"{topic} lacks the {quantity} of {', '.join(missing)}"
+            raise InputError(path, "header", problem, "record all joints, " + _DESCRIBE)
         setattr(form, key, by_number([held[joint] for joint in joints]))
     first = f"joints read from the columns of {main or 'each joint'}"
     return KnownLayout(form, (first, *notices), effort=form.motor_torque is not None)
@@ -179,19 +175,15 @@ def _topic_of(
         return (usual or holding)[0]
     if not holding:
         listed = sorted({joint for held in topics.values() for joint in held.get(quantity, {})})
-        raise InputError(
-            path,
-            "header",
-            f"no topic holds the {quantity} of the robot's joints; it has {', '.join(listed)}",
+        problem = f"no topic holds the {quantity} of the robot's joints; it has {', '.join(listed)}"
+        remedy = (
             f"the robot's are {', '.join(joint_names or ())}; give the robot that the log comes "
-            "from, " + _DESCRIBE,
+            "from, " + _DESCRIBE
         )
-    raise InputError(
-        path,
-        "header",
-        f"{len(holding)} topics hold the joints' {quantity}: {', '.join(holding)}",
-        "name the columns of one of them in a description (--log-format)",
-    )
+        raise InputError(path, "header", problem, remedy)
+    problem = f"{len(holding)} topics hold the joints' {quantity}: {', '.join(holding)}"
+    remedy = "name the columns of one of them in a description (--log-format)"
+    raise InputError(path, "header", problem, remedy)
 
 
 def _order(
@@ -202,12 +194,9 @@ def _order(
         return list(range(len(joints))), [f"joints in the log's order: {', '.join(joints)}"]
     missing = [name for name in joint_names if name not in joints]
     if missing:
-        raise InputError(
-            path,
-            "joints",
-            f"lacks {', '.join(missing)}; it has {', '.join(joints)}",
-            "give the robot that the log comes from, " + _DESCRIBE,
-        )
+        problem = f"lacks {', '.join(missing)}; it has {', '.join(joints)}"
+        remedy = "give the robot that the log comes from, " + _DESCRIBE
+        raise InputError(path, "joints", problem, remedy)
     others = [name for name in joints if name not in joint_names]
     notices = [f"joints that are not the arm's are left out: {', '.join(others)}"] if others else []
     return [joints.index(name) for name in joint_names], notices

@@ -58,21 +58,17 @@ def header_format(
     missing += [f"{k}{j}" for k in wanted for j in range(1, size + 1) if j not in joints[k]]
     missing += [f"{k}.{j}" for k, v in extra.items() for j in range(1, max(v) + 1) if j not in v]
     if missing:
-        raise InputError(
-            path,
-            place,
-            f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}",
-            f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}",
-        )
+        problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
+        remedy = f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}"
+        raise InputError(path, place, problem, remedy)
     surplus = [f"{k}{j}" for k in wanted for j in joints[k] if j > size]
     if surplus:
-        raise InputError(
-            path,
-            place,
+        problem = (
             f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {size} "
-            "joints",
-            "give the robot that the log comes from, or correct the header",
+            "joints"
         )
+        remedy = "give the robot that the log comes from, or correct the header"
+        raise InputError(path, place, problem, remedy)
     form = RecordingFormat(time=stamps or SignalColumns("t"))
     for letter in wanted:
         setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{size}}}"))

@@ -165,7 +165,7 @@ def load_data_set(root: Path) -> DataSet:
         InputError: it is damaged, of an unknown version, or without episodes.
     """
     path = root / INFO
-    info = _json(read_limited(path, _LARGEST_META, "info.json"), path)
+    info = _json(read_limited(path, _LARGEST_META, "an info.json"), path)
     known = {"v2.0": 2, "v2.1": 2, "v3.0": 3}
     version = known.get(str(info.get("codebase_version")))
     if version is None:
@@ -271,7 +271,7 @@ def json_lines(path: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: it is missing or damaged.
     """
-    text = read_limited(path, _LARGEST_META, path.name)
+    text = read_limited(path, _LARGEST_META, "lines of JSON")
     lines = [line for line in text.splitlines() if line.strip()]
     if len(lines) > MOST_EPISODES:
         raise InputError(path, "", f"has more than {MOST_EPISODES} lines")
@@ -303,7 +303,7 @@ def _statistics(data_set: DataSet) -> list[dict[str, Any]]:
     """Statistics by feature, of the whole data set or of each episode."""
     whole, each = (data_set.root / "meta" / name for name in ("stats.json", "episodes_stats.jsonl"))
     if whole.is_file():
-        return [_json(read_limited(whole, _LARGEST_META, whole.name), whole)]
+        return [_json(read_limited(whole, _LARGEST_META, "statistics"), whole)]
     if each.is_file():
         rows = [row.get("stats") for row in json_lines(each)]
         return [row for row in rows if isinstance(row, dict)]

@@ -167,17 +167,9 @@ def _write_data(data_set: DataSet, source: Path, target: Path, features: list[Ne
 
 
 def _appended(table: pa.Table, name: str, values: NDArray[Any], kind: pa.DataType) -> pa.Table:
-    flat = pa.array(values.ravel())
-    if pa.types.is_fixed_size_list(kind):
-        column = pa.FixedSizeListArray.from_arrays(flat, type=kind)
-    elif pa.types.is_list(kind):
-        ends = np.arange(len(values) + 1, dtype=np.int32) * (values.size // max(1, len(values)))
-        column = pa.ListArray.from_arrays(pa.array(ends), flat, type=kind)
-    else:
-        column = flat
     if name in table.column_names:
         table = table.drop_columns([name])
-    return table.append_column(pa.field(name, kind), column)
+    return table.append_column(pa.field(name, kind), pa.array(list(values), kind))
 
 
 def _with_features(schema: pa.Schema, features: list[NewFeature]) -> pa.Schema:
@@ -226,7 +218,7 @@ def _write_statistics(
     path = root / _STATS
     if path.is_file():
         try:
-            held = json.loads(read_limited(path, _LARGEST_META, path.name))
+            held = json.loads(read_limited(path, _LARGEST_META, "statistics"))
         except ValueError as error:
             raise InputError(path, "", f"is no JSON ({error})", "copy it again") from error
         more = any(isinstance(one, dict) and "q50" in one for one in held.values())

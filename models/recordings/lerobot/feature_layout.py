@@ -220,12 +220,13 @@ def _angle_unit(
     if largest > _NORMALISED:
         return "deg", [f"positions reach {largest:.0f}: read as degrees"]
     servo = f" ({data_set.robot_type[:40]})" if data_set.robot_type else ""
-    raise InputError(
-        data_set.root / INFO,
-        joints[0].feature,
+    problem = (
         f"positions reach {largest:.0f}: degrees, or LeRobot's positions normalised to -100..100"
-        f"{servo}; the data set does not say which",
+        f"{servo}; the data set does not say which"
+    )
+    remedy = (
         f"for degrees add --log-format {IN_DEGREES}; normalised ones need the calibration of the "
         f"arm: describe gain and offset of each joint (--log-format FILE.yaml); {IN_RADIANS} for "
-        "radians",
+        "radians"
     )
+    raise InputError(data_set.root / INFO, joints[0].feature, problem, remedy)

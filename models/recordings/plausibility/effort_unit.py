@@ -7,7 +7,7 @@ of effort to G, by least squares a joint, is
     about 1      the effort is in N m
     about 1 / K  it is in A, with K the torque per ampere of robot.yaml
 
-A joint is asked if K is FACTOR from one, gravity loads it and the effort follows gravity.
+A joint is asked if K is far from one, gravity loads it and the effort follows gravity.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,17 +16,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.recordings.log_words import IN_AMPERES, IN_NEWTON_METRES
+from wrenchsight.models.recordings.plausibility.product_sums import (
+    FOLLOWS,
+    LEAST_GRAVITY,
+    GravitySums,
+    telling_joints,
+)
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-FACTOR = 2.5  # of K or 1 / K: with less the two ratios are too near to each other
-SLOW = 0.25  # of the speed limit, all joints: gravity prevails over dynamics
-LEAST_GRAVITY = 1.0  # N m
-FOLLOWS = 0.7  # cosine between effort and gravity torque
 NEARER = 0.7  # natural logarithm by which one ratio must be nearer than the other, joints' mean
-_SAMPLES = 500  # of a recording
 _LEAST_SAMPLES = 20
-NAMES = {"N m": "effort-in-newton-metres", "A": "effort-in-amperes"}
+NAMES = {"N m": IN_NEWTON_METRES, "A": IN_AMPERES}
 """Words of --log-format that decide it, by unit."""
 REMEDIES = {unit: f"--log-format {word}" for unit, word in NAMES.items()}
 """Options that decide it, by unit."""
@@ -81,38 +83,19 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
     unknown = EffortUnit("", np.full(n, np.nan), np.zeros(n, np.bool_))
     if not robot.has_inertias or robot.is_coupled:
         return unknown
-    xx, xy, yy, count = np.zeros(n), np.zeros(n), np.zeros(n), 0
+    sums = GravitySums(robot)
     for recording in recordings:
-        if recording.tau_J is None:
-            continue
-        slow = np.all(np.abs(recording.v) < SLOW * robot.velocity_limit, axis=1)
-        slow &= np.isfinite(recording.q).all(axis=1) & np.isfinite(recording.tau_J).all(axis=1)
-        rows = np.flatnonzero(slow)
-        rows = rows[:: max(1, len(rows) // _SAMPLES)]
-        if not len(rows):
-            continue
-        gravity = robot.chain.gravity_torque(np.ascontiguousarray(recording.q[rows]))
-        effort = recording.tau_J[rows]
-        xx += (gravity**2).sum(axis=0)
-        xy += (gravity * effort).sum(axis=0)
-        yy += (effort**2).sum(axis=0)
-        count += len(rows)
-    if count < _LEAST_SAMPLES:
+        if recording.tau_J is not None:
+            sums.add_slow(recording.q, recording.v, recording.tau_J)
+    if sums.count[0] < _LEAST_SAMPLES:
         return unknown
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio, cosine = np.abs(xy / xx), np.abs(xy) / np.sqrt(xx * yy)
-        loaded = np.sqrt(xx / count) > LEAST_GRAVITY
-    asked = np.asarray(loaded & telling_joints(robot) & (cosine > FOLLOWS))
+    ratio = np.abs(sums.ratio())
+    loaded = sums.gravity() > LEAST_GRAVITY
+    asked = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
     if not asked.any():
         return unknown
     K = robot.torque_per_ampere
     # How much nearer, by factors, the ratio is to that of N m than to that of A.
-    nearer = (np.abs(np.log(ratio * K)) - np.abs(np.log(ratio)))[asked].mean()
+    nearer = (np.abs(np.log((ratio * K)[asked])) - np.abs(np.log(ratio[asked]))).mean()
     unit = "" if abs(nearer) < NEARER else "N m" if nearer > 0.0 else "A"
     return EffortUnit(unit, ratio, asked)
-
-
-def telling_joints(robot: Robot) -> Flags:
-    """(n,) whether a joint's torque per ampere is far enough from one to tell the units apart."""
-    K = robot.torque_per_ampere
-    return np.asarray(np.maximum(K, 1.0 / K) > FACTOR)

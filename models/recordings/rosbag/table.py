@@ -7,10 +7,9 @@ gives the rows, and the others are interpolated linearly at its stamps.
 """
 
 import re
-import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -98,14 +97,19 @@ class BagWriter:
     def __enter__(self) -> "BagWriter":
         from rosbags.rosbag2 import StoragePlugin, Writer
 
-        self._whole_file = whole_file(self.path)
-        self._partial = self._whole_file.__enter__()
-        with writing_to(self.path):
-            # rosbags writes a folder; the file in it is a bag by itself.
-            self._folder = Path(tempfile.mkdtemp(prefix=".bag", dir=self.path.parent))
-            bag = self._folder / "bag"
-            self._writer = Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
-            self._writer.open()
+        with ExitStack() as stack:
+            self._partial = stack.enter_context(whole_file(self.path))
+            with writing_to(self.path):
+                # rosbags writes a folder; the file in it is a bag by itself.
+                folder = stack.enter_context(
+                    tempfile.TemporaryDirectory(
+                        prefix=".bag", dir=self.path.parent, ignore_cleanup_errors=True
+                    )
+                )
+                self._bag = Path(folder) / "bag"
+                self._writer = Writer(self._bag, version=9, storage_plugin=StoragePlugin.MCAP)
+                self._writer.open()
+            self._opened = stack.pop_all()
         return self
 
     def write(self, topic: str, kind: str, stamps: Rows, messages: NDArray[np.uint8]) -> None:
@@ -144,18 +148,13 @@ class BagWriter:
             self.write(topic, JOINT_STATE, stamps[part], layout.encode(stamps[part], values[part]))
 
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
-        try:
-            if error is None:
-                with writing_to(self.path):
-                    self._writer.close()
-                    (found,) = (self._folder / "bag").glob("*.mcap")
-                    found.replace(self._partial)
-            self._whole_file.__exit__(kind, error, traceback)
-        except InputError as failure:
-            self._whole_file.__exit__(InputError, failure, failure.__traceback__)
-            raise
-        finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        with self._opened:
+            if error is not None:
+                raise error
+            with writing_to(self.path):
+                self._writer.close()
+                (found,) = self._bag.glob("*.mcap")
+                found.replace(self._partial)
 
 
 def is_bag(path: Path) -> bool:
@@ -204,12 +203,8 @@ class RosbagTable:
                         self._columns.append((topic, k))
         if not self._columns:
             listed = ", ".join(sorted(kinds)) or "nothing"
-            raise InputError(
-                path,
-                "",
-                f"holds no topic of {' or '.join(KINDS)}; it holds {listed}",
-                "record the joint states",
-            )
+            problem = f"holds no topic of {' or '.join(KINDS)}; it holds {listed}"
+            raise InputError(path, "", problem, "record the joint states")
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
 
@@ -312,17 +307,13 @@ class _Follower:
             if not np.isfinite(self._step) and len(self._t) > 1:
                 self._step = float(np.median(np.diff(self._t)))
         assert self._values is not None
-        right = np.clip(np.searchsorted(self._t, t, side="left"), 1, max(len(self._t) - 1, 1))
         if len(self._t) < 2:
             return np.full((len(t), self._values.shape[1]), np.nan)
-        left = right - 1
-        span = self._t[right] - self._t[left]
-        weight = (t - self._t[left]) / np.where(span > 0, span, 1.0)
+        right = np.clip(np.searchsorted(self._t, t, side="left"), 1, len(self._t) - 1)
+        columns = [np.interp(t, self._t, column, np.nan, np.nan) for column in self._values.T]
+        values = np.stack(columns, axis=1)
         longest = max(_LONGEST_BRIDGE, _BRIDGED_STEPS * self._step)
-        inside = (weight >= 0) & (weight <= 1) & (span <= longest)
-        values = self._values[left] + weight[:, None] * (self._values[right] - self._values[left])
-        values[weight == 1] = self._values[right[weight == 1]]
-        values[~inside] = np.nan
-        keep = max(int(left[-1]), 0)
+        values[self._t[right] - self._t[right - 1] > longest] = np.nan
+        keep = max(int(right[-1]) - 1, 0)
         self._t, self._values = self._t[keep:], self._values[keep:]
-        return np.asarray(values)
+        return values

@@ -23,8 +23,8 @@ from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig,
 from wrenchsight.analyses.methods.runs import simulation
 from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
-from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.placement.placement_task import load_task
 
 # What does the work of a command, by the command's name.

@@ -105,9 +105,6 @@ class CampaignFolder(Folder):
             return "figures of one seed beside the table of another"
         return None if record.worlds else "no world is left"
 
-    def hidden(self) -> list[str]:
-        return _hidden(self.path, {MARKER})
-
 
 class StudyResults(Results):
     """A study's folder with the results of one experiment."""

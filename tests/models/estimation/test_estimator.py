@@ -18,7 +18,6 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
-from wrenchsight.models.robot.motors import torque_to_current
 from wrenchsight.models.robot.robot import Robot
 
 T = 0.002
@@ -58,7 +57,7 @@ def log(N: int = 600) -> tuple[Array, Array, Array]:
     v = 0.4 * w * np.cos(w * t + np.arange(6))
     rng = np.random.default_rng(2)
     tau = arm().chain.gravity_torque(q) + model().friction.torque(v) + rng.normal(size=(N, 6))
-    return q, v, torque_to_current(tau, arm().torque_per_ampere, arm().current_sign)
+    return q, v, arm().motor_current(tau)
 
 
 def test_the_chain_against_pinocchio_and_numpy() -> None:
@@ -143,7 +142,7 @@ def test_a_push_reads_as_what_the_environment_does(method: str) -> None:
     v = np.zeros_like(q)
     tau = robot.chain.gravity_torque(q) + model().friction.torque(v)
     tau -= robot.chain.jacobian(q[0]).T @ F
-    current = torque_to_current(tau, robot.torque_per_ampere, robot.current_sign)
+    current = robot.motor_current(tau)
     tool = estimator(method)
     if method == "bayesian":
         tool = tool.with_prior(1e5, 1e5)

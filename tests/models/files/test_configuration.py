@@ -169,44 +169,59 @@ def test_nearest() -> None:
     assert nearest("qqq", ["home"]) == ""
 
 
-@dataclass
-class _Numbers:
-    number: float = 0.0
-    whole: int = 0
-    text: str = ""
-    switch: bool = False
+ODD_YAML = {
+    "int": "!!int abc",
+    "timestamp": "!!timestamp 2020-13-45",
+    "bool": "!!bool maybe",
+    "custom": "!custom 3",
+    "python": '!!python/object/apply:os.system ["true"]',
+    "equals": "=",
+    "merge": "<<",
+    "nul": '"a\\0b"',
+    "zero byte": "a\0b",
+    "itself": "&a [*a]",
+    "digits": "9" * 5000,
+    "decimals": "1." + "3" * 5000 + "x",
+    "float": "!!float abc",
+    "binary": '!!binary "===="',
+    "set": "!!set {a, b}",
+    "omap": "!!omap [a: 1]",
+    "hexadecimal": "0x" + "f" * 5000,
+    "alias": "*nothing",
+    "surrogate": '"\\ud800"',
+    "escape": '"\\e[31m"',
+}
+_WORDS = {"equals", "merge", "decimals"}  # where a text is expected
+
+
+@pytest.mark.parametrize("key", ["name", "count", "mass", "fixed", "path", "matrix"])
+@pytest.mark.parametrize("value", ODD_YAML)
+def test_odd_yaml_is_one_line(tmp_path: Path, key: str, value: str) -> None:
+    path = write(tmp_path, f"{key}: {ODD_YAML[value]}\n")
+    if key in ("name", "path") and value in _WORDS:
+        return
+    with pytest.raises(InputError) as caught:
+        load_configuration(path, Thing)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+_DEEP = ("[" * 1200 + "]" * 1200, "[" * 1200, "{a: " * 600 + "1" + "}" * 600)
 
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "whole: !!int abc",
-        "number: !!float abc",
-        "text: !!timestamp 2020-13-45",
-        "switch: !!bool maybe",
-        "number: !custom 1",
-        "number: !!python/object/apply:os.system [ls]",
-        "=",
-        "<<",
-        "{{a: 1}: 2}",
-        "text: a\0b",
-        "[" * 5000,
-        "whole: " + "9" * 5000,
-        "&a [*a]",
-    ],
+    ["=", "<<", "{{a: 1}: 2}", "=: 3", "<<: 3", "\0", "\ta: 1", *(f"name: {x}" for x in _DEEP)],
 )
-def test_odd_yaml_is_one_line(tmp_path, text):
-    path = tmp_path / "a.yaml"
-    path.write_text(text)
+def test_an_odd_document_is_one_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError) as caught:
-        load_configuration(path, _Numbers)
-    assert str(caught.value).startswith(f"{path}: ")
+        load_configuration(write(tmp_path, text), Thing)
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_without_an_end_is_one_line():
     with pytest.raises(InputError, match="larger than 8 MB"):
-        load_configuration("/dev/zero", _Numbers)
+        load_configuration("/dev/zero", Thing)
 
 
 def test_what_a_terminal_would_obey_is_written_out():

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import yaml
 
+from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.files.task_files import bundled_tasks
 from wrenchsight.models.placement.placement_task import check_task, load_task, reach_ball
 from wrenchsight.models.robot.robot import Robot
 
@@ -29,8 +29,8 @@ def write(folder: Path, changes: dict) -> Path:
 
 
 def test_the_bundled_tasks_suit_the_bundled_arm(sts: Robot) -> None:
-    assert bundled_tasks("placement") == ["linear_path", "linear_path_table"]
-    for name in bundled_tasks("placement"):
+    assert list(bundled_files("tasks/placement")) == ["linear_path", "linear_path_table"]
+    for name in bundled_files("tasks/placement"):
         task, source = load_task(name)
         check_task(task, source, sts)
         path = task.initial_path()

@@ -8,9 +8,7 @@ import pytest
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings import npz_table
-from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
-from wrenchsight.models.recordings.recording_writer import write_recording
 
 _ROWS = 50
 
@@ -55,17 +53,6 @@ def test_one_array_per_signal(
     assert recording.row.tolist() == list(range(1, _ROWS + 1))
     assert any("names holds no numbers" in notice for notice in recording.notices)
     assert any("left out: rate" in notice for notice in recording.notices)
-
-
-def test_a_recording_reads_back_bit_for_bit(tmp_path: Path) -> None:
-    a = _arrays()
-    extra = {"file": a["q"][:, :2]}  # the name of an argument of numpy's
-    log = Recording(a["t"], a["q"], a["v"], a["q"], "made up", tau_J=a["v"], extra=extra)
-    write_recording(log, tmp_path / "out.npz")
-    again = read_recording(tmp_path / "out.npz")
-    for name in ("t", "q", "v", "current", "tau_J"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(log, name))
-    np.testing.assert_array_equal(again.extra["file"], extra["file"])
 
 
 def test_rows_of_a_description(tmp_path: Path) -> None:

@@ -25,19 +25,24 @@ def _recording(num_samples: int = 50, num_joints: int = 3) -> Recording:
         source="memory",
         tau_J=tau_J,
         dropout=dropout,
-        extra={"wrench_true": rng.normal(size=(num_samples, 6))},
+        extra={"file": rng.normal(size=(num_samples, 6))},  # as an argument of numpy.savez
     )
 
 
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_a_file_reads_back_exactly(tmp_path: Path, ending: str) -> None:
+@pytest.mark.parametrize("begin", [0.0, 1.7e9])
+@pytest.mark.parametrize("ending", ["csv", "parquet", "npz", "mcap"])
+def test_a_file_reads_back_exactly(tmp_path: Path, ending: str, begin: float) -> None:
     recording = _recording()
+    recording = replace(recording, t=begin + np.round(recording.t - 1.7e9, 6))
+    if ending == "mcap":  # which has no flags
+        recording = replace(recording, dropout=np.zeros(50, bool))
     path = tmp_path / f"log.{ending}"
     write_recording(recording, path)
+    assert list(tmp_path.iterdir()) == [path]
     again = read_recording(path)
     for name in ("t", "q", "v", "current", "tau_J", "dropout"):
         np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
-    np.testing.assert_array_equal(again.extra["wrench_true"], recording.extra["wrench_true"])
+    np.testing.assert_array_equal(again.extra["file"], recording.extra["file"])
 
 
 def test_the_csv_is_what_the_estimator_documents(tmp_path: Path) -> None:

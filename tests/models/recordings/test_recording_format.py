@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_format import (
+    FORMATS,
     RecordingFormat,
     SignalColumns,
-    bundled_formats,
     load_format,
     resolve_layout,
     rows_for,
@@ -58,8 +59,8 @@ def test_units_gains_and_offsets() -> None:
 
 
 def test_the_bundled_descriptions_load() -> None:
-    assert {"panda-tactile-pad", "ur10e-dynamic-calibration"} <= set(bundled_formats())
-    for name in bundled_formats():
+    assert {"panda-tactile-pad", "ur10e-dynamic-calibration"} <= bundled_files(FORMATS).keys()
+    for name in bundled_files(FORMATS):
         form, _ = load_format(name)
         assert form.description and form.source
     ur10e, _ = load_format("ur10e-dynamic-calibration")

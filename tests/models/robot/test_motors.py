@@ -1,36 +1,31 @@
-"""Current, torque, quantisation."""
+"""Current and torque of motors."""
 
 import numpy as np
 import pytest
 
-from wrenchsight.models.robot.motors import current_to_torque, motor_torque, torque_to_current
+from wrenchsight.models.robot.motors import joint_torque, motor_gain
 
-GAIN = np.array([11.976, 9.839, 2.5])
-SIGN = np.array([1.0, -1.0, 1.0])
+GAIN = motor_gain([11.976, 9.839, 2.5], [1.0, -1.0, 1.0])
 
 
 def test_torque_is_sign_times_gain_times_current() -> None:
-    current = np.array([[1.0, 2.0, -4.0], [0.5, -1.0, 0.0]])
-    expected = np.array([[11.976, -19.678, -10.0], [5.988, 9.839, 0.0]])
-    np.testing.assert_allclose(current_to_torque(current, GAIN, SIGN), expected, rtol=1e-15)
-    np.testing.assert_allclose(current_to_torque(current[0], GAIN, SIGN), expected[0], rtol=1e-15)
-
-
-def test_there_and_back() -> None:
-    tau = np.random.default_rng(1).normal(size=(50, 3)) * 100.0
-    back = current_to_torque(torque_to_current(tau, GAIN, SIGN), GAIN, SIGN)
-    np.testing.assert_allclose(back, tau, rtol=1e-14)
-
-
-def test_kernel_is_the_same_law() -> None:
-    current = np.array([0.3, -0.7, 12.0])
     tau = np.empty(3)
-    motor_torque(GAIN * SIGN, current, tau)
-    np.testing.assert_array_equal(tau, current_to_torque(current, GAIN, SIGN))
+    joint_torque(GAIN, np.empty((0, 3)), np.array([1.0, 2.0, -4.0]), tau)
+    np.testing.assert_allclose(tau, [11.976, -19.678, -10.0], rtol=1e-15)
+
+
+def test_motors_that_move_several_joints() -> None:
+    rates = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.5, 1.0]])
+    current, tau = np.array([0.3, -0.7, 12.0]), np.empty(3)
+    joint_torque(GAIN, rates, current, tau)
+    np.testing.assert_allclose(tau, rates.T @ (GAIN * current), rtol=1e-15)
+    current[2] = np.nan
+    joint_torque(GAIN, rates, current, tau)
+    np.testing.assert_array_equal(np.isnan(tau), [False, True, True])  # where that motor counts
 
 
 def test_bad_gain_or_sign_is_refused() -> None:
     with pytest.raises(ValueError, match="positive"):
-        current_to_torque([1.0], [0.0])
+        motor_gain([0.0])
     with pytest.raises(ValueError, match=r"\+1 or -1"):
-        current_to_torque([1.0], [1.0], [0.5])
+        motor_gain([1.0], [0.5])

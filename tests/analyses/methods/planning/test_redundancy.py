@@ -20,8 +20,8 @@ from wrenchsight.analyses.methods.planning.redundancy_task import (
 from wrenchsight.diagrams.distances.clearance import Clearance, workpiece_clearance
 from wrenchsight.diagrams.scenario import BladeConfig
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration, save_configuration
-from wrenchsight.models.files.task_files import task_file
 from wrenchsight.models.motion.posture_measures import ConditionNumber
 from wrenchsight.models.motion.redundancy import RedundancyProblem
 from wrenchsight.models.motion.surface_path import SurfacePath

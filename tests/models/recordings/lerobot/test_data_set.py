@@ -253,3 +253,11 @@ def test_the_pattern_of_paths_stays_below_the_root(
     (root / "meta/info.json").write_text(json.dumps(info | {"data_path": pattern}))
     with pytest.raises(InputError, match="expected a path below the data set's folder"):
         load_data_set(root)
+
+
+def test_a_path_that_no_file_has(tmp_path: Path, episodes: list[dict[str, np.ndarray]]) -> None:
+    root = write_data_set(tmp_path / "set", "v2.1", episodes[:1], FPS)
+    info = json.loads((root / "meta/info.json").read_text())
+    (root / "meta/info.json").write_text(json.dumps(info | {"data_path": "a\0b.parquet"}))
+    with pytest.raises(InputError, match="cannot be read"):
+        read_recording(root / "episode_000000")

@@ -1,10 +1,13 @@
 """What stands around an arm, and what hangs on it without an inertia of its own."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
@@ -121,3 +124,17 @@ def test_a_mesh_of_a_package_is_found_however_it_is_written(tmp_path: Path, slas
     (folder / "a.stl").write_text("")
     found = resolved_mesh(f"{slashes}arm_description/a.stl", folder / "urdf" / "arm.urdf")
     assert found == folder / "a.stl"
+
+
+def _num_shapes(robot: Robot, hulls: bool) -> int:
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
+    robot.add_to_plant(plant, hulls=hulls)
+    return int(plant.num_collision_geometries())
+
+
+def test_moved_joints_keep_the_hulls(wheel_robot: Callable[[str], Robot]) -> None:
+    robot = wheel_robot("ur5")
+    moved = robot.with_moved_joints(np.full((6, 3), 1e-6), np.full((6, 3), 1e-6))
+    assert _num_shapes(moved, True) == _num_shapes(robot, True)
+    # One shape is no mesh; the others are there only where hulls are asked for.
+    assert _num_shapes(robot, True) - _num_shapes(robot, False) == 7

@@ -2,14 +2,13 @@ from pathlib import Path
 
 import pytest
 
+from wrenchsight.models.files.bundled_files import bundled_files, task_file
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.files.task_files import bundled_tasks, task_file
 
 
 def test_a_bundled_name_gives_its_file() -> None:
     assert task_file("blade_path", "redundancy").read_text().startswith("#")
-    assert "linear_path" in bundled_tasks("placement")
-    assert "linear_path" not in bundled_tasks("redundancy")
+    assert bundled_files("robots")["ur10e"].parts[-2:] == ("ur10e", "robot.yaml")
 
 
 def test_a_path_is_left_as_it_is(tmp_path: Path) -> None:
