@@ -7,7 +7,7 @@ import typer
 
 from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.commands.options import Option, Out, with_settings
-from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.analyses.output.console import new_console, new_table, plain_text, show
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
@@ -111,18 +111,16 @@ def _print_fit(fit: "FiguresFit") -> None:
         by = "" if moved is None else f"{moved.parameter} {moved.rank_correlation:+.2f}"
         numbers = (f"{x:.3g}" for x in (row.printed, row.best, row.median))
         table.add_row(plain_text(row.name), *numbers, f"{row.p05:.3g} to {row.p95:.3g}", by)
-    console = new_console()
-    console.print(table)
     learnt = "; ".join(
         f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in fit.ranges.items()
     )
-    say(console, f"parameters (5 to 95 %): {learnt}")
-    say(
-        console,
+    show(
+        table,
+        f"parameters (5 to 95 %): {learnt}",
         f"arms: {fit.arms}; inside 5 to 95 %: {100 * fit.fitted_inside:.0f} % of the rows, of "
         f"those held out {100 * fit.held_out_inside:.0f} %",
+        f"written to {fit.out / 'posterior'}",
     )
-    say(console, f"written to {fit.out / 'posterior'}")
 
 
 def _print(result: "CampaignResult") -> None:
@@ -137,17 +135,17 @@ def _print(result: "CampaignResult") -> None:
         row = table_row(one)
         label = f"{row.label} [{row.unit}]" if row.unit else row.label
         table.add_row(plain_text(label), row.article, row.median, row.range, row.ahead)
-    console = new_console()
-    if table.row_count:
-        console.print(table)
-    for number, outcome in sorted(result.failures.items()):
-        for name, why in outcome.failures.items():
-            line = why.splitlines()[0]
-            say(console, f"world {number} (seed {outcome.seed}) failed in {name}: {line}")
     kept = f", {result.kept} of them kept" if result.kept else ""
-    seconds = "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items())
-    say(console, f"worlds: {result.worlds}{kept}")
-    if seconds:
-        say(console, f"processor time a world: {seconds}")
+    show(
+        *([table] if table.row_count else []),
+        *(
+            f"world {number} (seed {outcome.seed}) failed in {name}: {why.splitlines()[0]}"
+            for number, outcome in sorted(result.failures.items())
+            for name, why in outcome.failures.items()
+        ),
+        f"worlds: {result.worlds}{kept}",
+    )
+    if seconds := "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items()):
+        show(f"processor time a world: {seconds}")
     if result.worlds:
-        say(console, f"report: {result.out / REPORT_NAME}")
+        show(f"report: {result.out / REPORT_NAME}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wrenchsight.analyses.commands.options import Data, Out, Quick, Seed, Truth
-from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.analyses.output.console import new_console, new_table, plain_text, show
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.study.outcome import StudyResult
@@ -81,10 +81,8 @@ def _print(result: "StudyResult") -> None:
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
             table.add_row(indented, " ".join(row.stated), " ".join(row.here))
-    console = new_console()
-    if table.row_count:
-        console.print(table)
-    for outcome in result.outcomes:
-        if not outcome.has_result:
-            say(console, f"{outcome.name} {outcome.state}: {outcome.reason}")
-    say(console, f"report: {result.report}")
+    show(
+        *([table] if table.row_count else []),
+        *(f"{o.name} {o.state}: {o.reason}" for o in result.outcomes if not o.has_result),
+        f"report: {result.report}",
+    )

@@ -2,7 +2,7 @@
 
 from wrenchsight.analyses.commands.options import Option, with_settings
 from wrenchsight.analyses.methods.live.watch_config import WatchSettings
-from wrenchsight.analyses.output.console import new_console, say
+from wrenchsight.analyses.output.console import new_console, show
 
 ORDER = 35
 ESTIMATOR = "watch.live.estimator"
@@ -46,8 +46,7 @@ def command(settings: WatchSettings) -> None:
     """Tell the wrench at the tool while the robot runs: from a controller, or a log played."""
     from wrenchsight.analyses.methods.live.watching import watch
 
-    console = new_console()
-    count = watch(settings, console)
-    say(console, f"{count} readings")
+    count = watch(settings, new_console())
+    show(f"{count} readings")
     if settings.record is not None and count:
-        say(console, f"recorded in {settings.record}")
+        show(f"recorded in {settings.record}")

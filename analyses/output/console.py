@@ -1,6 +1,6 @@
 """What commands print: tables, lines and progress, alike in a terminal and in a log."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -43,6 +43,21 @@ def say(console: Console, text: str) -> None:
     """Prints lines as they are: unwrapped, without markup, and nothing that a terminal obeys."""
     lines = "\n".join(printable(line) for line in text.split("\n"))
     console.print(lines, markup=False, highlight=False, soft_wrap=True)
+
+
+def show(*parts: Table | str) -> None:
+    """Prints what a command found, on stdout: tables, and lines as `say` does."""
+    console = new_console()
+    for part in parts:
+        if isinstance(part, str):
+            say(console, part)
+        else:
+            console.print(part)
+
+
+def notes(sentences: Iterable[str]) -> Iterator[str]:
+    """Sentences that the user should not miss, as lines for `show`."""
+    return (f"note: {sentence}" for sentence in sentences)
 
 
 def plain_text(text: str, style: str = "") -> Text:
