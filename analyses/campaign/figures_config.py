@@ -156,7 +156,7 @@ def bundled_worlds() -> WorldSource:
     return WorldSource(posterior=posterior)
 
 
-def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
+def load_figures(file: str | Path, narrowed_by: str | Path | None = None) -> Figures:
     """Reads FIGURES.yaml.
 
     Args:
@@ -191,8 +191,9 @@ def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
     ranges = WorldRanges(**{name: (pair[0], pair[1]) for name, pair in given.items()})
     check_ranges(ranges, even=True)
     about = load_truth(path.parent / config.about) if config.about else None
+    earlier = None if narrowed_by is None else Path(narrowed_by)
     posterior = None
-    if narrowed_by is not None:
-        posterior = load_configuration(narrowed_by / "posterior" / DRAWS, ArmPosterior)
+    if earlier is not None:
+        posterior = load_configuration(earlier / "posterior" / DRAWS, ArmPosterior)
     source = WorldSource(ranges, posterior, about, tuple(given), config.alike, even=True)
-    return Figures(path, config, source, narrowed_by)
+    return Figures(path, config, source, earlier)

@@ -17,6 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.output.outputs import json_text, plain, plain_metrics
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.analyses.study.figure_files import written_figures
@@ -25,10 +26,18 @@ from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.kernel import one_thread
-from wrenchsight.models.truth.worlds import WorldSource, draw_world
+from wrenchsight.models.truth.worlds import World, WorldSource, draw_world
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
 _kept: list[tempfile.TemporaryDirectory[str]] = []
+
+
+@dataclass
+class CampaignSettings(CampaignOptions):
+    """What is asked of a campaign."""
+
+    source: WorldSource = field(default_factory=WorldSource)  # of worlds
+    numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
 
 
 @dataclass(frozen=True)
@@ -36,28 +45,24 @@ class WorldTask:
     """What a worker is sent.
 
     Attributes:
-        seed: of the campaign.
+        settings: of the campaign.
         number: of the world.
-        source: of worlds.
         modules: of the experiments to run, by their names.
         software: `software_hash` of each module, by the experiment's name.
-        data: folder of the real recordings.
-        quick: whether experiments run shorter and coarser.
         out: folder for figures and recordings, one below it an experiment; None: nobody looks.
         everywhere: folder for what all worlds share; None: one of the worker's own.
-        fastest_feed: whether of several feeds the fastest alone is run.
     """
 
-    seed: int
+    settings: CampaignSettings
     number: int
-    source: WorldSource
     modules: Mapping[str, str]
     software: Mapping[str, str]
-    data: Path
-    quick: bool = False
     out: Path | None = None
     everywhere: Path | None = None
-    fastest_feed: bool = False
+
+    def world(self) -> World:
+        """The world itself."""
+        return draw_world(self.settings.seed, self.number, self.settings.source)
 
 
 @dataclass
@@ -101,7 +106,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
     """
     for name, module in task.modules.items():
         _check_worker(module, task.software[name])
-    world = draw_world(task.seed, task.number, task.source)
+    settings, world = task.settings, task.world()
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
     everywhere = _own_folder() if task.everywhere is None else task.everywhere
     everywhere.mkdir(parents=True, exist_ok=True)
@@ -118,19 +123,19 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 out.mkdir(parents=True)
                 with sharing_in(folder, everywhere):
                     experiment: Experiment = import_module(module).EXPERIMENT
-                    if missing := experiment.missing(task.data):
+                    if missing := experiment.missing(settings.data):
                         raise InputError(
                             missing[0], "", "these recordings are not there", "see --data"
                         )
                     context = ExperimentContext(
                         out=out,
-                        data=task.data,
+                        data=settings.data,
                         seed=world.seed,
-                        quick=task.quick,
+                        quick=settings.quick,
                         draws=task.out is not None,
                         world=world.robot,
                         hand=world.hand,
-                        fastest_feed=task.fastest_feed,
+                        fastest_feed=settings.fastest_feed,
                     )
                     result = experiment.run(context)
                     metrics = plain_metrics(result.metrics)

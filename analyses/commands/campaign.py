@@ -1,7 +1,7 @@
 """The command `campaign`: experiments in many worlds."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -25,80 +25,42 @@ SETTINGS = (
     Option("quick"),
     Option("world", least=0),
     Option("fastest_feed"),
+    Option("jobs", least=1),
+    Option("cluster", metavar="ADDRESS"),
+    Option("fit", metavar="FIGURES.yaml"),
+    Option("narrow", metavar="DIR"),
+    Option("fresh"),
 )
 
 
 @with_settings(CampaignOptions, SETTINGS, from_file=False)
-def command(
-    options: CampaignOptions,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Worlds side by side; as many as cores.")
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler."),
-    ] = None,
-    fit: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FIGURES.yaml",
-            help="Find the arms that give these printed figures; `article` is bundled.",
-        ),
-    ] = None,
-    narrow: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="With --fit: draw from the ranges that an earlier fit there found."
-        ),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Begin anew where the folder holds a campaign.")
-    ] = False,
-    out: Out = Path("out/campaign"),
-) -> None:
+def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
     """Run experiments in many worlds, and show the spread of their figures.
 
     A world is a draw of what the simulated arm truly is. What is finished is kept: after an
     interruption, or to add worlds or experiments, run the same again.
     """
-    from wrenchsight.analyses.campaign.campaign import COMMAND, CampaignSettings, run_campaign
+    from wrenchsight.analyses.campaign.campaign import COMMAND, run_campaign
     from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures
     from wrenchsight.analyses.campaign.figures_fit import fit_figures
+    from wrenchsight.analyses.campaign.world_run import CampaignSettings
     from wrenchsight.analyses.output.progress import ProgressDisplay
-    from wrenchsight.analyses.study.study import available_cores
 
-    if (fit is None) == (not options.experiments) or (narrow is not None and fit is None):
+    fit = options.fit
+    if (fit is None) == (not options.experiments) or (options.narrow is not None and fit is None):
         problem = "name experiments, or give --fit FIGURES.yaml (with --narrow, if at all)"
         raise InputError("campaign", "", problem)
     if fit is not None:
         if options.world is not None or options.fastest_feed:
             raise InputError("--fit", "", "goes with neither --world nor --fastest-feed")
-        figures = load_figures(fit, narrow)
+        figures = load_figures(fit, options.narrow)
         with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
-            fitted = fit_figures(
-                figures,
-                options.worlds,
-                out,
-                seed=options.seed,
-                quick=options.quick,
-                data=options.data,
-                jobs=jobs or available_cores(),
-                cluster=cluster,
-                fresh=fresh,
-                watch=watch,
-            )
+            fitted = fit_figures(figures, options, out, watch)
         _print_fit(fitted)
         return
     settings = CampaignSettings(**vars(options), source=bundled_worlds())
     with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
-        result = run_campaign(
-            settings,
-            out,
-            jobs=jobs or available_cores(),
-            cluster=cluster,
-            fresh=fresh,
-            watch=watch,
-        )
+        result = run_campaign(settings, out, watch)
     _print(result)
     if result.failures:
         raise typer.Exit(1)

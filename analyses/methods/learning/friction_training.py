@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,10 +25,6 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-if TYPE_CHECKING:
-    pass
-
 
 BINS = 40
 REST = 0.002  # of the highest speed

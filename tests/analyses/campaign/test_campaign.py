@@ -11,8 +11,9 @@ import time
 import pyarrow.parquet as pq
 import pytest
 
-from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.analyses.campaign.campaign import run_campaign
 from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
+from wrenchsight.analyses.campaign.world_run import CampaignSettings
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
@@ -157,11 +158,12 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
     out = tmp_path / "campaign"
     program = (
         "from pathlib import Path\n"
-        "from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign\n"
+        "from wrenchsight.analyses.campaign.campaign import run_campaign\n"
+        "from wrenchsight.analyses.campaign.world_run import CampaignSettings\n"
         "from wrenchsight.analyses.study.registry import REGISTRY\n"
         "if __name__ == '__main__':\n"
         "    REGISTRY.register('fake_toy')\n"
-        f"    run_campaign(CampaignSettings(['toy'], 3), Path({str(out)!r}), jobs=2)\n"
+        f"    run_campaign(CampaignSettings(['toy'], 3, jobs=2), Path({str(out)!r}))\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE, text=True
@@ -192,9 +194,7 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_campaign(
-            CampaignSettings(["toy"], 1, seed=5), tmp_path / "campaign", fresh=True, watch=end
-        )
+        run_campaign(CampaignSettings(["toy"], 1, seed=5, fresh=True), tmp_path / "campaign", end)
     assert file_of(tmp_path, "campaign") == before
     assert (tmp_path / "campaign" / "campaign.html").exists()
 
