@@ -367,57 +367,6 @@ def test_on_a_terminal_there_are_bars():
 # ---- estimate ----
 
 
-def test_options_reach_the_estimate(monkeypatch, tmp_path):
-    from wrenchsight.analyses.methods.reading import estimation
-    from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-
-    seen = []
-
-    def note(*values):
-        seen.extend(values)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(estimation, "estimate_log", note)
-    arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path)
-    arguments += ("--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
-    arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
-    arguments += ("--max-gap", 0.5, "--no-check", "--torque-samples", "trapezoidal")
-    arguments += ("--damping", 0.1, "--truncation", 0.01, "--max-force-sd", 12)
-    assert invoke("estimate", *arguments).exit_code == 130
-    assert seen[:5] == [Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f"]
-    expected = EstimateConfig(max_gap=0.5, check=False)
-    observer, reconstruction = expected.estimator.observer, expected.estimator.reconstruction
-    observer.K_0, observer.time_step, observer.torque_samples = [5.0, 20.0], 0.001, "trapezoidal"
-    reconstruction.method = "inverse"
-    reconstruction.prior_force_sd, reconstruction.prior_moment_sd = 30.0, 2.0
-    reconstruction.max_force_sd = 12.0
-    reconstruction.damping, reconstruction.truncation = 0.1, 0.01
-    assert seen[5] == expected
-
-
-def test_the_defaults_are_those_of_the_analyses(monkeypatch):
-    """An option must not change what the same call from Python does."""
-    from wrenchsight.analyses.methods.learning import identification
-    from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-    from wrenchsight.analyses.methods.reading import estimation
-    from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-
-    configurations = []
-
-    def note(*values):
-        configurations.extend(v for v in values if type(v).__name__.endswith("Config"))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(estimation, "estimate_log", note)
-    monkeypatch.setattr(identification, "identify_logs", note)
-    invoke("estimate", "log.csv", "--robot", "r")
-    invoke("identify", "log.csv", "--robot", "r")
-    assert configurations == [
-        EstimateConfig(),
-        IdentificationConfig(),
-    ]
-
-
 def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
     from wrenchsight.analyses.methods.reading import estimation
 
@@ -451,41 +400,6 @@ def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
 # ---- simulate ----
 
 
-@pytest.mark.parametrize(
-    ("scenario", "asked"),
-    [
-        ((), "Default"),
-        (("--scenario", "HandGuiding"), "HandGuiding"),
-        (("--scenario", "file.yaml"), "file.yaml"),
-        (("--scenario", "file.yaml", "--name", "Mine"), "file.yaml:Mine"),
-    ],
-)
-def test_options_reach_the_simulation(monkeypatch, tmp_path, scenario, asked):
-    from wrenchsight.analyses.methods.runs import simulation
-
-    seen = {}
-
-    def note(*values, **options):
-        seen.update(options, values=values)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(simulation, "simulate_scenario", note)
-    arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
-    assert invoke("simulate", *scenario, *arguments).exit_code == 130
-    del seen["progress"]
-    assert seen == {
-        "values": (asked, tmp_path, "r", Path("m")),
-        "duration": 2.5,
-        "seed": 4,
-        "quick": True,
-        "record": False,
-        "graph": True,
-        "motion_path": None,
-        "truth": "plain",
-    }
-
-
 @pytest.mark.parametrize("sensor", [True, False])
 def test_a_simulation_prints_its_errors_and_its_files(monkeypatch, tmp_path, sensor):
     from wrenchsight.analyses.methods.runs import simulation
@@ -512,31 +426,3 @@ def test_a_simulation_prints_its_errors_and_its_files(monkeypatch, tmp_path, sen
     assert "4.3 times real time; 90 % of the readings valid, 95 %" in shown.stdout
     assert "note: 12 meshes dropped: drawn without them" in lines
     assert lines[-1] == f"wrote {tmp_path / 'log.csv'}"
-
-
-# ---- several values of one option ----
-
-
-@pytest.mark.parametrize(
-    ("arguments", "logs", "validate"),
-    [
-        (("a", "b", "--validate", "c", "d", "--robot", "r"), ["a", "b"], ["c", "d"]),
-        (("--robot", "r", "a", "--validate", "c", "--validate", "d"), ["a"], ["c", "d"]),
-        (("--validate", "c", "d", "--robot", "r", "a"), ["a"], ["c", "d"]),
-        (("--validate=c", "a", "b", "--robot", "r"), ["a", "b"], ["c"]),
-        (("--robot", "r", "--validate", "c", "--", "a"), ["a"], ["c"]),
-        (("a", "--robot", "r"), ["a"], []),
-    ],
-)
-def test_validate_takes_several_logs(monkeypatch, arguments, logs, validate):
-    from wrenchsight.analyses.methods.learning import identification
-
-    seen = []
-
-    def note(*values):
-        seen.extend(values)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(identification, "identify_logs", note)
-    assert invoke("identify", *arguments).exit_code == 130
-    assert (seen[0], seen[3]) == ([Path(p) for p in logs], [Path(p) for p in validate])
