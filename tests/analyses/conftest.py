@@ -4,12 +4,45 @@ import sys
 from collections.abc import Callable, Iterator
 from importlib import invalidate_caches
 from pathlib import Path
+from textwrap import dedent, indent
 
 import pytest
 
 from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.registry import REGISTRY
+
+_MODULE = """
+from pathlib import Path
+import os, sys, time
+from dataclasses import replace
+import numpy as np
+from wrenchsight.analyses.study.experiment import (
+    ComparisonRow, Experiment, ExperimentContext, ExperimentResult, FigureFile
+)
+from wrenchsight.models.files.input_error import InputError
+
+def run(context: ExperimentContext) -> ExperimentResult:
+{body}
+    return measured(context)
+
+def measured(context, **more):
+    random = np.random.default_rng(context.seed)
+    context.progress(0.5, "half way")
+    figure = context.out / "figures" / "noise.png"
+    figure.parent.mkdir()
+    figure.write_bytes(random.bytes(64))
+    return ExperimentResult(
+        metrics=dict(max_error_n=24.7, rmse_nm=random.normal(size=6), **more),
+        figures=[FigureFile(Path("figures/noise.png"), "Noise, as <measured> & drawn.")],
+        comparison=[ComparisonRow("Largest error in `Y` [bold]", "max_error_n", 24.86, "noise")],
+        notes=["The error is `small`."],
+        configuration=dict(length=10 if context.quick else 1000),
+    )
+
+EXPERIMENT = Experiment("{name}", "The {name} experiment", "4.3", run, needs={needs},
+    seconds={seconds})
+"""
 
 
 @pytest.fixture
@@ -46,6 +79,15 @@ def add_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
 
 
 @pytest.fixture
-def no_other_experiments(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The registry has the test's own experiments alone."""
+def experiments(
+    add_module: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Path]:
+    """Adds an experiment that does what `body` says and then measures noise; the registry has no
+    others."""
     monkeypatch.setattr(REGISTRY, "_packages", ())
+
+    def add(name: str, body: str = "", needs: tuple[str, ...] = (), seconds: float = 30.0) -> Path:
+        body = indent(dedent(body), "    ")
+        return add_module(name, _MODULE.format(body=body, name=name, needs=needs, seconds=seconds))
+
+    return add

@@ -23,20 +23,6 @@ from wrenchsight.models.files.input_error import InputError
 ROOT = Path(study.__file__).resolve().parents[2]
 COMMANDS = ("study", "identify", "estimate", "simulate")
 
-_EXPERIMENT = """
-import time
-from wrenchsight.analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
-
-def run(context):
-    {body}
-    return ExperimentResult(
-        metrics={{"error_n": 24.7}},
-        comparison=[ComparisonRow("Largest error in `Y` [bold]", "error_n", 24.86)],
-    )
-
-EXPERIMENT = Experiment("{name}", "Title", "4.3", run, needs={needs})
-"""
-
 
 def _run(*arguments, python=("-m", "analyses"), **options):
     return subprocess.run(
@@ -46,14 +32,6 @@ def _run(*arguments, python=("-m", "analyses"), **options):
         check=False,
         cwd=ROOT,
         **options,
-    )
-
-
-@pytest.fixture
-def experiments(add_module, no_other_experiments):
-    """Returns a function that adds an experiment; the registry then has no others."""
-    return lambda name, body="pass", needs=(): add_module(
-        name, _EXPERIMENT.format(name=name, body=body, needs=needs)
     )
 
 
@@ -74,15 +52,23 @@ def test_each_command_has_help(command):
     assert "--out" in result.stdout
 
 
-def test_help_answers_at_once():
+@pytest.mark.parametrize(
+    ("program", "heavy"),
+    [
+        ("app(['study', '--help'])", ("numpy", "scipy", "matplotlib", "pyarrow")),
+        ("app(['--help'])", ("numpy", "wrenchsight.analyses.commands.estimate")),
+        ("app(['study', '--list'])", ("scipy", "matplotlib", "jinja2")),
+    ],
+)
+def test_help_and_lists_import_nothing_heavy(program, heavy):
+    """Importing Drake alone takes a second."""
     program = (
         "import sys; from wrenchsight.analyses.__main__ import app\n"
-        "try: app(['study', '--help'])\n"
+        f"try: {program}\n"
         "except SystemExit: pass\n"
-        "heavy = ('numpy', 'pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'pyarrow')\n"
+        f"heavy = ('pydrake', 'numba', 'torch', *{heavy})\n"
         "sys.exit(str([name for name in heavy if name in sys.modules]))"
     )
-    # Importing Drake alone takes a second.
     assert _run(program, python=("-c",)).stderr.strip() == "[]"
 
 
@@ -253,16 +239,14 @@ def test_options_reach_the_study(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
-    (tmp_path / "fake_slow.py").write_text(
-        _EXPERIMENT.format(name="slow", body="time.sleep(60)", needs=())
-    )
+def test_an_interrupt_is_one_line_and_its_code(experiments, tmp_path, number, code):
+    module = experiments("slow", "time.sleep(60)")
     script = tmp_path / "script.py"
     script.write_text(
         "import signal, sys\n"
         # What a shell starts in the background ignores it.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        f"sys.path.insert(0, {str(tmp_path)!r})\n"
+        f"sys.path.insert(0, {str(module.parent)!r})\n"
         "if __name__ == '__main__':\n"
         "    from wrenchsight.analyses import __main__\n"
         "    from wrenchsight.analyses.study.registry import REGISTRY\n"
@@ -292,8 +276,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
 
 
 def test_a_full_disk_is_one_line_and_2(experiments, tmp_path):
-    full = "raise OSError(28, 'No space left on device', str(context.out / 'figures'))"
-    experiments("full", full)
+    experiments("full", "raise OSError(28, 'No space left on device', str(context.out / 'f'))")
     result = invoke("study", "--out", tmp_path / "out", "--jobs", 1)
     assert result.exit_code == 2
     lines = result.stderr.splitlines()
