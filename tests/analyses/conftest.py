@@ -1,6 +1,9 @@
-"""Experiments of a test's own, and `estimate` without its figures."""
+"""Experiments of a test's own, programs that run them, and `estimate` without its figures."""
 
+import os
+import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from importlib import invalidate_caches
 from pathlib import Path
@@ -76,6 +79,47 @@ def add_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
     yield add
     for name in added:
         REGISTRY.unregister(name)
+
+
+@pytest.fixture
+def ended(tmp_path: Path) -> Callable[..., tuple[int, str]]:
+    """Runs a program that knows a module's experiment until `begun` says so, and ends it, with
+    whatever it started, as a terminal or a batch system does.
+
+    Returns:
+        Its exit code, and what it wrote on stderr.
+    """
+
+    def end(
+        module: Path, program: str, begun: Callable[[], bool], number: int, group: bool = True
+    ) -> tuple[int, str]:
+        script = tmp_path / "script.py"
+        script.write_text(
+            "import signal\n"
+            "from pathlib import Path\n"
+            "from wrenchsight.analyses.study.registry import REGISTRY\n"
+            # What a shell starts in the background ignores it.
+            "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+            "if __name__ == '__main__':\n"
+            f"    REGISTRY.register({module.stem!r})\n" + indent(dedent(program), "    ")
+        )
+        path = os.pathsep.join(map(str, (module.parent, Path(__file__).parents[2])))
+        process = subprocess.Popen(
+            [sys.executable, str(script)],
+            start_new_session=True,
+            env=os.environ | {"PYTHONPATH": path},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        limit = time.monotonic() + 120.0
+        while not begun() and time.monotonic() < limit:
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.02)
+        (os.killpg if group else os.kill)(process.pid, number)
+        _, errors = process.communicate(timeout=60)
+        return process.returncode, errors
+
+    return end
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ import pinocchio as pin
 import pytest
 from called_commands import refused, succeeded
 from pydrake.multibody.plant import MultibodyPlant
+from sample_models import harmonic_motion
 
 from wrenchsight.analyses.methods.planning.excitation import excite
 from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
@@ -115,17 +116,10 @@ def _postures(count: int, seed: int) -> Array:
 
 def _motion(t: Array, seed: int) -> tuple[Array, Array, Array]:
     """Three harmonics of 0.1 Hz within the joints' ranges."""
-    rng = np.random.default_rng(seed)
-    q, v, vdot = np.zeros((3, len(t), 3))
-    q += 0.5 * (_LOWER + _UPPER)
-    for k in range(1, 4):
-        w = 2 * np.pi * 0.1 * k
-        amplitude, phase = rng.uniform(0.3, 0.6, 3) / k, rng.uniform(0, 2 * np.pi, 3)
-        angle = w * t[:, None] + phase
-        q += amplitude * np.sin(angle)
-        v += amplitude * w * np.cos(angle)
-        vdot -= amplitude * w**2 * np.sin(angle)
-    return q, v, vdot
+    rates = 0.2 * np.pi * np.arange(1, 4)
+    motion = harmonic_motion(np.random.default_rng(seed), t, rates, 0.6, least=0.5)
+    q, v, vdot = (x[:, :3] for x in motion)
+    return q + 0.5 * (_LOWER + _UPPER), v, vdot
 
 
 def _write_log(path: Path, t: Array, q: Array, v: Array, **signal: Array) -> Path:

@@ -20,6 +20,7 @@ fit, but not on other logs.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,14 +288,14 @@ class FrictionFit:
         candidates: Sequence[float],
         loads: Sequence[Array],
     ) -> FrictionStructure:
+        def with_shape(value: Array) -> FrictionStructure:
+            shape: Any = {key: value}
+            return replace(structure, **shape)
+
         n = structure.num_joints
-        errors = np.stack(
-            [
-                self.held_out(_with_shape(structure, key, np.full(n, value)), loads)
-                for value in candidates
-            ]
-        )
-        return _with_shape(structure, key, np.asarray(candidates)[self._smoothest(errors)])
+        shapes = [with_shape(np.full(n, value)) for value in candidates]
+        errors = np.stack([self.held_out(shape, loads) for shape in shapes])
+        return with_shape(np.asarray(candidates)[self._smoothest(errors)])
 
     def _smoothest(self, errors: Array) -> NDArray[np.intp]:
         """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
@@ -315,19 +316,13 @@ class FrictionFit:
         chosen: Sequence[int] | None,
     ) -> Solution:
         factors = self._fold_factors(self.columns(structure, loads), self.weights)
-        base = self._base(structure, factors)
+        names = parameter_names(self.robot.joint_names, structure.terms)
+        base = find_base_parameters(np.vstack([f.regressor for f in factors]), names)
         selected = factors if chosen is None else [factors[k] for k in chosen]
         estimate = solve(selected, base, self.num_passes, self.oversampling)
         counts = [len(entry) for entry in structure.terms]
         x = realisation(self.robot, base, estimate.values, counts)
-        names = tuple(parameter_names(self.robot.joint_names, structure.terms))
-        return Solution(structure, base, estimate, x, names)
-
-    def _base(
-        self, structure: FrictionStructure, factors: Sequence[TorqueFactors]
-    ) -> BaseParameters:
-        names = parameter_names(self.robot.joint_names, structure.terms)
-        return find_base_parameters(np.vstack([f.regressor for f in factors]), names)
+        return Solution(structure, base, estimate, x, tuple(names))
 
     def _fold_factors(
         self, columns: list[list[Array]], weights: Sequence[Array] | None
@@ -369,9 +364,3 @@ class FrictionFit:
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
             result = replace(result, weights=weights)
         return result
-
-
-def _with_shape(structure: FrictionStructure, key: str, value: Array) -> FrictionStructure:
-    if key == "displacement":
-        return replace(structure, displacement=value)
-    return replace(structure, stribeck_velocity=value)

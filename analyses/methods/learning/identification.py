@@ -20,7 +20,7 @@ Every error stated here compares low-passed measured torque with low-passed pred
 of the filter's transients and of drop-outs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,6 +46,7 @@ from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.law_fits import LawFit, LawFits
 from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
+    ProgressCallback,
     check_recording,
     decimation,
     log_names,
@@ -95,8 +96,6 @@ from wrenchsight.models.recordings.plausibility.drive_evidence import (
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.ties import beyond_rounding
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,8 @@
 """Campaigns of toy experiments: what they keep, go on with, survive and refuse."""
 
 import json
-import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 
@@ -152,29 +150,19 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
+def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, ended, number):
     seed = draw_world(0, 1).seed
-    experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
+    module = experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
     out = tmp_path / "campaign"
-    program = (
-        "from pathlib import Path\n"
-        "from wrenchsight.analyses.campaign.campaign import run_campaign\n"
-        "from wrenchsight.analyses.campaign.world_run import CampaignSettings\n"
-        "from wrenchsight.analyses.study.registry import REGISTRY\n"
-        "if __name__ == '__main__':\n"
-        "    REGISTRY.register('fake_toy')\n"
-        f"    run_campaign(CampaignSettings(['toy'], 3, jobs=2), Path({str(out)!r}))\n"
+    program = f"""
+    from wrenchsight.analyses.campaign.campaign import run_campaign
+    from wrenchsight.analyses.campaign.world_run import CampaignSettings
+    run_campaign(CampaignSettings(['toy'], 3, jobs=2), Path({str(out)!r}))
+    """
+    code, printed = ended(
+        module, program, lambda: len(list((out / ".campaign").glob("*.json"))) == 2, number
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE, text=True
-    )
-    limit = time.monotonic() + 120.0
-    while len(list((out / ".campaign").glob("*.json"))) < 2 and time.monotonic() < limit:
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.1)
-    os.killpg(process.pid, number)  # as a terminal does
-    _, printed = process.communicate(timeout=60)
-    assert process.returncode != 0
+    assert code != 0
     assert printed.count("Traceback") == 1, printed  # of no worker
     assert "died" not in printed, printed
     table = pq.read_table(out / "campaign.parquet")

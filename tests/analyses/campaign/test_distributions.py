@@ -11,27 +11,26 @@ from wrenchsight.analyses.campaign.campaign_report import (
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord, read_table, write_table
 from wrenchsight.analyses.campaign.distributions import distribution_metrics, distributions
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
-from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.outputs import OutputFolder, plain
+from wrenchsight.analyses.study.experiment import ComparisonRow
 from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
 from wrenchsight.models.files.input_error import InputError
-
-
-def row(label, key, article, unit="N", ours="", more_is_better=False):
-    names = ("label", "key", "article", "unit", "ours", "more_is_better", "remark", "source")
-    values = (label, key, article, unit, ours, more_is_better, "", "article")
-    return dict(zip(names, values, strict=True))
 
 
 def record_of(worlds):
     """A campaign whose figures are known: 0 to worlds - 1, and what is made of them."""
     record = CampaignRecord({"seed": 0, "quick": False, "ranges": {"load": [0.5, 2.0]}})
-    rows = [
-        row("RMSE in X", "optimised.rmse_x_n", 10.0, ours="ours.rmse_x_n"),
-        row("correlation", "correlation", 0.9, "", "ours.correlation", more_is_better=True),
-        row("torque RMSE", "rmse_nm", [1.0, 2.0], "N m"),
-        row("gain", "ours_against_article.reduction_rmse_x_pct", None, "%"),
-        row("never finite", "never", 1.0),
-    ]
+    rows = plain(
+        [
+            ComparisonRow("RMSE in X", "optimised.rmse_x_n", 10.0, ours="ours.rmse_x_n"),
+            ComparisonRow(
+                "correlation", "correlation", 0.9, ours="ours.correlation", more_is_better=True
+            ),
+            ComparisonRow("torque RMSE", "rmse_nm", (1.0, 2.0)),
+            ComparisonRow("gain", "ours_against_article.reduction_rmse_x_pct"),
+            ComparisonRow("never finite", "never", 1.0),
+        ]
+    )
     for number in range(worlds):
         values = {
             "optimised.rmse_x_n": float(number),

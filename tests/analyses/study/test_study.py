@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from importlib import import_module
@@ -381,32 +380,32 @@ def test_an_interrupted_run_keeps_the_earlier_whole_result(experiments, run, tmp
     assert _read(tmp_path / "study" / "metrics.json") == earlier
 
 
-def _start(tmp_path, module_folder):
-    program = f"""
-import signal, sys
-from pathlib import Path
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
-sys.path.insert(0, {str(module_folder)!r})
-if __name__ == "__main__":
-    from wrenchsight.analyses.study import registry, study
-    registry.REGISTRY.register("fake_slow")
-    study.run_study(["slow"], Path({str(tmp_path / "study")!r}), Path("."))
+_SLOW = "(context.out / 'pid').write_text(f'{os.getpid()}.')\ntime.sleep(60)"
+_PROGRAM = """
+from wrenchsight.analyses.study.study import run_study
+run_study(["slow"], Path({study!r}), Path("."))
 """
-    script = tmp_path / "script.py"
-    script.write_text(program)
-    environment = os.environ | {"PYTHONPATH": str(Path(study.__file__).resolve().parents[2])}
-    process = subprocess.Popen(
-        [sys.executable, str(script)],
-        start_new_session=True,
-        env=environment,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    marker = tmp_path / "study" / ".wrenchsight.partial/work/slow/result/pid"
-    while not (marker.exists() and marker.read_text().endswith(".")):
-        assert process.poll() is None
-        time.sleep(0.02)
-    return process, int(marker.read_text()[:-1])
+
+
+@pytest.fixture
+def end_slow(tmp_path, ended):
+    """Ends a study while its slow experiment runs; what it wrote, and whether that ran on."""
+
+    def end(module, number, **options):
+        pid = tmp_path / "study" / ".wrenchsight.partial/work/slow/result/pid"
+        pids = []
+
+        def begun():
+            if pid.exists() and pid.read_text().endswith("."):
+                pids.append(int(pid.read_text()[:-1]))
+            return bool(pids)
+
+        program = _PROGRAM.format(study=str(tmp_path / "study"))
+        code, errors = ended(module, program, begun, number, **options)
+        assert code != 0
+        return errors, pids[0]
+
+    return end
 
 
 def _is_running(pid):
@@ -416,19 +415,13 @@ def _is_running(pid):
         return False
 
 
-_SLOW = "(context.out / 'pid').write_text(f'{os.getpid()}.')\ntime.sleep(60)"
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_end_ends_the_experiments_too_and_keeps_what_is_finished(
-    experiments, run, tmp_path, number
+    experiments, run, tmp_path, end_slow, number
 ):
     experiments("done")
     run("done")
-    process, experiment = _start(tmp_path, experiments("slow", _SLOW).parent)
-    os.killpg(process.pid, number)  # as a terminal or a batch system does: the whole group
-    _, errors = process.communicate()
-    assert process.returncode != 0
+    errors, experiment = end_slow(experiments("slow", _SLOW), number)
     said = "KeyboardInterrupt" if number == signal.SIGINT else "TerminatedError: SIGTERM"
     assert errors.count(said) == 1  # the experiment's process says nothing
     assert not _is_running(experiment)
@@ -438,12 +431,10 @@ def test_an_end_ends_the_experiments_too_and_keeps_what_is_finished(
 
 
 def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
-    experiments, run, tmp_path
+    experiments, run, tmp_path, end_slow
 ):
     module = experiments("slow", _SLOW)
-    process, experiment = _start(tmp_path, module.parent)
-    process.kill()
-    process.communicate()
+    _, experiment = end_slow(module, signal.SIGKILL, group=False)
     while _is_running(experiment):
         time.sleep(0.02)
     assert (tmp_path / "study" / ".wrenchsight.partial").is_dir()
