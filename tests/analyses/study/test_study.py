@@ -12,7 +12,6 @@ import pytest
 import yaml
 
 from wrenchsight.analyses.output.progress import Progress
-from wrenchsight.analyses.output.result_folder import open_results
 from wrenchsight.analyses.study import study
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.study import check_names, run_study
@@ -443,41 +442,7 @@ def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
     assert not (tmp_path / "study" / ".wrenchsight.partial").exists()
 
 
-# ---- a full disk ----
-
-
-def test_a_full_disk_at_the_summary_leaves_the_earlier_one(experiments, run, tmp_path, monkeypatch):
-    experiments("one")
-    run("one", seed=1)
-    before = {p: p.read_bytes() for p in (tmp_path / "study").iterdir() if p.is_file()}
-
-    def full(self, *_, **__):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_text", full)
-        with pytest.raises(InputError, match="No space left on device"):
-            run("one", seed=1)
-    assert {p: p.read_bytes() for p in (tmp_path / "study").iterdir() if p.is_file()} == before
-
-
 # ---- what is refused ----
-
-
-def test_two_studies_do_not_write_in_one_folder(experiments, run, tmp_path):
-    experiments("one")
-    with (
-        open_results(tmp_path / "study", "study"),
-        pytest.raises(InputError, match="another run"),
-    ):
-        run("one")
-
-
-def test_a_file_in_the_way_is_refused_before_anything_runs(experiments, tmp_path):
-    experiments("one", "raise AssertionError")
-    (tmp_path / "study").write_text("mine")
-    with pytest.raises(InputError, match="is a file"):
-        run_study([], tmp_path / "study", tmp_path)
 
 
 @pytest.mark.parametrize(
