@@ -49,22 +49,14 @@ _LAST_LINES: Final = 40  # of what the workers printed, behind the word that one
 
 @dataclass(frozen=True)
 class CampaignResult:
-    """What a campaign came to.
+    """What a campaign came to."""
 
-    Attributes:
-        out: its folder.
-        worlds: how many have figures, of this run or earlier.
-        found: the figures of the article over these.
-        failures: by world, its outcome: what failed in this run.
-        kept: how many worlds were whole before.
-        seconds: of a processor for each experiment in a world, in the mean of this run.
-    """
-
-    out: Path
-    worlds: int
-    found: tuple[Distribution, ...]
-    failures: dict[int, WorldOutcome]
-    kept: int
+    out: Path  # its folder
+    worlds: int  # how many have figures, of this run or earlier
+    found: tuple[Distribution, ...]  # the figures of the article over these
+    failures: dict[int, WorldOutcome]  # by world, its outcome: what failed in this run
+    kept: int  # how many worlds were whole before
+    # of a processor for each experiment in a world, in the mean of this run
     seconds: dict[str, float]
 
 

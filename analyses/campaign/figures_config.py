@@ -58,19 +58,12 @@ class FiguresConfig:
 
 @dataclass(frozen=True)
 class Figures:
-    """A checked FIGURES.yaml.
+    """A checked FIGURES.yaml."""
 
-    Attributes:
-        path: of the file.
-        config: what it says.
-        source: of the worlds.
-        earlier: folder of an earlier fit, whose arms count as well; None: none.
-    """
-
-    path: Path
-    config: FiguresConfig
-    source: WorldSource
-    earlier: Path | None = None
+    path: Path  # of the file
+    config: FiguresConfig  # what it says
+    source: WorldSource  # of the worlds
+    earlier: Path | None = None  # folder of an earlier fit, whose arms count as well; None: none
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -48,28 +48,18 @@ _SHARPNESS: Final = 20.0  # of the draws for `--narrow`
 
 @dataclass(frozen=True, eq=False)
 class FittedRow:
-    """One printed figure over the arms that agree.
-
-    Attributes:
-        name, printed: of the row.
-        best: of the nearest arm.
-        median, p05, p95: over the arms that agree, as emulated.
-        error: of the emulator, standard deviation, in tolerances.
-        inside: whether the printed figure lies between the latter two.
-        agrees: whether the nearest arm's is within the row's tolerance.
-        moved_by: the drawn parameters that move it, over arms that are drawn evenly; none with
-            an earlier fit.
-    """
+    """One printed figure over the arms that agree."""
 
     name: str
     printed: float
-    best: float
-    median: float
-    p05: float
-    p95: float
-    error: float
-    inside: bool
-    agrees: bool
+    best: float  # of the nearest arm
+    median: float  # over the arms that agree, as emulated
+    p05: float  # over the arms that agree, as emulated
+    p95: float  # over the arms that agree, as emulated
+    error: float  # of the emulator, standard deviation, in tolerances
+    inside: bool  # whether the printed figure lies between p05 and p95
+    agrees: bool  # whether the nearest arm's is within the row's tolerance
+    # the drawn parameters that move it, over arms that are drawn evenly; none with an earlier fit
     moved_by: tuple[Influence, ...]
 
     def metrics(self) -> dict[str, Any]:
@@ -81,27 +71,17 @@ class FittedRow:
 
 @dataclass(frozen=True, eq=False)
 class FiguresFit:
-    """What a fit came to.
+    """What a fit came to."""
 
-    Attributes:
-        out: its folder.
-        arms: how many were drawn and have figures.
-        best: world number of the nearest arm.
-        distance: of it, in tolerances.
-        rows: one a printed figure, of the fit to all.
-        held_out_inside, fitted_inside: share of rows inside 5 to 95 %: of those that the fit to the
-            other half did not see, and of all by the fit to all.
-        ranges: 5 to 95 % of each parameter over the arms that agree.
-    """
-
-    out: Path
-    arms: int
-    best: int
-    distance: float
-    rows: tuple[FittedRow, ...]
+    out: Path  # its folder
+    arms: int  # how many were drawn and have figures
+    best: int  # world number of the nearest arm
+    distance: float  # of the nearest arm, in tolerances
+    rows: tuple[FittedRow, ...]  # one a printed figure, of the fit to all
+    # share of rows inside 5 to 95 %, of those that the fit to the other half did not see
     held_out_inside: float
-    fitted_inside: float
-    ranges: dict[str, tuple[float, float]]
+    fitted_inside: float  # the same of all, by the fit to all
+    ranges: dict[str, tuple[float, float]]  # 5 to 95 % of each parameter over the arms that agree
 
 
 def fit_figures(

@@ -42,22 +42,15 @@ class CampaignSettings(CampaignOptions):
 
 @dataclass(frozen=True)
 class WorldTask:
-    """What a worker is sent.
+    """What a worker is sent."""
 
-    Attributes:
-        settings: of the campaign.
-        number: of the world.
-        modules: of the experiments to run, by their names.
-        software: `software_hash` of each module, by the experiment's name.
-        out: folder for figures and recordings, one below it an experiment; None: nobody looks.
-        everywhere: folder for what all worlds share; None: one of the worker's own.
-    """
-
-    settings: CampaignSettings
-    number: int
-    modules: Mapping[str, str]
-    software: Mapping[str, str]
+    settings: CampaignSettings  # of the campaign
+    number: int  # of the world
+    modules: Mapping[str, str]  # of the experiments to run, by their names
+    software: Mapping[str, str]  # `software_hash` of each module, by the experiment's name
+    # folder for figures and recordings, one below it an experiment; None: nobody looks
     out: Path | None = None
+    # folder for what all worlds share; None: one of the worker's own
     everywhere: Path | None = None
 
     def world(self) -> World:
@@ -67,24 +60,18 @@ class WorldTask:
 
 @dataclass
 class WorldOutcome:
-    """What came of a world, in plain values.
+    """What came of a world, in plain values."""
 
-    Attributes:
-        number, seed: of the world.
-        parameters: that were drawn.
-        values: by experiment and key (`optimised.rmse_x_n`, `rmse_nm.0`); None: not finite.
-        described: title and rows of "article / here" of each experiment.
-        failures: by experiment, first one line, then where it happened.
-        seconds: of a processor, by experiment.
-    """
-
-    number: int
-    seed: int
-    parameters: dict[str, float]
+    number: int  # of the world
+    seed: int  # of the world
+    parameters: dict[str, float]  # that were drawn
+    # by experiment and key (`optimised.rmse_x_n`, `rmse_nm.0`); None: not finite
     values: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    # title and rows of "article / here" of each experiment
     described: dict[str, dict[str, Any]] = field(default_factory=dict)
+    # by experiment, first one line, then where it happened
     failures: dict[str, str] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)  # of a processor, by experiment
 
 
 class UnfitWorkerError(InputError):

@@ -76,21 +76,13 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A fitted model.
+    """A fitted model."""
 
-    Attributes:
-        structure: of its friction.
-        base: combinations of parameters that the rows determine.
-        estimate: of them.
-        x: all parameters, as `wrenchsight.models.identification.torque_regression`.
-        names: of all parameters.
-    """
-
-    structure: FrictionStructure
-    base: BaseParameters
-    estimate: TorqueEstimate
-    x: Array
-    names: tuple[str, ...]
+    structure: FrictionStructure  # of its friction
+    base: BaseParameters  # combinations of parameters that the rows determine
+    estimate: TorqueEstimate  # of them
+    x: Array  # all parameters, as `wrenchsight.models.identification.torque_regression`
+    names: tuple[str, ...]  # of all parameters
 
     def parts(self) -> tuple[Array, Array, list[Array]]:
         """Inertial parameters (n, 10), rotor inertia (n,), friction coefficients per joint."""
@@ -134,36 +126,24 @@ class _LogColumns:
 
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
-    """Logs that one model is to explain.
+    """Logs that one model is to explain."""
 
-    Attributes:
-        robot: whose.
-        motions: of the logs.
-        regressions: of the same logs.
-        num_passes: of weighted least squares.
-        oversampling: rows per independent sample of the residual.
-        loss: "huber" or "squares", see `reweighed`.
-        selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the
-            others' are.
-        consistent: whether `fit` returns a physical robot, see
-            `wrenchsight.models.identification.physical_consistency`.
-        weights: per log (m, n), of the squared residuals; None for one.
-        groups: per log, which motion it shows: logs of one motion are held out together; None:
-            each log has its own.
-        stretches: in which logs of one motion are held out.
-    """
-
-    robot: Robot
-    motions: Sequence[Motion]
-    regressions: Sequence[RegressionRows]
-    num_passes: int
-    oversampling: float = 1.0
-    loss: str = "squares"
+    robot: Robot  # whose
+    motions: Sequence[Motion]  # of the logs
+    regressions: Sequence[RegressionRows]  # of the same logs
+    num_passes: int  # of weighted least squares
+    oversampling: float = 1.0  # rows per independent sample of the residual
+    loss: str = "squares"  # "huber" or "squares", see `reweighed`
+    # whether `fit` returns a physical robot, see
+    # `wrenchsight.models.identification.physical_consistency`
     consistent: bool = False
+    # of `SELECTIONS`; the second takes the lowest held-out error, whatever the others' are
     selection: str = SELECTIONS[0]
-    weights: Sequence[Array] | None = None
+    weights: Sequence[Array] | None = None  # per log (m, n), of the squared residuals; None for one
+    # per log, which motion it shows: logs of one motion are held out together; None: each log has
+    # its own
     groups: Sequence[int] | None = None
-    stretches: int = STRETCHES
+    stretches: int = STRETCHES  # in which logs of one motion are held out
     _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
 
     @cached_property

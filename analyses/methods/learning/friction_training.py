@@ -51,23 +51,14 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetworks:
-    """Networks, and how well they do.
+    """Networks, and how well they do."""
 
-    Attributes:
-        networks: to be evaluated by `wrenchsight.models.friction.friction_network`.
-        v_crit: (n,) rad/s.
-        rmse: (n,) N m, on the held-out samples of the band.
-        law_rmse: (n,) N m, of the velocity law on the same samples.
-        num_samples: (n,) in the band.
-        steps: (n,) after which each joint's weights were taken.
-    """
-
-    networks: FrictionNetworks
-    v_crit: Array
-    rmse: Array
-    law_rmse: Array
-    num_samples: NDArray[np.int64]
-    steps: NDArray[np.int64]
+    networks: FrictionNetworks  # to be evaluated by `wrenchsight.models.friction.friction_network`
+    v_crit: Array  # (n,) rad/s
+    rmse: Array  # (n,) N m, on the held-out samples of the band
+    law_rmse: Array  # (n,) N m, of the velocity law on the same samples
+    num_samples: NDArray[np.int64]  # (n,) in the band
+    steps: NDArray[np.int64]  # (n,) after which each joint's weights were taken
 
 
 def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:

@@ -48,17 +48,11 @@ class LawFit:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutModel:
-    """A fit of all but one fold.
+    """A fit of all but one fold."""
 
-    Attributes:
-        fold: what it was not fitted on: (log, rows of its regression).
-        chain: with the inertias found.
-        friction: the law found.
-    """
-
-    fold: Sequence[tuple[int, slice]]
-    chain: SerialChain
-    friction: FrictionLaw
+    fold: Sequence[tuple[int, slice]]  # what it was not fitted on: (log, rows of its regression)
+    chain: SerialChain  # with the inertias found
+    friction: FrictionLaw  # the law found
 
 
 @dataclass(frozen=True, eq=False)
