@@ -12,8 +12,7 @@ from wrenchsight.analyses.campaign.influences import said
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
-from wrenchsight.analyses.output.templates import page_templates
-from wrenchsight.analyses.study.report import decimals_of_three_digits, number
+from wrenchsight.analyses.study.report import decimals_of_three_digits, number, page_templates
 
 REPORT_NAME: Final = "campaign.html"
 _FEWEST: Final = 8  # worlds; with fewer a density says nothing, and each is a dot

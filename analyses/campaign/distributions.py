@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -56,8 +56,7 @@ class Distribution:
     def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
         low, high = self.range
-        moved_by = self.moved_by
-        asked = {} if moved_by is None else {"moved_by": [one.metrics() for one in moved_by]}
+        asked = {} if self.moved_by is None else {"moved_by": list(map(asdict, self.moved_by))}
         return asked | {
             "article": self.article,
             "median": self.median,

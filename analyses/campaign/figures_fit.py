@@ -64,9 +64,9 @@ class FittedRow:
 
     def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
-        own = {key: value for key, value in asdict(self).items() if key not in ("name", "printed")}
-        own["moved_by"] = [one.metrics() for one in self.moved_by]
-        return {"article": self.printed, **own}
+        own = asdict(self)
+        del own["name"]
+        return {"article": own.pop("printed"), **own}
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ distance from 1 stands beside them, `|payload - 1|`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.stats import linregress, spearmanr, theilslopes
@@ -40,10 +40,6 @@ class Influence:
     # cannot be
     reaches_article_at: float | None = None
     extrapolated: bool = False  # whether that value lies beyond the drawn ones
-
-    def metrics(self) -> dict[str, Any]:
-        """As written to metrics.json."""
-        return asdict(self)
 
     def __str__(self) -> str:
         sign = "+" if self.rank_correlation > 0.0 else "−"

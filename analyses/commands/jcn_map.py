@@ -1,6 +1,5 @@
 """The command `jcn-map`: the condition number over the workspace."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +40,6 @@ def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
     from wrenchsight.analyses.methods.planning.jcn_map import jcn_map
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("jcn-map") as progress:
         result = jcn_map(settings, out, progress)
     _print(result, settings, out)

@@ -1,6 +1,5 @@
 """The command `place`: where a straight path belongs."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +30,6 @@ def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/pl
     """Find where a straight path belongs, and how the arm should stand along it."""
     from wrenchsight.analyses.methods.planning.placement import place_task
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("place") as progress:
         result = place_task(
             settings.task,

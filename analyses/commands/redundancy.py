@@ -1,6 +1,5 @@
 """The command `redundancy`: the free angle along a path on a surface."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,6 @@ def command(
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
     from wrenchsight.analyses.methods.planning.redundancy_results import redundancy
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     if on_command_line(ctx, "task"):
         settings.task_content = None
     with showing_progress("redundancy") as progress:

@@ -1,6 +1,5 @@
 """The command `simulate`: a scenario, simulated and read."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,8 +45,6 @@ def command(
         if not on_command_line(ctx, "scenario"):  # the file's own may name one already
             file = file.rpartition(":")[0] or file
         settings.scenario = f"{file}:{name}"
-    # Drake prints Meshcat's address, which is gone before anyone could open it.
-    logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("simulate") as progress:
         result = simulate_scenario(
             settings.scenario,

@@ -1,5 +1,6 @@
 """What commands print: tables, lines and progress, alike in a terminal and in a log."""
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -68,6 +69,8 @@ def plain_text(text: str, style: str = "") -> Text:
 @contextmanager
 def showing_progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows how far a piece of work is; the function that it gives takes share and words."""
+    # Drake prints Meshcat's address, which is gone before anyone could open it.
+    logging.getLogger("drake").setLevel(logging.WARNING)
     with ProgressDisplay(new_console(stderr=True), (name,), fleeting=True) as watch:
         on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))
         watch(Progress(name, "running"))
