@@ -141,6 +141,7 @@ class IdentificationResult:
         model, base = self.model, self.base
         law = model.friction.coulomb_viscous
         table = model.base_parameters
+        errors = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
         uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
         return {
             "fit": {fit.name: fit.metrics() for fit in self.fit},
@@ -168,7 +169,7 @@ class IdentificationResult:
             },
             "coupling": self.robot.coupling if self.robot.is_coupled else None,
             "law_cross_validation": {
-                name: {"rmse_nm": rmse, **_extremes(self.extrapolated.get(name))}
+                name: dict(zip(errors, (rmse, *self.extrapolated.get(name, ())), strict=False))
                 for name, rmse in self.held_out.items()
             },
             "parameters": _parameter_metrics(self),
@@ -434,12 +435,6 @@ def _best_of(candidates: Sequence[LawFit]) -> str:
         {c.law: c.cross_validated_rmse for c in candidates},
         {c.law: c.extrapolated for c in candidates},
     )
-
-
-def _extremes(extrapolated: Sequence[Array] | None) -> dict[str, Array]:
-    if not extrapolated:
-        return {}
-    return dict(zip(("fastest_rmse_nm", "slowest_rmse_nm"), extrapolated, strict=True))
 
 
 def residual_covariance(residuals: Sequence[Array]) -> Array:
