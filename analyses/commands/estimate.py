@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrenchsight.analyses.commands.options import Option, Out, with_settings
+from wrenchsight.analyses.commands.options import Option, Out, hidden, with_settings
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateSettings, with_observer
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 from wrenchsight.models.files.input_error import InputError
@@ -43,8 +43,7 @@ OPTIONS = (
     Option("estimate.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
     Option("estimate.tool"),
     Option("estimate.mcap"),
-    Option("estimate.torque", shown=False),
-    Option("estimate.torque_sign", shown=False),
+    *hidden("estimate", "torque", "torque_sign"),
     Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
     Option(f"{OBSERVER}.bandwidth_hz", "bandwidth", shown=False),
     Option(f"{OBSERVER}.torque_samples", shown=False),
@@ -54,27 +53,15 @@ OPTIONS = (
         help="time step that the log is resampled to, s; 0: the log's own",
         shown=False,
     ),
-    Option(f"{READING}.prior_force_sd", shown=False),
-    Option(f"{READING}.prior_moment_sd", shown=False),
-    Option(f"{READING}.max_force_sd", shown=False),
-    Option(f"{READING}.damping", shown=False),
-    Option(f"{READING}.truncation", shown=False),
-    Option("estimate.max_gap", shown=False),
-    Option("estimate.check", shown=False),
+    *hidden(READING, "prior_force_sd", "prior_moment_sd", "max_force_sd", "damping", "truncation"),
+    *hidden("estimate", "max_gap", "check"),
     Option("estimate.estimator.check_samples", shown=False),
     Option("estimate.accept_signs", shown=False),
-    Option(f"{REFERENCE}.frame", "reference_frame", shown=False),
-    Option(f"{REFERENCE}.turn", "reference_turn", shown=False),
-    Option(f"{REFERENCE}.sign", "reference_sign", shown=False),
-    Option(f"{REFERENCE}.tare", "reference_tare", shown=False),
-    Option(f"{REFERENCE}.delay", "reference_delay", shown=False),
+    *hidden(REFERENCE, "frame", "turn", "sign", "tare", "delay", prefix="reference_"),
     Option(f"{REFERENCE}.contact_force", "reference_contact", shown=False),
     Option("estimate.detection.false_alarms_per_hour", shown=False),
     Option("estimate.contact.force_rate", "contact_force_rate", shown=False),
-    Option("estimate.drift", shown=False),
-    Option("estimate.covariance", shown=False),
-    Option("estimate.table", shown=False),
-    Option("estimate.other_robot", shown=False),
+    *hidden("estimate", "drift", "covariance", "table", "other_robot"),
 )
 
 

@@ -4,7 +4,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, with_settings
+from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, hidden, with_settings
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig,
     IdentifySettings,
@@ -29,11 +29,7 @@ OPTIONS = (
     Option("refreshing.part", metavar="BEGIN,END"),
     Option("refreshing.other_specimen"),
     Option(f"{REFERENCE}.columns", "reference", metavar="COLUMNS"),
-    Option(f"{REFERENCE}.frame", "reference_frame", shown=False),
-    Option(f"{REFERENCE}.turn", "reference_turn", shown=False),
-    Option(f"{REFERENCE}.sign", "reference_sign", shown=False),
-    Option(f"{REFERENCE}.tare", "reference_tare", shown=False),
-    Option(f"{REFERENCE}.delay", "reference_delay", shown=False),
+    *hidden(REFERENCE, "frame", "turn", "sign", "tare", "delay", prefix="reference_"),
     Option("log_format"),
     Option("identification.cutoff", "cutoff_hz"),
     Option("identification.friction", metavar="LAW"),
