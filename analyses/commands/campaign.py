@@ -95,8 +95,9 @@ def _print(result: "CampaignResult") -> None:
             experiment = one.experiment
             table.add_row(plain_text(experiment, style="bold"))
         row = table_row(one)
-        label = f"{row.label} [{row.unit}]" if row.unit else row.label
-        table.add_row(plain_text(label), row.article, row.median, row.range, row.ahead)
+        label = f"{one.label} [{one.unit}]" if one.unit else one.label
+        shown = (row[key] for key in ("article", "median", "range", "ahead"))
+        table.add_row(plain_text(label), *shown)
     kept = f", {result.kept} of them kept" if result.kept else ""
     show(
         *([table] if table.row_count else []),

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.learning.identification_config import SELECTIONS
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.presliding_friction import slip_path
@@ -60,21 +61,6 @@ HUBER = 3.0  # scales of the residual from which it counts linearly, no longer s
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """One log's filtered motion: (N, n) each, of the joints."""
-
-    q: Array
-    v: Array
-    vdot: Array
-
-    def of_motors(self, motor_rates: Array) -> "Motion":
-        """That of the motors, which friction depends on; without rates the joints' own."""
-        if not motor_rates.size:
-            return self
-        return Motion(*(x @ motor_rates.T for x in (self.q, self.v, self.vdot)))
-
-
-@dataclass(frozen=True, eq=False)
 class Solution:
     """A fitted model."""
 
@@ -96,9 +82,9 @@ class _LogColumns:
     load term as long as the load stays the same array.
     """
 
-    def __init__(self, motion: Motion, regression: RegressionRows) -> None:
-        self._motion = motion
-        self._regression = regression
+    def __init__(self, q: Array, v: Array, regression: RegressionRows) -> None:
+        """Args: `q`, `v` are those of the motors."""
+        self._q, self._v, self._regression = q, v, regression
         self._rows: dict[tuple[str, int, tuple[float, ...]], Array] = {}
         self._load: Array | None = None
 
@@ -115,7 +101,7 @@ class _LogColumns:
             dict.fromkeys(key for entry in keys for key in entry if key not in self._rows)
         )
         if missing:
-            q, v = self._motion.q, self._motion.v
+            q, v = self._q, self._v
             load = np.zeros_like(v) if load is None else load
             z = slip_path(structure.displacement, q, v)
             columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
@@ -129,8 +115,8 @@ class FrictionFit:
     """Logs that one model is to explain."""
 
     robot: Robot  # whose
-    motions: Sequence[Motion]  # of the logs
-    regressions: Sequence[RegressionRows]  # of the same logs
+    runs: Sequence[LowPassedLog]
+    regressions: Sequence[RegressionRows]  # of these logs
     num_passes: int  # of weighted least squares
     oversampling: float = 1.0  # rows per independent sample of the residual
     loss: str = "squares"  # "huber" or "squares", see `reweighed`
@@ -170,6 +156,11 @@ class FrictionFit:
         """Whether a fold is one log or several, not stretches of them."""
         return all(rows == slice(None) for fold in self.folds for _, rows in fold)
 
+    def of_motors(self, x: Array) -> Array:
+        """Positions or rates (N, n) of the motors, which friction depends on, from the joints'."""
+        rates = self.robot.chain.motor_rates
+        return x @ rates.T if rates.size else x
+
     def fit(self, structure: FrictionStructure, chosen: Sequence[int] | None = None) -> Solution:
         """Returns the model fitted on the folds `chosen` (all for None).
 
@@ -200,8 +191,7 @@ class FrictionFit:
         sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
         rows = np.vstack([entry / sd[j] for factor in selected for j, entry in enumerate(factor.R)])
         prior, spread = parameter_prior(self.robot, [len(entry) for entry in structure.terms])
-        rates = self.robot.chain.motor_rates
-        v_max = np.max([np.abs(m.of_motors(rates).v).max(axis=0) for m in self.motions], axis=0)
+        v_max = np.max([np.abs(self.of_motors(m.v)).max(axis=0) for m in self.runs], axis=0)
         result = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
         values = solution.base.combination @ result.x
         return replace(solution, x=result.x, estimate=replace(solution.estimate, values=values))
@@ -215,7 +205,7 @@ class FrictionFit:
         """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
         inertial, rotor, _ = solution.parts()
         chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
-        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.motions]
+        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.runs]
         return [tau @ self.robot.coupling for tau in result] if self.robot.is_coupled else result
 
     def columns(
@@ -223,8 +213,8 @@ class FrictionFit:
     ) -> list[list[Array]]:
         """Friction columns per log and joint, low-passed, at the rows."""
         for k in range(len(self._kept), len(self.regressions)):
-            moved = self.motions[k].of_motors(self.robot.chain.motor_rates)
-            self._kept[k] = _LogColumns(moved, self.regressions[k])
+            q, v = (self.of_motors(x) for x in (self.runs[k].q, self.runs[k].v))
+            self._kept[k] = _LogColumns(q, v, self.regressions[k])
         return [
             self._kept[k].of(structure, None if loads is None else loads[k])
             for k in range(len(self.regressions))

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
+from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Solution
 from wrenchsight.analyses.methods.learning.identification_checks import (
     contradictions,
     repeated_logs,
@@ -254,17 +254,16 @@ def _identify(
     if config.time_step == 0.0:
         config = replace(config, time_step=median_step(recordings))
     filtering = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
-    given = shared(
+    fitted, selected, regressions = shared(
         "low_passed_logs",
         (tuple(recordings), robot, tuple(validation), *filtering),
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
-    fitted, selected = given.fitted, given.kept
     row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
     problem = FrictionFit(
         robot,
-        [Motion(run.q, run.v, run.vdot) for run in fitted],
-        given.regressions,
+        fitted,
+        regressions,
         config.num_passes,
         max(1.0, row_rate / (2.0 * config.cutoff)),
         config.loss,
@@ -274,7 +273,7 @@ def _identify(
     )
     progress(0.9, "solving")
     laws = tuple(structures()) if config.friction == "best" else (config.friction,)
-    fits = LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
+    fits = LawFits(problem, config, digest((tuple(recordings), robot, filtering)))
     candidates = [fits.candidate(law) for law in laws]
     chosen = _best_of(candidates)
     if config.friction == "best":
@@ -292,7 +291,7 @@ def _identify(
     if config.cross_validate:
         progress(0.95, "the observer's error")
         readings = held_out_readings(
-            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
+            recordings, fitted, regressions, fits.held_out_models(chosen), robot, model
         )
         error = learn_torque_error(readings, robot)
         if error is not None:

@@ -67,24 +67,11 @@ class _LinearFit:
 class LawFits:
     """Fits of laws to the same logs: none depends on which were fitted before."""
 
-    def __init__(
-        self,
-        problem: FrictionFit,
-        runs: Sequence[LowPassedLog],
-        config: IdentificationConfig,
-        logs: str,
-    ) -> None:
+    def __init__(self, problem: FrictionFit, config: IdentificationConfig, logs: str) -> None:
         """Args: `logs` is a digest of the logs, their robot and the filters."""
-        self._problem = problem
-        self._runs = runs
-        self._config = config
-        self._source = (
-            logs,
-            config.num_passes,
-            config.loss,
-            config.consistent,
-            config.selection,
-        )
+        self._problem, self._runs, self._config = problem, problem.runs, config
+        how = (config.num_passes, config.loss, config.consistent, config.selection)
+        self._source = (logs, *how)
         self._linear: dict[str, _LinearFit] = {}
 
     def candidate(self, law: str) -> LawFit:
@@ -171,8 +158,8 @@ class LawFits:
         problem, runs = self._problem, self._runs
         rates = problem.robot.motor_rates
         speeds = [
-            np.abs(motion.v[entry.rows] @ rates.T)
-            for motion, entry in zip(problem.motions, problem.regressions, strict=True)
+            np.abs(run.v[entry.rows] @ rates.T)
+            for run, entry in zip(runs, problem.regressions, strict=True)
         ]
         low, high = (np.quantile(np.vstack(speeds), x, axis=0) for x in (1.0 - EXTREME, EXTREME))
         weights = fit.weights or [np.ones_like(v) for v in speeds]

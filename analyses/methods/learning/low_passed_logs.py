@@ -227,23 +227,18 @@ def decimation(low_pass: ZeroPhaseLowPass) -> int:
     return max(1, int(0.5 / (low_pass.cutoff * low_pass.time_step)))
 
 
-@dataclass(frozen=True, eq=False)
-class LowPassedLogs:
-    """What all fits of the same logs begin with."""
-
-    fitted: tuple[LowPassedLog, ...]
-    kept: tuple[LowPassedLog, ...]
-    regressions: tuple[RegressionRows, ...]  # of the fitted ones
-
-
 def low_pass_logs(
     recordings: Sequence[Recording],
     robot: Robot,
     validation: Sequence[Recording],
     config: IdentificationConfig,
     progress: ProgressCallback,
-) -> LowPassedLogs:
-    """Low-passes all logs and builds the regressors of those to be fitted."""
+) -> tuple[tuple[LowPassedLog, ...], tuple[LowPassedLog, ...], tuple[RegressionRows, ...]]:
+    """What all fits of the same logs begin with.
+
+    Returns:
+        The logs to be fitted and those to validate on, low-passed, and regressors of the former.
+    """
     logs = [*recordings, *validation]
     steps = len(logs) + len(recordings) + 1
     runs = []
@@ -260,4 +255,4 @@ def low_pass_logs(
         regressions.append(
             RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
         )
-    return LowPassedLogs(fitted, selected, tuple(regressions))
+    return fitted, selected, tuple(regressions)

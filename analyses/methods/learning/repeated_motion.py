@@ -8,7 +8,6 @@ chosen predicted .07 N m on the last joint, where the error on the third log was
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
@@ -37,9 +36,15 @@ def motion_groups(runs: Sequence[LowPassedLog]) -> tuple[int, ...]:
     for run in runs:
         moving = run.used & (np.abs(run.v) > _MOVING * speed).any(axis=1)
         points.append(np.hstack([run.q, run.v])[moving] / scale)
-    alike = [[k < j and _repeats(a, b) for j, b in enumerate(points)] for k, a in enumerate(points)]
-    _, groups = connected_components(np.array(alike), directed=False)
-    return tuple(groups.tolist())
+    groups = list(range(len(runs)))
+    for b in range(1, len(runs)):
+        for a in range(b):
+            if groups[a] != groups[b] and _repeats(points[a], points[b]):
+                old = max(groups[a], groups[b])
+                new = min(groups[a], groups[b])
+                groups = [new if group == old else group for group in groups]
+    order = {group: k for k, group in enumerate(dict.fromkeys(groups))}
+    return tuple(order[group] for group in groups)
 
 
 def repeated_motion_notes(names: Sequence[str], groups: Sequence[int]) -> list[str]:
