@@ -8,11 +8,10 @@ import json
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.campaign.campaign_report import write_campaign_report
 from wrenchsight.analyses.campaign.campaign_store import (
     TABLE,
@@ -27,7 +26,7 @@ from wrenchsight.analyses.campaign.distributions import (
     distributions,
 )
 from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine, refuse_silent
-from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask
+from wrenchsight.analyses.campaign.world_run import CampaignSettings, WorldOutcome, WorldTask
 from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
 from wrenchsight.analyses.output.outputs import json_text, plain
 from wrenchsight.analyses.output.progress import Progress
@@ -35,10 +34,10 @@ from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
 from wrenchsight.analyses.study.fingerprint import libraries, software_hash
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.shared_results import digest
-from wrenchsight.analyses.study.study import check_names, software_version
+from wrenchsight.analyses.study.study import available_cores, check_names, software_version
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import writing_to
-from wrenchsight.models.truth.worlds import WorldSource, check_ranges, draw_world
+from wrenchsight.models.truth.worlds import check_ranges, draw_world
 
 COMMAND: Final = "campaign"
 METRICS: Final = "metrics.json"
@@ -48,42 +47,22 @@ _LOG: Final = "workers.log"
 _LAST_LINES: Final = 40  # of what the workers printed, behind the word that one was killed
 
 
-@dataclass
-class CampaignSettings(CampaignOptions):
-    """What is asked of a campaign."""
-
-    source: WorldSource = field(default_factory=WorldSource)  # of worlds
-    numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
-
-
 @dataclass(frozen=True)
 class CampaignResult:
-    """What a campaign came to.
+    """What a campaign came to."""
 
-    Attributes:
-        out: its folder.
-        worlds: how many have figures, of this run or earlier.
-        found: the figures of the article over these.
-        failures: by world, its outcome: what failed in this run.
-        kept: how many worlds were whole before.
-        seconds: of a processor for each experiment in a world, in the mean of this run.
-    """
-
-    out: Path
-    worlds: int
-    found: tuple[Distribution, ...]
-    failures: dict[int, WorldOutcome]
-    kept: int
+    out: Path  # its folder
+    worlds: int  # how many have figures, of this run or earlier
+    found: tuple[Distribution, ...]  # the figures of the article over these
+    failures: dict[int, WorldOutcome]  # by world, its outcome: what failed in this run
+    kept: int  # how many worlds were whole before
+    # of a processor for each experiment in a world, in the mean of this run
     seconds: dict[str, float]
 
 
 def run_campaign(
     settings: CampaignSettings,
     out: Path,
-    *,
-    jobs: int = 1,
-    cluster: str | None = None,
-    fresh: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> CampaignResult:
     """Runs experiments in worlds and writes campaign.parquet, metrics.json and campaign.html.
@@ -92,11 +71,8 @@ def run_campaign(
     come to its end before is kept beside until then, also through a kill.
 
     Args:
-        settings: what to run.
+        settings: what to run, and where; `fit` and `narrow` are `fit_figures`'s.
         out: folder of the campaign; made if absent.
-        jobs: processes of this machine, side by side.
-        cluster: address of a Dask scheduler, whose workers run the worlds instead.
-        fresh: whether to begin anew where the folder holds a campaign.
         watch: called when a world has come to its end.
 
     Raises:
@@ -104,16 +80,19 @@ def run_campaign(
             campaign, no scheduler.
         KeyboardInterrupt: passed on after the results so far were written.
     """
-    names = check_names(settings.experiments)
+    names, cluster = check_names(settings.experiments), settings.cluster
     check_ranges(settings.source.ranges, settings.source.even)
-    _check_numbers(settings, jobs)
+    if settings.world is not None and settings.world >= settings.worlds:
+        problem = f"is {settings.world}, one of 0 to {settings.worlds - 1} was expected"
+        raise InputError("--world", "", problem)
     if settings.world is not None and cluster is not None:
         problem = "a world that is run alone is run on this machine"
         raise InputError("--world", "", problem, "leave --cluster out")
+    settings = replace(settings, data=settings.data.resolve())
     modules = {name: REGISTRY.entries()[name].module for name in names}
     software = {name: software_hash(module) for name, module in modules.items()}
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
-        campaign = _Campaign(settings, folder, software, fresh)
+        campaign = _Campaign(settings, folder, software)
         before = campaign.whole(names)
         # Another machine need not see this folder.
         everywhere = folder.work("everywhere").resolve() if cluster is None else None
@@ -123,7 +102,7 @@ def run_campaign(
         outcomes = (
             on_cluster(tasks, cluster)
             if cluster is not None and tasks
-            else on_this_machine(tasks, jobs, folder.work(_LOG))
+            else on_this_machine(tasks, settings.jobs or available_cores(), folder.work(_LOG))
         )
         try:
             with closing(outcomes):
@@ -150,11 +129,7 @@ class _Campaign:
     """One campaign at work in its folder."""
 
     def __init__(
-        self,
-        settings: CampaignSettings,
-        folder: ResultFolder,
-        software: dict[str, str],
-        fresh: bool,
+        self, settings: CampaignSettings, folder: ResultFolder, software: dict[str, str]
     ) -> None:
         self._settings, self._folder = settings, folder
         self.parts = WorldParts(folder.path)
@@ -169,7 +144,7 @@ class _Campaign:
         self.record = CampaignRecord(depends_on)
         self.failures: dict[int, WorldOutcome] = {}
         self._seconds: dict[str, list[float]] = {}
-        if fresh:
+        if settings.fresh:
             self.parts.clear()
         else:
             self._read(software)
@@ -214,25 +189,18 @@ class _Campaign:
         alone = self._settings.world
         numbers: Sequence[int] = range(self._settings.worlds) if alone is None else [alone]
         numbers = numbers if self._settings.numbers is None else self._settings.numbers
-        tasks = []
-        for number in numbers:
-            own = list(names) if alone is not None else self.record.missing(number, names)
-            if own:
-                tasks.append(
-                    WorldTask(
-                        seed=self._settings.seed,
-                        number=number,
-                        source=self._settings.source,
-                        modules={name: modules[name] for name in own},
-                        software={name: self.record.software[name] for name in own},
-                        data=self._settings.data.resolve(),
-                        quick=self._settings.quick,
-                        out=None if alone is None else self._drawings(number),
-                        everywhere=everywhere,
-                        fastest_feed=self._settings.fastest_feed,
-                    )
-                )
-        return tasks
+        return [
+            WorldTask(
+                settings=self._settings,
+                number=number,
+                modules={name: modules[name] for name in own},
+                software={name: self.record.software[name] for name in own},
+                out=None if alone is None else self._drawings(number),
+                everywhere=everywhere,
+            )
+            for number in numbers
+            if (own := names if alone is not None else self.record.missing(number, names))
+        ]
 
     def _drawings(self, number: int) -> Path:
         return self._folder.work(_name_of(number)).resolve()
@@ -327,18 +295,6 @@ class _Campaign:
 
 def _name_of(number: int) -> str:
     return f"world-{number:05d}"
-
-
-def _check_numbers(settings: CampaignSettings, jobs: int) -> None:
-    if settings.worlds < 1:
-        raise InputError("--worlds", "", f"is {settings.worlds}, at least 1 was expected")
-    if jobs < 1:
-        raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
-    if settings.seed < 0:
-        raise InputError("--seed", "", f"is {settings.seed}, 0 or more was expected")
-    if settings.world is not None and not 0 <= settings.world < settings.worlds:
-        problem = f"is {settings.world}, one of 0 to {settings.worlds - 1} was expected"
-        raise InputError("--world", "", problem)
 
 
 def _spoken(seconds: float) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 @dataclass
 class CampaignOptions:
-    """What is asked of a campaign on the command line."""
+    """What is asked of a campaign on the command line; `CampaignSettings` has the rest."""
 
     experiments: list[str] = field(default_factory=list)  # names; see `study --list`
     worlds: int = 200  # how many worlds there are to be; the first is number 0
@@ -16,3 +16,8 @@ class CampaignOptions:
     world: int | None = None  # run this world alone, anew, with figures and recordings
     fastest_feed: bool = False
     # of experiments at several feeds (machining), the fastest alone
+    jobs: int | None = None  # worlds side by side; as many as cores
+    cluster: str | None = None  # run on the workers of this Dask scheduler
+    fit: str | None = None  # find the arms that give these printed figures; `article` is bundled
+    narrow: str | None = None  # with --fit: draw from the ranges that an earlier fit there found
+    fresh: bool = False  # begin anew where the folder holds a campaign

@@ -1,7 +1,6 @@
 """A campaign as one page: a table and violins for each experiment, the ranges, what failed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,25 +11,11 @@ from wrenchsight.analyses.campaign.influences import said
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
-from wrenchsight.analyses.output.templates import page_templates
-from wrenchsight.analyses.study.report import decimals_of_three_digits, number
+from wrenchsight.analyses.study.report import decimals_of_three_digits, number, page_templates
 
 REPORT_NAME: Final = "campaign.html"
 _FEWEST: Final = 8  # worlds; with fewer a density says nothing, and each is a dot
 _WIDEST: Final = 12.0  # times the article's number; what lies beyond is drawn at the edge
-
-
-@dataclass(frozen=True)
-class _Row:
-    label: str
-    unit: str
-    article: str
-    source: str
-    median: str
-    range: str
-    holds: str
-    ahead: str
-    moved_by: str
 
 
 def write_campaign_report(
@@ -92,23 +77,23 @@ def write_campaign_report(
     folder.write_text(REPORT_NAME, text)
 
 
-def table_row(one: Distribution) -> _Row:
-    """A distribution as text."""
+def table_row(one: Distribution) -> dict[str, str]:
+    """A distribution as text: what the page and the command show."""
     low, high = one.range
     digits = [value for value in (one.article, one.median, low, high) if value is not None]
     decimals = decimals_of_three_digits(digits)
     holds = one.holds_article
-    return _Row(
-        label=one.label,
-        unit=one.unit,
-        article="" if one.article is None else number(one.article),
-        source=one.source,
-        median=number(one.median, decimals),
-        range=f"{number(low, decimals)} to {number(high, decimals)}",
-        holds="–" if holds is None else "yes" if holds else "no",
-        ahead="" if one.ahead is None else f"{100.0 * one.ahead:.0f} %",
-        moved_by=said(one.moved_by),
-    )
+    return {
+        "label": one.label,
+        "unit": one.unit,
+        "article": "" if one.article is None else number(one.article),
+        "source": one.source,
+        "median": number(one.median, decimals),
+        "range": f"{number(low, decimals)} to {number(high, decimals)}",
+        "holds": "–" if holds is None else "yes" if holds else "no",
+        "ahead": "" if one.ahead is None else f"{100.0 * one.ahead:.0f} %",
+        "moved_by": said(one.moved_by),
+    }
 
 
 def violin_figure(found: Sequence[Distribution]) -> Figure:

@@ -35,18 +35,13 @@ _FORMAT: Final = 1
 
 @dataclass
 class CampaignRecord:
-    """All that is known of a campaign's worlds.
+    """All that is known of a campaign's worlds."""
 
-    Attributes:
-        settings: what every figure depends on: seed, quick, ranges, libraries.
-        software: of each experiment, `software_hash`.
-        described: title, section and rows of "article / here" of each experiment.
-        worlds: by number, what was measured there.
-    """
-
-    settings: dict[str, Any]
-    software: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, Any]  # what every figure depends on: seed, quick, ranges, libraries
+    software: dict[str, str] = field(default_factory=dict)  # of each experiment, `software_hash`
+    # title, section and rows of "article / here" of each experiment
     described: dict[str, dict[str, Any]] = field(default_factory=dict)
+    # by number, what was measured there
     worlds: dict[int, WorldOutcome] = field(default_factory=dict)
 
     def add(self, outcome: WorldOutcome) -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -20,27 +20,19 @@ _REDUCTION: Final = "reduction_"  # in the keys of what the article claims most
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """One number of a row of "article / here" over worlds.
-
-    Attributes:
-        experiment, key: of the metric; a list has one distribution per entry (`rmse_nm.0`).
-        label, unit: of the row; the label of a list's entry ends with its place, from 1.
-        article: the printed number; None where there is none.
-        source: who printed it.
-        values: (N,) of the worlds in which it is finite.
-        ahead: share of worlds in which our method is ahead of the article's; None: no such row.
-        moved_by: the drawn parameters that move it most; None: too few worlds, or nobody asks, as
-            the article's number lies in the range and is no reduction.
-    """
+    """One number of a row of "article / here" over worlds."""
 
     experiment: str
-    key: str
-    label: str
-    unit: str
-    article: float | None
-    source: str
-    values: Array
+    key: str  # of the metric; a list has one distribution per entry (`rmse_nm.0`)
+    label: str  # of the row; the label of a list's entry ends with its place, from 1
+    unit: str  # of the row
+    article: float | None  # the printed number; None where there is none
+    source: str  # who printed it
+    values: Array  # (N,) of the worlds in which it is finite
+    # share of worlds in which our method is ahead of the article's; None: no such row
     ahead: float | None
+    # the drawn parameters that move it most; None: too few worlds, or nobody asks, as the article's
+    # number lies in the range and is no reduction
     moved_by: tuple[Influence, ...] | None = None
 
     @property
@@ -64,8 +56,7 @@ class Distribution:
     def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
         low, high = self.range
-        moved_by = self.moved_by
-        asked = {} if moved_by is None else {"moved_by": [one.metrics() for one in moved_by]}
+        asked = {} if self.moved_by is None else {"moved_by": list(map(asdict, self.moved_by))}
         return asked | {
             "article": self.article,
             "median": self.median,

@@ -58,19 +58,12 @@ class FiguresConfig:
 
 @dataclass(frozen=True)
 class Figures:
-    """A checked FIGURES.yaml.
+    """A checked FIGURES.yaml."""
 
-    Attributes:
-        path: of the file.
-        config: what it says.
-        source: of the worlds.
-        earlier: folder of an earlier fit, whose arms count as well; None: none.
-    """
-
-    path: Path
-    config: FiguresConfig
-    source: WorldSource
-    earlier: Path | None = None
+    path: Path  # of the file
+    config: FiguresConfig  # what it says
+    source: WorldSource  # of the worlds
+    earlier: Path | None = None  # folder of an earlier fit, whose arms count as well; None: none
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -156,7 +149,7 @@ def bundled_worlds() -> WorldSource:
     return WorldSource(posterior=posterior)
 
 
-def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
+def load_figures(file: str | Path, narrowed_by: str | Path | None = None) -> Figures:
     """Reads FIGURES.yaml.
 
     Args:
@@ -191,8 +184,9 @@ def load_figures(file: str | Path, narrowed_by: Path | None = None) -> Figures:
     ranges = WorldRanges(**{name: (pair[0], pair[1]) for name, pair in given.items()})
     check_ranges(ranges, even=True)
     about = load_truth(path.parent / config.about) if config.about else None
+    earlier = None if narrowed_by is None else Path(narrowed_by)
     posterior = None
-    if narrowed_by is not None:
-        posterior = load_configuration(narrowed_by / "posterior" / DRAWS, ArmPosterior)
+    if earlier is not None:
+        posterior = load_configuration(earlier / "posterior" / DRAWS, ArmPosterior)
     source = WorldSource(ranges, posterior, about, tuple(given), config.alike, even=True)
-    return Figures(path, config, source, narrowed_by)
+    return Figures(path, config, source, earlier)

@@ -18,7 +18,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.analyses.campaign.campaign import run_campaign
+from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.campaign.campaign_store import (
     TABLE,
     CampaignRecord,
@@ -29,6 +30,7 @@ from wrenchsight.analyses.campaign.figures_config import ARMS, DRAWS, WORLDS, Fi
 from wrenchsight.analyses.campaign.figures_report import parameters_figure, rows_figure
 from wrenchsight.analyses.campaign.influences import Influence, influences
 from wrenchsight.analyses.campaign.posterior import FEWEST, Emulator
+from wrenchsight.analyses.campaign.world_run import CampaignSettings
 from wrenchsight.analyses.output.outputs import json_text, plain
 from wrenchsight.analyses.output.progress import Progress
 from wrenchsight.analyses.output.result_folder import result_folder
@@ -46,84 +48,56 @@ _SHARPNESS: Final = 20.0  # of the draws for `--narrow`
 
 @dataclass(frozen=True, eq=False)
 class FittedRow:
-    """One printed figure over the arms that agree.
-
-    Attributes:
-        name, printed: of the row.
-        best: of the nearest arm.
-        median, p05, p95: over the arms that agree, as emulated.
-        error: of the emulator, standard deviation, in tolerances.
-        inside: whether the printed figure lies between the latter two.
-        agrees: whether the nearest arm's is within the row's tolerance.
-        moved_by: the drawn parameters that move it, over arms that are drawn evenly; none with
-            an earlier fit.
-    """
+    """One printed figure over the arms that agree."""
 
     name: str
     printed: float
-    best: float
-    median: float
-    p05: float
-    p95: float
-    error: float
-    inside: bool
-    agrees: bool
+    best: float  # of the nearest arm
+    median: float  # over the arms that agree, as emulated
+    p05: float  # over the arms that agree, as emulated
+    p95: float  # over the arms that agree, as emulated
+    error: float  # of the emulator, standard deviation, in tolerances
+    inside: bool  # whether the printed figure lies between p05 and p95
+    agrees: bool  # whether the nearest arm's is within the row's tolerance
+    # the drawn parameters that move it, over arms that are drawn evenly; none with an earlier fit
     moved_by: tuple[Influence, ...]
 
     def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
-        own = {key: value for key, value in asdict(self).items() if key not in ("name", "printed")}
-        own["moved_by"] = [one.metrics() for one in self.moved_by]
-        return {"article": self.printed, **own}
+        own = asdict(self)
+        del own["name"]
+        return {"article": own.pop("printed"), **own}
 
 
 @dataclass(frozen=True, eq=False)
 class FiguresFit:
-    """What a fit came to.
+    """What a fit came to."""
 
-    Attributes:
-        out: its folder.
-        arms: how many were drawn and have figures.
-        best: world number of the nearest arm.
-        distance: of it, in tolerances.
-        rows: one a printed figure, of the fit to all.
-        held_out_inside, fitted_inside: share of rows inside 5 to 95 %: of those that the fit to the
-            other half did not see, and of all by the fit to all.
-        ranges: 5 to 95 % of each parameter over the arms that agree.
-        failures: worlds without figures.
-    """
-
-    out: Path
-    arms: int
-    best: int
-    distance: float
-    rows: tuple[FittedRow, ...]
+    out: Path  # its folder
+    arms: int  # how many were drawn and have figures
+    best: int  # world number of the nearest arm
+    distance: float  # of the nearest arm, in tolerances
+    rows: tuple[FittedRow, ...]  # one a printed figure, of the fit to all
+    # share of rows inside 5 to 95 %, of those that the fit to the other half did not see
     held_out_inside: float
-    fitted_inside: float
-    ranges: dict[str, tuple[float, float]]
-    failures: int
+    fitted_inside: float  # the same of all, by the fit to all
+    ranges: dict[str, tuple[float, float]]  # 5 to 95 % of each parameter over the arms that agree
 
 
 def fit_figures(
     figures: Figures,
-    worlds: int,
+    options: CampaignOptions,
     out: Path,
-    *,
-    seed: int = 0,
-    quick: bool = False,
-    data: Path = Path("../shared/data"),
-    jobs: int = 1,
-    cluster: str | None = None,
-    fresh: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> FiguresFit:
     """Draws arms, measures their figures and writes which of them agree with the printed ones.
 
     Args:
         figures: printed, with the ranges.
-        worlds: how many arms there are to be.
+        options: how many worlds (arms) there are to be, and where they run; the figures say which
+            experiments.
         out: folder.
-        seed, quick, data, jobs, cluster, fresh, watch: as in `run_campaign`.
+        watch: as in `run_campaign`.
 
     Raises:
         InputError: as `run_campaign`; a row that no experiment measures; fewer than FEWEST
@@ -137,29 +111,16 @@ def fit_figures(
                 stack.enter_context(REGISTRY.registered(module))
         late = [name for name in figures.experiments if name in figures.config.late]
         early = [name for name in figures.experiments if name not in late]
-        settings = CampaignSettings(
-            early,
-            worlds,
-            seed=seed,
-            quick=quick,
-            data=data,
-            source=figures.source,
-            fastest_feed=figures.config.fastest_feed,
-        )
-
-        def run(settings: CampaignSettings, anew: bool) -> int:
-            result = run_campaign(
-                settings, out / "arms", jobs=jobs, cluster=cluster, fresh=anew, watch=watch
-            )
-            return len(result.failures)
-
-        failures = run(settings, fresh)
+        settings = CampaignSettings(**vars(options), source=figures.source)
+        settings.experiments, settings.fastest_feed = early, figures.config.fastest_feed
+        run_campaign(settings, out / "arms", watch)
         record = _arms(out)
         if late:
             numbers = _nearest(figures, record)
-            failures += run(replace(settings, experiments=late, numbers=numbers), False)
+            settings = replace(settings, experiments=late, numbers=numbers, fresh=False)
+            run_campaign(settings, out / "arms", watch)
             record = _arms(out)
-    return write_fit(figures, _with_earlier(figures, record), out, failures)
+    return write_fit(figures, _with_earlier(figures, record), out)
 
 
 def _arms(out: Path) -> CampaignRecord:
@@ -194,14 +155,13 @@ def _nearest(figures: Figures, record: CampaignRecord) -> tuple[int, ...]:
     return tuple(numbers[k] for k in order[: figures.config.late_arms])
 
 
-def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int = 0) -> FiguresFit:
+def write_fit(figures: Figures, record: CampaignRecord, out: Path) -> FiguresFit:
     """Writes OUT/posterior from the arms of a campaign.
 
     Raises:
         InputError: as `fit_figures`.
     """
-    late = figures.config.late
-    early = [name for name in figures.experiments if name not in late]
+    early = [name for name in figures.experiments if name not in figures.config.late]
     numbers = [number for number in sorted(record.worlds) if not record.missing(number, early)]
     whole = [not record.missing(number, figures.experiments) for number in numbers]
     if sum(whole) < FEWEST:
@@ -209,66 +169,74 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path, failures: int
         raise InputError(out, "", problem, f"at least {FEWEST} are needed: --worlds")
     worlds = [record.worlds[number] for number in numbers]
     values = np.stack([figures.values(world.values) for world in worlds])
-    names, ranges = _drawn(figures)
-    parameters = np.array([[world.parameters[name] for name in names] for world in worlds])
+    ranges = _drawn_ranges(figures)
+    parameters = np.array([[world.parameters[name] for name in ranges] for world in worlds])
     off, settles = figures.off(values), figures.settles
     near = np.sqrt(np.mean(np.nan_to_num(off[:, figures.early]) ** 2, axis=1))
-
     try:
-        emulator = Emulator(parameters, off, near, ranges)
+        emulator = Emulator(parameters, off, near, np.array(list(ranges.values())))
     except ValueError as error:
         raise InputError(out, "", str(error), "draw more: --worlds") from error
+
     every = np.ones_like(settles)
     agreeing, likeliest = emulator.draws(every), emulator.draws(every, _SHARPNESS)
     # Arms near the likeliest differ in several parameters at once: even draws alone tell.
-    even = names if figures.earlier is None else []
-    drawn = {name: parameters[:, k].tolist() for k, name in enumerate(even)}
+    even = ranges if figures.earlier is None else {}
+    drawn = {name: parameters[:, k] for k, name in enumerate(even)}
     distance = np.where(whole, figures.distance(off), np.inf)
     best = int(np.argmin(distance))
     rows = _rows(figures, values, best, emulator, agreeing, drawn)
     held_out = float("nan")
     if settles.any() and not settles.all():
-        low, high = _range(figures, emulator, emulator.draws(settles))
+        low, _, high = _quantiles(figures, emulator, emulator.draws(settles))
         inside = (low <= figures.printed) & (figures.printed <= high)
         held_out = float(np.mean(inside[~settles]))
+    low, high = np.quantile(agreeing, [0.05, 0.95], axis=0).tolist()
     found = FiguresFit(
-        out,
-        len(numbers),
-        numbers[best],
-        float(distance[best]),
-        rows,
-        held_out,
-        float(np.mean([row.inside for row in rows])),
-        {
-            name: (
-                float(np.quantile(agreeing[:, k], 0.05)),
-                float(np.quantile(agreeing[:, k], 0.95)),
-            )
-            for k, name in enumerate(names)
-        },
-        failures,
+        out=out,
+        arms=len(numbers),
+        best=numbers[best],
+        distance=float(distance[best]),
+        rows=rows,
+        held_out_inside=held_out,
+        fitted_inside=float(np.mean([row.inside for row in rows])),
+        ranges=dict(zip(ranges, zip(low, high, strict=True), strict=True)),
     )
-    _write(figures, found, agreeing, names, ranges, parameters, parameters[best], likeliest, record)
+    nearest = dict(zip(ranges, parameters[best].tolist(), strict=True))
+    with result_folder(out / "posterior", COMMAND) as folder:
+        folder.write_text("metrics.json", json_text(_metrics(figures, found, nearest, ranges)))
+        step = len(agreeing) // _ARMS_WRITTEN
+        arms = {
+            name: x if name in ABSOLUTE else x / nearest[name]
+            for name, x in zip(ranges, agreeing[::step][:_ARMS_WRITTEN].T, strict=True)
+        }
+        draws = dict(zip(ranges, likeliest.T, strict=True))
+        for file, own in ((WORLDS, arms), (DRAWS, draws)):
+            posterior = {name: x.tolist() for name, x in own.items()}
+            save_configuration(ArmPosterior(figures.config.robot, posterior), folder / file)
+        write_table(record, folder / ARMS, figures.experiments)
+        factors: dict[str, tuple[float, ...]] = {name: (x,) for name, x in nearest.items()}
+        world = World(found.best, 0, 0, 0, factors, about=figures.source.about)
+        own_truth = world.robot(Robot.load(figures.config.robot)).config.simulated_truth
+        save_configuration(own_truth, folder / "truth.yaml")
+        folder.write_figure(
+            "parameters", parameters_figure(ranges, parameters, parameters[best], agreeing)
+        )
+        folder.write_figure("rows", rows_figure(rows, settles))
     return found
 
 
-def _drawn(figures: Figures) -> tuple[list[str], Array]:
-    """Names of the drawn parameters as a table has them, and their ranges (P, 2)."""
-    names, ranges = [], []
-    for name in figures.source.only or ():
-        if name in PER_JOINT:
-            continue  # of no influence on what is common to all joints
-        pair = getattr(figures.source.ranges, name)
-        if pair[1] > pair[0]:
-            names.append(name)
-            ranges.append(pair)
-    return names, np.array(ranges)
+def _drawn_ranges(figures: Figures) -> dict[str, tuple[float, float]]:
+    """Ranges of the P drawn parameters, by their names in a table."""
+    own = figures.source.ranges
+    found = {name: getattr(own, name) for name in figures.source.only or ()}
+    # What is a joint's alone is of no influence on what is common to all joints.
+    return {n: pair for n, pair in found.items() if n not in PER_JOINT and pair[1] > pair[0]}
 
 
-def _range(figures: Figures, emulator: Emulator, draws: Array) -> tuple[Array, Array]:
-    """5 and 95 % of each figure (R,) over draws of parameters (A, P)."""
-    low, high = np.quantile(figures.at(emulator.off(draws)), [0.05, 0.95], axis=0)
-    return low, high
+def _quantiles(figures: Figures, emulator: Emulator, draws: Array) -> Array:
+    """5, 50 and 95 % of each figure, (3, R), over draws of parameters (A, P)."""
+    return np.asarray(np.quantile(figures.at(emulator.off(draws)), [0.05, 0.5, 0.95], axis=0))
 
 
 def _rows(
@@ -277,84 +245,48 @@ def _rows(
     best: int,
     emulator: Emulator,
     agreeing: Array,
-    drawn: Mapping[str, list[float]],
+    drawn: Mapping[str, Array],
 ) -> tuple[FittedRow, ...]:
-    low, high = _range(figures, emulator, agreeing)
-    middle = np.median(figures.at(emulator.off(agreeing)), axis=0)
+    low, middle, high = _quantiles(figures, emulator, agreeing).tolist()
     off = figures.off(values[best : best + 1])[0]
-    return tuple(
-        FittedRow(
-            name,
-            float(printed),
-            float(values[best, k]),
-            float(middle[k]),
-            float(low[k]),
-            float(high[k]),
-            float(emulator.error[k]),
-            bool(low[k] <= printed <= high[k]),
-            bool(abs(off[k]) <= 1.0),
-            _moved_by(values[:, k], drawn, float(printed)),
+    rows = []
+    for k, (name, printed) in enumerate(zip(figures.names, figures.printed.tolist(), strict=True)):
+        known = np.isfinite(values[:, k])
+        own = {parameter: column[known].tolist() for parameter, column in drawn.items()}
+        row = FittedRow(
+            name=name,
+            printed=printed,
+            best=float(values[best, k]),
+            median=middle[k],
+            p05=low[k],
+            p95=high[k],
+            error=float(emulator.error[k]),
+            inside=low[k] <= printed <= high[k],
+            agrees=bool(abs(off[k]) <= 1.0),
+            moved_by=influences(values[known, k], own, printed),
         )
-        for k, (name, printed) in enumerate(zip(figures.names, figures.printed, strict=True))
-    )
+        rows.append(row)
+    return tuple(rows)
 
 
-def _moved_by(
-    values: Array, drawn: Mapping[str, list[float]], printed: float
-) -> tuple[Influence, ...]:
-    """Which parameters move a figure (N,), over the arms that have it."""
-    known = np.isfinite(values)
-    own = {name: np.array(column)[known].tolist() for name, column in drawn.items()}
-    return influences(values[known], own, printed)
-
-
-def _write(
+def _metrics(
     figures: Figures,
     fit: FiguresFit,
-    agreeing: Array,
-    names: list[str],
-    ranges: Array,
-    parameters: Array,
-    best: Array,
-    likeliest: Array,
-    record: CampaignRecord,
-) -> None:
-    truth = Robot.load(figures.config.robot)
-    nearest = dict(zip(names, best.tolist(), strict=True))
-    arms = agreeing[:: len(agreeing) // _ARMS_WRITTEN][:_ARMS_WRITTEN]
-    about_nearest = {
-        name: (arms[:, k] if name in ABSOLUTE else arms[:, k] / nearest[name]).tolist()
-        for k, name in enumerate(names)
-    }
-    width = ranges[:, 1] - ranges[:, 0]
-    learnt = {
-        name: 1.0 - (fit.ranges[name][1] - fit.ranges[name][0]) / (0.9 * width[k])
-        for k, name in enumerate(names)
-    }
+    nearest: Mapping[str, float],
+    ranges: Mapping[str, tuple[float, float]],
+) -> dict[str, Any]:
+    """As written to metrics.json."""
+    parameters = {}
+    for name, (low, high) in fit.ranges.items():
+        width = ranges[name][1] - ranges[name][0]
+        narrowed = 100.0 * (1.0 - (high - low) / (0.9 * width))
+        parameters[name] = {"p05": low, "p95": high, "range_narrowed_pct": narrowed}
     metrics = {
-        figures.config.name: {
-            "arms": fit.arms,
-            "nearest": {"world": fit.best, "distance": fit.distance, "parameters": nearest},
-            "held_out": {"share_inside_pct": 100.0 * fit.held_out_inside},
-            "fitted": {"share_inside_pct": 100.0 * fit.fitted_inside},
-            "parameters": {
-                name: {"p05": low, "p95": high, "range_narrowed_pct": 100.0 * learnt[name]}
-                for name, (low, high) in fit.ranges.items()
-            },
-            **{row.name: row.metrics() for row in fit.rows},
-        }
+        "arms": fit.arms,
+        "nearest": {"world": fit.best, "distance": fit.distance, "parameters": nearest},
+        "held_out": {"share_inside_pct": 100.0 * fit.held_out_inside},
+        "fitted": {"share_inside_pct": 100.0 * fit.fitted_inside},
+        "parameters": parameters,
+        **{row.name: row.metrics() for row in fit.rows},
     }
-    with result_folder(fit.out / "posterior", COMMAND) as folder:
-        folder.write_text("metrics.json", json_text(dict(plain(metrics))))
-        save_configuration(ArmPosterior(figures.config.robot, about_nearest), folder / WORLDS)
-        draws = {name: likeliest[:, k].tolist() for k, name in enumerate(names)}
-        save_configuration(ArmPosterior(figures.config.robot, draws), folder / DRAWS)
-        write_table(record, folder / ARMS, figures.experiments)
-        factors: dict[str, tuple[float, ...]] = {name: (x,) for name, x in nearest.items()}
-        world = World(fit.best, 0, 0, 0, factors, about=figures.source.about)
-        own = world.robot(truth).config.simulated_truth
-        save_configuration(own, folder / "truth.yaml")
-        folder.write_figure(
-            "parameters", parameters_figure(names, ranges, parameters, best, agreeing)
-        )
-        folder.write_figure("rows", rows_figure(fit.rows, figures.settles))
+    return {figures.config.name: plain(metrics)}

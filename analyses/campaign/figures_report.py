@@ -1,7 +1,7 @@
 """Figures of a fit to printed figures: which parameters agree, and each row over the arms."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,8 +9,6 @@ from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.models.arrays import Array, Flags
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from wrenchsight.analyses.campaign.figures_fit import FittedRow
 
 _COLUMNS = 4
@@ -18,29 +16,28 @@ _BINS = 14
 
 
 def parameters_figure(
-    names: Sequence[str], ranges: Array, parameters: Array, best: Array, arms: Array
+    ranges: Mapping[str, tuple[float, float]], parameters: Array, best: Array, arms: Array
 ) -> Figure:
     """Each parameter: what was drawn, what agrees, and the nearest arm.
 
     Args:
-        names, ranges: of the P parameters, and from where to where each was drawn.
+        ranges: from where to where each of the P parameters was drawn.
         parameters: (N, P) of all arms.
         best: (P,) of the nearest.
         arms: (A, P) that agree, equally likely.
     """
-    rows = -(-len(names) // _COLUMNS)
+    rows = -(-len(ranges) // _COLUMNS)
     figure, axes = new_figure(rows, _COLUMNS, height=0.6 + 1.55 * rows)
-    for k, panel in enumerate(axes.ravel()):
-        if k >= len(names):
-            panel.set_visible(False)
-            continue
-        low, high = ranges[k]
+    panels: list[Any] = list(axes.flat)
+    for panel in panels[len(ranges) :]:
+        panel.set_visible(False)
+    for k, (panel, (name, (low, high))) in enumerate(zip(panels, ranges.items(), strict=False)):
         bins = np.linspace(low, high, _BINS + 1)
         style = {"bins": bins.tolist(), "density": True}
         panel.hist(parameters[:, k], color=COLOUR["reference"], alpha=0.35, label="drawn", **style)
         panel.hist(arms[:, k], color=COLOUR["estimate"], alpha=0.6, label="agrees", **style)
         panel.axvline(best[k], color=COLOUR["after"], label="nearest arm")
-        panel.set_title(names[k].replace("_", " "), fontsize=8.5)
+        panel.set_title(name.replace("_", " "), fontsize=8.5)
         panel.set_yticks([])
         panel.set_xlim(low, high)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)

@@ -12,8 +12,8 @@ distance from 1 stands beside them, `|payload - 1|`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.stats import linregress, spearmanr, theilslopes
@@ -29,29 +29,17 @@ _EITHER_WAY: Final = ("payload", "torque_constant_")
 
 @dataclass(frozen=True)
 class Influence:
-    """One parameter that moves a figure.
+    """One parameter that moves a figure."""
 
-    Attributes:
-        parameter: as drawn, such as `load`; `|payload - 1|` is the size of an error.
-        rank_correlation: Spearman's, -1 to 1.
-        p: that it is chance, corrected for the number of parameters looked at.
-        drawn: the least and the largest value over the worlds.
-        reaches_article_at: value at which a line through the worlds has the article's figure; None:
-            no line explains enough, or it leads farther beyond the drawn values than they are wide,
-            or to a value that cannot be.
-        extrapolated: whether that value lies beyond the drawn ones.
-    """
-
-    parameter: str
-    rank_correlation: float
-    p: float
-    drawn: tuple[float, float]
+    parameter: str  # as drawn, such as `load`; `|payload - 1|` is the size of an error
+    rank_correlation: float  # Spearman's, -1 to 1
+    p: float  # that it is chance, corrected for the number of parameters looked at
+    drawn: tuple[float, float]  # the least and the largest value over the worlds
+    # value at which a line through the worlds has the article's figure; None: no line explains
+    # enough, or it leads farther beyond the drawn values than they are wide, or to a value that
+    # cannot be
     reaches_article_at: float | None = None
-    extrapolated: bool = False
-
-    def metrics(self) -> dict[str, Any]:
-        """As written to metrics.json."""
-        return asdict(self)
+    extrapolated: bool = False  # whether that value lies beyond the drawn ones
 
     def __str__(self) -> str:
         sign = "+" if self.rank_correlation > 0.0 else "−"

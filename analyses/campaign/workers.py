@@ -20,7 +20,6 @@ from wrenchsight.analyses.campaign.world_run import WorldOutcome, WorldTask, run
 from wrenchsight.analyses.output.interruption import begin_worker, for_this_process_alone
 from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.truth.worlds import draw_world
 
 KILLED: Final = "its process was killed, or crashed, each time"
 _CONNECT: Final = 10  # s in which a scheduler answers
@@ -144,7 +143,7 @@ def refuse_silent(address: str) -> None:
 
 def killed(task: WorldTask) -> WorldOutcome:
     """The outcome of a world whose workers die."""
-    world = draw_world(task.seed, task.number, task.source)
+    world = task.world()
     failures = dict.fromkeys(task.modules, KILLED)
     return WorldOutcome(world.number, world.seed, world.parameters(), failures=failures)
 

@@ -17,69 +17,61 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.output.outputs import json_text, plain, plain_metrics
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
-from wrenchsight.analyses.study.figure_files import written_figures
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.shared_results import sharing_in
+from wrenchsight.analyses.study.stored_result import written_figures
 from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.kernel import one_thread
-from wrenchsight.models.truth.worlds import WorldSource, draw_world
+from wrenchsight.models.truth.worlds import World, WorldSource, draw_world
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
 _kept: list[tempfile.TemporaryDirectory[str]] = []
 
 
+@dataclass
+class CampaignSettings(CampaignOptions):
+    """What is asked of a campaign."""
+
+    source: WorldSource = field(default_factory=WorldSource)  # of worlds
+    numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
+
+
 @dataclass(frozen=True)
 class WorldTask:
-    """What a worker is sent.
+    """What a worker is sent."""
 
-    Attributes:
-        seed: of the campaign.
-        number: of the world.
-        source: of worlds.
-        modules: of the experiments to run, by their names.
-        software: `software_hash` of each module, by the experiment's name.
-        data: folder of the real recordings.
-        quick: whether experiments run shorter and coarser.
-        out: folder for figures and recordings, one below it an experiment; None: nobody looks.
-        everywhere: folder for what all worlds share; None: one of the worker's own.
-        fastest_feed: whether of several feeds the fastest alone is run.
-    """
-
-    seed: int
-    number: int
-    source: WorldSource
-    modules: Mapping[str, str]
-    software: Mapping[str, str]
-    data: Path
-    quick: bool = False
+    settings: CampaignSettings  # of the campaign
+    number: int  # of the world
+    modules: Mapping[str, str]  # of the experiments to run, by their names
+    software: Mapping[str, str]  # `software_hash` of each module, by the experiment's name
+    # folder for figures and recordings, one below it an experiment; None: nobody looks
     out: Path | None = None
+    # folder for what all worlds share; None: one of the worker's own
     everywhere: Path | None = None
-    fastest_feed: bool = False
+
+    def world(self) -> World:
+        """The world itself."""
+        return draw_world(self.settings.seed, self.number, self.settings.source)
 
 
 @dataclass
 class WorldOutcome:
-    """What came of a world, in plain values.
+    """What came of a world, in plain values."""
 
-    Attributes:
-        number, seed: of the world.
-        parameters: that were drawn.
-        values: by experiment and key (`optimised.rmse_x_n`, `rmse_nm.0`); None: not finite.
-        described: title and rows of "article / here" of each experiment.
-        failures: by experiment, first one line, then where it happened.
-        seconds: of a processor, by experiment.
-    """
-
-    number: int
-    seed: int
-    parameters: dict[str, float]
+    number: int  # of the world
+    seed: int  # of the world
+    parameters: dict[str, float]  # that were drawn
+    # by experiment and key (`optimised.rmse_x_n`, `rmse_nm.0`); None: not finite
     values: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    # title and rows of "article / here" of each experiment
     described: dict[str, dict[str, Any]] = field(default_factory=dict)
+    # by experiment, first one line, then where it happened
     failures: dict[str, str] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)  # of a processor, by experiment
 
 
 class UnfitWorkerError(InputError):
@@ -101,7 +93,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
     """
     for name, module in task.modules.items():
         _check_worker(module, task.software[name])
-    world = draw_world(task.seed, task.number, task.source)
+    settings, world = task.settings, task.world()
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
     everywhere = _own_folder() if task.everywhere is None else task.everywhere
     everywhere.mkdir(parents=True, exist_ok=True)
@@ -118,19 +110,19 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 out.mkdir(parents=True)
                 with sharing_in(folder, everywhere):
                     experiment: Experiment = import_module(module).EXPERIMENT
-                    if missing := experiment.missing(task.data):
+                    if missing := experiment.missing(settings.data):
                         raise InputError(
                             missing[0], "", "these recordings are not there", "see --data"
                         )
                     context = ExperimentContext(
                         out=out,
-                        data=task.data,
+                        data=settings.data,
                         seed=world.seed,
-                        quick=task.quick,
+                        quick=settings.quick,
                         draws=task.out is not None,
                         world=world.robot,
                         hand=world.hand,
-                        fastest_feed=task.fastest_feed,
+                        fastest_feed=settings.fastest_feed,
                     )
                     result = experiment.run(context)
                     metrics = plain_metrics(result.metrics)

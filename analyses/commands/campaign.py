@@ -1,13 +1,13 @@
 """The command `campaign`: experiments in many worlds."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.commands.options import Option, Out, with_settings
-from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.analyses.output.console import new_console, new_table, plain_text, show
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
@@ -25,80 +25,42 @@ SETTINGS = (
     Option("quick"),
     Option("world", least=0),
     Option("fastest_feed"),
+    Option("jobs", least=1),
+    Option("cluster", metavar="ADDRESS"),
+    Option("fit", metavar="FIGURES.yaml"),
+    Option("narrow", metavar="DIR"),
+    Option("fresh"),
 )
 
 
 @with_settings(CampaignOptions, SETTINGS, from_file=False)
-def command(
-    options: CampaignOptions,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Worlds side by side; as many as cores.")
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler."),
-    ] = None,
-    fit: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FIGURES.yaml",
-            help="Find the arms that give these printed figures; `article` is bundled.",
-        ),
-    ] = None,
-    narrow: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="With --fit: draw from the ranges that an earlier fit there found."
-        ),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Begin anew where the folder holds a campaign.")
-    ] = False,
-    out: Out = Path("out/campaign"),
-) -> None:
+def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
     """Run experiments in many worlds, and show the spread of their figures.
 
     A world is a draw of what the simulated arm truly is. What is finished is kept: after an
     interruption, or to add worlds or experiments, run the same again.
     """
-    from wrenchsight.analyses.campaign.campaign import COMMAND, CampaignSettings, run_campaign
+    from wrenchsight.analyses.campaign.campaign import COMMAND, run_campaign
     from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures
     from wrenchsight.analyses.campaign.figures_fit import fit_figures
+    from wrenchsight.analyses.campaign.world_run import CampaignSettings
     from wrenchsight.analyses.output.progress import ProgressDisplay
-    from wrenchsight.analyses.study.study import available_cores
 
-    if (fit is None) == (not options.experiments) or (narrow is not None and fit is None):
+    fit = options.fit
+    if (fit is None) == (not options.experiments) or (options.narrow is not None and fit is None):
         problem = "name experiments, or give --fit FIGURES.yaml (with --narrow, if at all)"
         raise InputError("campaign", "", problem)
     if fit is not None:
         if options.world is not None or options.fastest_feed:
             raise InputError("--fit", "", "goes with neither --world nor --fastest-feed")
-        figures = load_figures(fit, narrow)
+        figures = load_figures(fit, options.narrow)
         with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
-            fitted = fit_figures(
-                figures,
-                options.worlds,
-                out,
-                seed=options.seed,
-                quick=options.quick,
-                data=options.data,
-                jobs=jobs or available_cores(),
-                cluster=cluster,
-                fresh=fresh,
-                watch=watch,
-            )
+            fitted = fit_figures(figures, options, out, watch)
         _print_fit(fitted)
         return
     settings = CampaignSettings(**vars(options), source=bundled_worlds())
     with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
-        result = run_campaign(
-            settings,
-            out,
-            jobs=jobs or available_cores(),
-            cluster=cluster,
-            fresh=fresh,
-            watch=watch,
-        )
+        result = run_campaign(settings, out, watch)
     _print(result)
     if result.failures:
         raise typer.Exit(1)
@@ -111,18 +73,16 @@ def _print_fit(fit: "FiguresFit") -> None:
         by = "" if moved is None else f"{moved.parameter} {moved.rank_correlation:+.2f}"
         numbers = (f"{x:.3g}" for x in (row.printed, row.best, row.median))
         table.add_row(plain_text(row.name), *numbers, f"{row.p05:.3g} to {row.p95:.3g}", by)
-    console = new_console()
-    console.print(table)
     learnt = "; ".join(
         f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in fit.ranges.items()
     )
-    say(console, f"parameters (5 to 95 %): {learnt}")
-    say(
-        console,
+    show(
+        table,
+        f"parameters (5 to 95 %): {learnt}",
         f"arms: {fit.arms}; inside 5 to 95 %: {100 * fit.fitted_inside:.0f} % of the rows, of "
         f"those held out {100 * fit.held_out_inside:.0f} %",
+        f"written to {fit.out / 'posterior'}",
     )
-    say(console, f"written to {fit.out / 'posterior'}")
 
 
 def _print(result: "CampaignResult") -> None:
@@ -135,19 +95,20 @@ def _print(result: "CampaignResult") -> None:
             experiment = one.experiment
             table.add_row(plain_text(experiment, style="bold"))
         row = table_row(one)
-        label = f"{row.label} [{row.unit}]" if row.unit else row.label
-        table.add_row(plain_text(label), row.article, row.median, row.range, row.ahead)
-    console = new_console()
-    if table.row_count:
-        console.print(table)
-    for number, outcome in sorted(result.failures.items()):
-        for name, why in outcome.failures.items():
-            line = why.splitlines()[0]
-            say(console, f"world {number} (seed {outcome.seed}) failed in {name}: {line}")
+        label = f"{one.label} [{one.unit}]" if one.unit else one.label
+        shown = (row[key] for key in ("article", "median", "range", "ahead"))
+        table.add_row(plain_text(label), *shown)
     kept = f", {result.kept} of them kept" if result.kept else ""
-    seconds = "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items())
-    say(console, f"worlds: {result.worlds}{kept}")
-    if seconds:
-        say(console, f"processor time a world: {seconds}")
+    show(
+        *([table] if table.row_count else []),
+        *(
+            f"world {number} (seed {outcome.seed}) failed in {name}: {why.splitlines()[0]}"
+            for number, outcome in sorted(result.failures.items())
+            for name, why in outcome.failures.items()
+        ),
+        f"worlds: {result.worlds}{kept}",
+    )
+    if seconds := "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items()):
+        show(f"processor time a world: {seconds}")
     if result.worlds:
-        say(console, f"report: {result.out / REPORT_NAME}")
+        show(f"report: {result.out / REPORT_NAME}")

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import typer
 from typer.core import TyperCommand
 
+from wrenchsight.analyses.study.registry import module_file
 from wrenchsight.models.files.input_error import InputError
 
 PACKAGE: Final = "wrenchsight.analyses.commands"
@@ -36,12 +36,8 @@ def find_commands() -> dict[str, CommandEntry]:
     Raises:
         InputError: an installed package offers a module that is no command.
     """
-    found = []
-    spec = find_spec(PACKAGE)
-    assert spec is not None
-    for info in pkgutil.iter_modules(spec.submodule_search_locations, f"{PACKAGE}."):
-        entry = _read(info.name)
-        found += [entry] if entry is not None else []
+    modules = pkgutil.iter_modules([str(Path(__file__).parent)], f"{PACKAGE}.")
+    found = [entry for info in modules if (entry := _read(info.name)) is not None]
     for point in entry_points(group=ENTRY_POINTS):
         entry = _read(point.module)
         if entry is None:
@@ -66,14 +62,8 @@ def load_command(entry: CommandEntry) -> TyperCommand:
 
 
 def _read(module: str) -> CommandEntry | None:
-    try:
-        spec = find_spec(module)
-    except ModuleNotFoundError:
-        spec = None
-    if spec is None or spec.origin is None:
-        return None
-    path = Path(spec.origin)
-    return _parsed(module, path, path.stat().st_mtime_ns)
+    path = module_file(module)
+    return None if path is None else _parsed(module, path, path.stat().st_mtime_ns)
 
 
 @cache

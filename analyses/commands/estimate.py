@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrenchsight.analyses.commands.options import Option, Out, with_settings
+from wrenchsight.analyses.commands.options import Option, Out, hidden, with_settings
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateSettings, with_observer
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ OPTIONS = (
     Option("estimate.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
     Option("estimate.tool"),
     Option("estimate.mcap"),
-    Option("estimate.torque", shown=False),
-    Option("estimate.torque_sign", shown=False),
+    *hidden("estimate", "torque", "torque_sign"),
     Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
     Option(f"{OBSERVER}.bandwidth_hz", "bandwidth", shown=False),
     Option(f"{OBSERVER}.torque_samples", shown=False),
@@ -54,27 +53,15 @@ OPTIONS = (
         help="time step that the log is resampled to, s; 0: the log's own",
         shown=False,
     ),
-    Option(f"{READING}.prior_force_sd", shown=False),
-    Option(f"{READING}.prior_moment_sd", shown=False),
-    Option(f"{READING}.max_force_sd", shown=False),
-    Option(f"{READING}.damping", shown=False),
-    Option(f"{READING}.truncation", shown=False),
-    Option("estimate.max_gap", shown=False),
-    Option("estimate.check", shown=False),
+    *hidden(READING, "prior_force_sd", "prior_moment_sd", "max_force_sd", "damping", "truncation"),
+    *hidden("estimate", "max_gap", "check"),
     Option("estimate.estimator.check_samples", shown=False),
     Option("estimate.accept_signs", shown=False),
-    Option(f"{REFERENCE}.frame", "reference_frame", shown=False),
-    Option(f"{REFERENCE}.turn", "reference_turn", shown=False),
-    Option(f"{REFERENCE}.sign", "reference_sign", shown=False),
-    Option(f"{REFERENCE}.tare", "reference_tare", shown=False),
-    Option(f"{REFERENCE}.delay", "reference_delay", shown=False),
+    *hidden(REFERENCE, "frame", "turn", "sign", "tare", "delay", prefix="reference_"),
     Option(f"{REFERENCE}.contact_force", "reference_contact", shown=False),
     Option("estimate.detection.false_alarms_per_hour", shown=False),
     Option("estimate.contact.force_rate", "contact_force_rate", shown=False),
-    Option("estimate.drift", shown=False),
-    Option("estimate.covariance", shown=False),
-    Option("estimate.table", shown=False),
-    Option("estimate.other_robot", shown=False),
+    *hidden("estimate", "drift", "covariance", "table", "other_robot"),
 )
 
 
@@ -131,56 +118,50 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
             settings.estimate,
             progress,
         )
-    prior, console = result.metrics()["prior"], new_console()
+    prior = result.metrics()["prior"]
     for log in result.logs:
         _print_wrenches(log.metrics["valid"]["wrench"], f"{log.name}, valid")
         rows = log.metrics.get("reference", {}).get("rows")
         if rows is not None:
-            say(
-                console,
+            show(
                 f"{log.name}: against the sensor, row by row where it says more than "
                 f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
-                f"{rows['stated_sd_n']:.2f} N",
+                f"{rows['stated_sd_n']:.2f} N"
             )
-        for line in log.contacts:
-            say(console, line if len(result.logs) == 1 else f"{log.name}: {line}")
+        show(*(line if len(result.logs) == 1 else f"{log.name}: {line}" for line in log.contacts))
     count = sum(log.num_samples for log in result.logs)
     valid = sum(log.num_samples * log.valid_share for log in result.logs) / count
     sds = " ".join(f"{x:.3g}" for x in result.config.torque_sd)
-    say(
-        console,
-        f"{count} samples, {100 * valid:.1f} % valid; prior: force sd {prior['force_sd_n']:.3g} N, "
-        f"moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']}); torque sd {sds} N m",
+    show(
+        f"{count} samples, {100 * valid:.1f} % valid; {_prior_text(prior)}; torque sd {sds} N m",
+        *notes((*result.notices, *result.warnings)),
     )
-    for notice in (*result.notices, *result.warnings):
-        say(console, f"note: {notice}")
     for log in result.logs:
         if log.comparison is not None and len(result.logs) == 1:
             _print_comparison(log.comparison, out, "log's Jacobian or the world")
     if result.against_sensor is not None and len(result.logs) > 1:
         mean = result.metrics()["reference"]["mean_rmse_n"]
-        say(console, f"against the sensor: mean of the logs' RMSE {mean:.3f} N")
-    for log in result.logs:
-        say(console, f"wrench: {log.table}")
+        show(f"against the sensor: mean of the logs' RMSE {mean:.3f} N")
+    show(*(f"wrench: {log.table}" for log in result.logs))
 
 
 def _print(result: "EstimateResult", out: Path) -> None:
     metrics = result.metrics()
     _print_wrenches(metrics["valid"]["wrench"], "valid samples")
-    console = new_console()
-    prior = metrics["prior"]
-    say(
-        console,
-        f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; prior: force sd "
-        f"{prior['force_sd_n']:.3g} N, moment sd {prior['moment_sd_nm']:.3g} N m ({prior['rule']})",
+    show(
+        f"{result.num_samples} samples, {100 * result.valid_share:.1f} % valid; "
+        + _prior_text(metrics["prior"]),
+        *result.contacts,
+        *notes((*result.notices, *result.warnings)),
     )
-    for line in result.contacts:
-        say(console, line)
-    for notice in (*result.notices, *result.warnings):
-        say(console, f"note: {notice}")
     if result.comparison is not None:
         _print_comparison(result.comparison, out)
-    say(console, f"wrench: {result.table}, figure: {out / 'figures' / 'wrench.png'}")
+    show(f"wrench: {result.table}, figure: {out / 'figures' / 'wrench.png'}")
+
+
+def _prior_text(prior: dict[str, Any]) -> str:
+    sds = f"force sd {prior['force_sd_n']:.3g} N, moment sd {prior['moment_sd_nm']:.3g} N m"
+    return f"prior: {sds} ({prior['rule']})"
 
 
 def _print_wrenches(wrench: dict[str, Any], what: str) -> None:
@@ -190,7 +171,7 @@ def _print_wrenches(wrench: dict[str, Any], what: str) -> None:
         keys = (f"mean_{unit}", f"rms_{unit}", f"max_abs_{unit}", f"mean_sd_{unit}")
         figures = ("–" if values[key] is None else f"{values[key]:.2f}" for key in keys)
         table.add_row(axis, *figures, "N" if unit == "n" else "N m")
-    new_console().print(table)
+    show(table)
 
 
 def _unit(axis: str) -> str:
@@ -211,15 +192,13 @@ def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world
             for name in ("rmse", "bias")
         ]
         table.add_row(phase.replace("_", ", "), f"{own['share_pct']:.0f} %", *columns)
-    console = new_console()
-    console.print(table)
     mounting = comparison.mounting
     frame = W if mounting.frame == "world" else mounting.frame
     axes = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in mounting.R.round(6) + 0.0)
     side = "late" if mounting.delay >= 0.0 else "early"
     says = "force on the robot" if mounting.sign > 0 else "force on the environment"
-    say(
-        console,
+    show(
+        table,
         f"sensor: axes of the {frame} turned by [{axes}], {says}, "
         f"{1000 * abs(mounting.delay):.0f} ms {side}, "
         f"tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "

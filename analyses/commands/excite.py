@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, with_settings
 from wrenchsight.analyses.methods.planning.excitation_config import ExciteSettings
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.methods.planning.excitation import ExcitationResult
@@ -70,15 +70,14 @@ def _print(results: "tuple[ExcitationResult, ...]", out: Path) -> None:
             f"{result.peak_torque_share.max():.2f}",
             closest,
         )
-    console = new_console()
-    console.print(table)
-    say(console, f"{results[0].num_parameters} base parameters of a general motion")
-    for warning in dict.fromkeys(w for result in results for w in result.warnings):
-        say(console, f"note: {warning}")
-    say(console, f"trajectory: {out / 'trajectory.csv'}, coefficients: {out / 'trajectory.yaml'}")
+    show(
+        table,
+        f"{results[0].num_parameters} base parameters of a general motion",
+        *notes(dict.fromkeys(w for result in results for w in result.warnings)),
+        f"trajectory: {out / 'trajectory.csv'}, coefficients: {out / 'trajectory.yaml'}",
+    )
     if len(results) > 1:
-        say(
-            console,
+        show(
             "record both motions, then: wrenchsight identify LOG --validate LOG_OF_VALIDATION "
-            f"--robot ROBOT; the second is {out / 'validation.csv'}",
+            f"--robot ROBOT; the second is {out / 'validation.csv'}"
         )

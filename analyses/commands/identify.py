@@ -4,12 +4,12 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, with_settings
+from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, hidden, with_settings
 from wrenchsight.analyses.methods.learning.identification_config import (
     IdentificationConfig,
     IdentifySettings,
 )
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
@@ -29,11 +29,7 @@ OPTIONS = (
     Option("refreshing.part", metavar="BEGIN,END"),
     Option("refreshing.other_specimen"),
     Option(f"{REFERENCE}.columns", "reference", metavar="COLUMNS"),
-    Option(f"{REFERENCE}.frame", "reference_frame", shown=False),
-    Option(f"{REFERENCE}.turn", "reference_turn", shown=False),
-    Option(f"{REFERENCE}.sign", "reference_sign", shown=False),
-    Option(f"{REFERENCE}.tare", "reference_tare", shown=False),
-    Option(f"{REFERENCE}.delay", "reference_delay", shown=False),
+    *hidden(REFERENCE, "frame", "turn", "sign", "tare", "delay", prefix="reference_"),
     Option("log_format"),
     Option("identification.cutoff", "cutoff_hz"),
     Option("identification.friction", metavar="LAW"),
@@ -106,20 +102,21 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
             f"{viscous['before_nms_per_rad'][j]:.2f}",
             f"{viscous['after_nms_per_rad'][j]:.2f} ± {viscous['sd_nms_per_rad'][j]:.2f}",
         )
-    console = new_console()
-    console.print(table)
+    show(table)
     still = [
         n for n, rows in zip(refit.model.joint_names, metrics["rows"], strict=True) if not rows
     ]
     if still:
-        say(console, f"note: {', '.join(still)} did not move: friction is the other robot's")
+        show(f"note: {', '.join(still)} did not move: friction is the other robot's")
     if "gain" in metrics:
         gain, sd = (100.0 * metrics["gain"][key] for key in ("share", "sd"))
         change = f"{gain:+.1f} ± {sd:.1f} %" if gain else "not determined, not changed"
-        say(console, f"torque constants by the sensor: {change}")
-        say(console, f"residual along the paths: known at {metrics['places']} places")
-        say(console, f"robot to use with the model: {out / 'robot.yaml'}")
-    say(console, f"model: {out / 'model.yaml'}")
+        show(
+            f"torque constants by the sensor: {change}",
+            f"residual along the paths: known at {metrics['places']} places",
+            f"robot to use with the model: {out / 'robot.yaml'}",
+        )
+    show(f"model: {out / 'model.yaml'}")
 
 
 def _scale(settings: IdentifySettings, out: Path) -> None:
@@ -139,11 +136,11 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
             shown = f"{found.torque_per_unit[j]:.3g} ± {found.standard_error[j]:.2g}"
         note = "" if found.seen[j] else " (not shown)"
         table.add_row(name, shown + note, f"{result.stated[j]:.3g}", f"{found.gravity[j]:.2g}")
-    console = new_console()
-    console.print(table)
-    for text in (*result.notices, *sentences(result, bool(settings.load))):
-        say(console, f"note: {text}")
-    say(console, f"robot with these torques per unit: {out / 'robot.yaml'}")
+    show(
+        table,
+        *notes((*result.notices, *sentences(result, bool(settings.load)))),
+        f"robot with these torques per unit: {out / 'robot.yaml'}",
+    )
 
 
 def _refresh(settings: IdentifySettings, out: Path) -> None:
@@ -174,11 +171,11 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
         )
         errors = " ".join(f"{value:+.1f}" for value in outcome.standard_errors[j])
         table.add_row(name, *changes, errors, f"{before[j]:.2f}", f"{after[j]:.2f}")
-    console = new_console()
-    console.print(table)
-    for warning in result.warnings:
-        say(console, f"note: {warning}")
-    say(console, f"model: {out / 'model.yaml'}, figure: {out / 'figures' / 'friction.png'}")
+    show(
+        table,
+        *notes(result.warnings),
+        f"model: {out / 'model.yaml'}, figure: {out / 'figures' / 'friction.png'}",
+    )
 
 
 def _print_calibration(result: "CalibrationResult", out: Path) -> None:
@@ -198,8 +195,7 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
             f"{result.stated[j]:.3f}",
             read,
         )
-    console = new_console()
-    console.print(table)
+    show(table)
     for (name, load), entry, deviation in zip(
         result.loads.items(), outcome.loads, outcome.load_sd, strict=True
     ):
@@ -207,12 +203,9 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
             f"{1e3 * value / load.mass:.1f} ± {1e3 * s / load.mass:.1f}"
             for value, s in zip(entry[1:4], deviation[1:4], strict=True)
         )
-        say(console, f"{name}: {load.mass:g} kg at ({com}) mm from the flange")
-    for warning in result.warnings:
-        say(console, f"note: {warning}")
-    say(
-        console, f"robot with these torques per ampere, to use with the model: {out / 'robot.yaml'}"
-    )
+        show(f"{name}: {load.mass:g} kg at ({com}) mm from the flange")
+    robot = f"robot with these torques per ampere, to use with the model: {out / 'robot.yaml'}"
+    show(*notes(result.warnings), robot)
 
 
 def _print(result: "IdentificationResult", out: Path) -> None:
@@ -238,25 +231,21 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     table = new_table("\njoint", *columns)
     for j, name in enumerate(model.joint_names):
         table.add_row(name, *(f"{values[j]:#.3g}".rstrip(".") for values in columns.values()))
-    console = new_console()
-    console.print(table)
-    for fit in (joined, *result.validation):
-        say(
-            console,
-            f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}",
-        )
-    for line in law_lines(result.held_out, result.law, how, result.extrapolated):
-        say(console, line)
-    say(console, f"filter: {filter_text(result.config)}")
-    say(
-        console,
+    show(
+        table,
+        *(
+            f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}"
+            for fit in (joined, *result.validation)
+        ),
+        *law_lines(result.held_out, result.law, how, result.extrapolated),
+        f"filter: {filter_text(result.config)}",
         f"friction {result.law}, {len(result.base.names)} base parameters, "
         f"condition number {result.base.condition_number:.3g}",
     )
     if result.config.friction == IdentificationConfig().friction:
-        say(console, "note: this law is the default; --friction best lets held-out logs choose")
+        show("note: this law is the default; --friction best lets held-out logs choose")
     links = inconsistent_links_text(metrics["inconsistent_links"], len(model.joint_names))
-    notes = [*result.notices, *result.warnings, *([links] if links else [])]
-    for note in notes:
-        say(console, f"note: {note}")
-    say(console, f"model: {out / 'model.yaml'}")
+    show(
+        *notes((*result.notices, *result.warnings, *([links] if links else []))),
+        f"model: {out / 'model.yaml'}",
+    )

@@ -1,12 +1,11 @@
 """The command `jcn-map`: the condition number over the workspace."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, numbers, with_settings
 from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +40,6 @@ def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
     from wrenchsight.analyses.methods.planning.jcn_map import jcn_map
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("jcn-map") as progress:
         result = jcn_map(settings, out, progress)
     _print(result, settings, out)
@@ -54,30 +52,26 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
     table.add_row(
         f"{settings.num_samples} configurations", *(f"{metrics[key]:.4g}" for key in keys)
     )
-    console = new_console()
-    console.print(table)
+    show(table)
     if free := metrics.get("free"):
         best = (
             "none is free"
             if free["min"] is None
             else f"the smallest that is free: {free['min']:.4g}"
         )
-        say(
-            console,
+        show(
             f"{free['in_collision_pct']:.0f} % of {free['looked_at']} configurations hit the arm "
-            f"itself or the floor; {best}",
+            f"itself or the floor; {best}"
         )
     config = settings.slice or SliceConfig()
     plane = f"{config.axis}={config.value:g}"
     if (cut := metrics.get("slice")) and "min" in cut:
         place_text = ", ".join(f"{value:.3f}" for value in cut["best_place_m"])
-        say(
-            console,
+        show(
             f"slice {plane}: best {cut['min']:.2f} at ({place_text}) m; "
-            f"{cut['below_11_m2']:.2f} m2 below 11",
+            f"{cut['below_11_m2']:.2f} m2 below 11"
         )
     elif cut:
-        say(console, f"slice {plane}: the tool reaches no point of it within the cone")
-    for notice in result.notices:
-        say(console, f"note: {notice}")
-    say(console, f"samples: {out / 'samples.npz'}, page: {out / 'recording.html'}")
+        show(f"slice {plane}: the tool reaches no point of it within the cone")
+    samples = f"samples: {out / 'samples.npz'}, page: {out / 'recording.html'}"
+    show(*notes(result.notices), samples)

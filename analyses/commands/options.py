@@ -9,7 +9,7 @@ import dataclasses
 import inspect
 import re
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,17 +24,6 @@ from wrenchsight.models.files.input_error import InputError
 Settings = TypeVar("Settings")
 
 Out = Annotated[Path, typer.Option(help="Folder for the results.", show_default=True)]
-Data = Annotated[Path, typer.Option(help="Folder of the real recordings.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of every random number.")]
-Quick = Annotated[bool, typer.Option("--quick", help="Shorter and coarser: to try things out.")]
-Truth = Annotated[
-    str,
-    typer.Option(
-        metavar="own|plain|hard",
-        help="What simulated arms truly are: as their robot.yaml has it, or with plain friction "
-        "alone, all else exact, or as the harder truth beside it has it.",
-    ),
-]
 
 _UNIT_FIRST: Final = re.compile(
     r"((?:N m|N|1/s|rad|Hz|m|s)(?:/s(?:\^2)?)?(?: \([^)]*\)| about E)?), (.+)"
@@ -72,6 +61,15 @@ class Option:
     def spelling(self) -> str:
         """The option as it is written on the command line."""
         return self.flags.partition("/")[0] or f"--{self.parameter.replace('_', '-')}"
+
+
+def hidden(place: str, *keys: str, prefix: str = "") -> Iterator[Option]:
+    """Options of keys of one part of the settings, which --help-all alone shows.
+
+    Args:
+        prefix: of the options' names, before the keys.
+    """
+    return (Option(f"{place}.{key}", f"{prefix}{key}", shown=False) for key in keys)
 
 
 def with_settings(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, with_settings
 from wrenchsight.analyses.methods.calibration.payload_config import PayloadSettings
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.methods.calibration.payload_identification import PayloadResult
@@ -58,9 +58,6 @@ def _print(result: "PayloadResult", out: Path) -> None:
             "kg m^2",
             note,
         )
-    console = new_console()
-    console.print(table)
-    for warning in result.warnings:
-        say(console, f"note: {warning}")
+    show(table, *notes(result.warnings))
     if load.is_there:
-        say(console, f"tool: {out / 'tool.yaml'}, model with the load: {out / 'model.yaml'}")
+        show(f"tool: {out / 'tool.yaml'}, model with the load: {out / 'model.yaml'}")

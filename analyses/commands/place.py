@@ -1,6 +1,5 @@
 """The command `place`: where a straight path belongs."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,7 +7,7 @@ import typer
 
 from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
 from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
@@ -31,7 +30,6 @@ def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/pl
     """Find where a straight path belongs, and how the arm should stand along it."""
     from wrenchsight.analyses.methods.planning.placement import place_task
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("place") as progress:
         result = place_task(
             settings.task,
@@ -58,17 +56,20 @@ def _print(result: "PlacementResult", out: Path) -> None:
     for way in ("initial", "optimised", "free"):
         if way in metrics:
             table.add_row(way, *(f"{metrics[way][name]:.4f}" for name in names))
-    console = new_console()
-    console.print(table)
     found = metrics["optimised"]
-    for label, name in (("direction", "direction"), ("midpoint [m]", "midpoint_m")):
-        say(console, f"{label}: " + " ".join(f"{value:.4f}" for value in found[name]))
-    turn = " ".join(f"{value:.4f}" for value in found["axis"])
-    say(console, f"tool: {found['angle_deg']:.2f} degrees about {turn}")
+    direction, midpoint, axis = (
+        " ".join(f"{value:.4f}" for value in found[name])
+        for name in ("direction", "midpoint_m", "axis")
+    )
     optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
-    say(console, f"local optima: {optima}; {result.seconds:.1f} s")
-    for notice in result.notices:
-        say(console, f"note: {notice}")
-    say(console, f"postures: {out / 'postures.csv'}, page: {out / 'recording.html'}")
+    show(
+        table,
+        f"direction: {direction}",
+        f"midpoint [m]: {midpoint}",
+        f"tool: {found['angle_deg']:.2f} degrees about {axis}",
+        f"local optima: {optima}; {result.seconds:.1f} s",
+        *notes(result.notices),
+        f"postures: {out / 'postures.csv'}, page: {out / 'recording.html'}",
+    )
     if result.search.interrupted:
         raise KeyboardInterrupt

@@ -1,6 +1,5 @@
 """The command `redundancy`: the free angle along a path on a surface."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,7 +7,7 @@ import typer
 
 from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
 from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.methods.planning.redundancy import RedundancyResult
@@ -24,7 +23,6 @@ def command(
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
     from wrenchsight.analyses.methods.planning.redundancy_results import redundancy
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     if on_command_line(ctx, "task"):
         settings.task_content = None
     with showing_progress("redundancy") as progress:
@@ -41,10 +39,7 @@ def _print(result: "RedundancyResult", out: Path) -> None:
         if way in metrics:
             figures = (f"{metrics[way][f'{what}_{key}']:.3f}" for what in ("mean", "max"))
             table.add_row(name, *figures)
-    console = new_console()
-    console.print(table)
-    for notice in result.notices:
-        say(console, f"note: {notice}")
+    show(table, *notes(result.notices))
     if result.free is not None:
-        say(console, f"joints of the free way: {out / 'trajectory_free.csv'}")
-    say(console, f"joints: {out / 'trajectory.csv'}, page: {out / 'recording.html'}")
+        show(f"joints of the free way: {out / 'trajectory_free.csv'}")
+    show(f"joints: {out / 'trajectory.csv'}, page: {out / 'recording.html'}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wrenchsight.analyses.output.console import new_console, new_table, say
+from wrenchsight.analyses.output.console import new_table, notes, show
 from wrenchsight.analyses.output.marked_page import refuse_unmarked, write_marked
 from wrenchsight.models.files.input_error import InputError
 
@@ -49,22 +49,19 @@ def command(
     path = out or Path("robot.yaml")
     drafted, places = draft_robot(Path(source), path, base, flange, _arguments(xacro_arg or []))
     _print(drafted)
-    console = new_console()
     held = ", ".join(f"{name} at {at:g}" for name, at in drafted.config.locked_joints.items())
     if held:
-        say(
-            console,
+        show(
             f"note: joints held still, rad or m: {held}. Where one of them is the arm's, name the "
-            "link that it moves: --flange LINK",
+            "link that it moves: --flange LINK"
         )
-    say(
-        console,
+    show(
         "note: friction, noise and resolution of the simulated arm are assumed: simulated_truth "
         "and drives in the file"
         if drafted.config.simulated_truth.friction.coulomb.size
         else "note: the simulated arm has no friction: the URDF has no inertias to size it by",
+        f"robot: {path}; look for {FILL_IN}: {', '.join(places)}",
     )
-    say(console, f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
 
 
 def _arguments(words: list[str]) -> dict[str, str]:
@@ -91,7 +88,7 @@ def _show(name: str, out: Path) -> None:
     meshcat = Meshcat()
     ArmPicture(robot, meshcat).show(robot.home)
     write_marked(out, meshcat.StaticHtml())
-    say(new_console(), f"picture at home: {out}")
+    show(f"picture at home: {out}")
 
 
 def _print(robot: "Robot") -> None:
@@ -101,15 +98,12 @@ def _print(robot: "Robot") -> None:
         row = [f"{value[j]:.4g}" for value in (*values, robot.effort_limit)]
         drive = (robot.torque_per_ampere[j], robot.reflected_inertia[j], robot.home[j])
         table.add_row(name, *row, *(f"{value:.4g}" for value in drive))
-    console = new_console()
-    console.print(table)
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
-    say(
-        console,
+    lost = (f"collision shape lost: {link}" for link in robot.unusable_collisions)
+    show(
+        table,
         f"{robot.name}: {robot.num_joints} joints from {robot.config.base_link} to "
         f"{robot.config.flange}, {mass:.3g} kg moving, payload {robot.payload:g} kg, condition "
         f"number at home {float(robot.chain.condition_number(robot.home)):.3g}",
+        *notes((*robot.notices, *lost)),
     )
-    lost = robot.unusable_collisions
-    for notice in (*robot.notices, *(f"collision shape lost: {link}" for link in lost)):
-        say(console, f"note: {notice}")

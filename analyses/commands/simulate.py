@@ -1,7 +1,5 @@
 """The command `simulate`: a scenario, simulated and read."""
 
-import logging
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +7,7 @@ import typer
 
 from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
 from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
-from wrenchsight.analyses.output.console import new_console, new_table, say, showing_progress
+from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.methods.runs.simulation_result import SimulationResult
@@ -47,8 +45,6 @@ def command(
         if not on_command_line(ctx, "scenario"):  # the file's own may name one already
             file = file.rpartition(":")[0] or file
         settings.scenario = f"{file}:{name}"
-    # Drake prints Meshcat's address, which is gone before anyone could open it.
-    logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("simulate") as progress:
         result = simulate_scenario(
             settings.scenario,
@@ -68,8 +64,7 @@ def command(
     if settings.publish is not None:
         from wrenchsight.analyses.methods.live.playing import play
 
-        tell = partial(say, new_console())
-        play(result.recording(), result.robot, settings.publish, tell)
+        play(result.recording(), result.robot, settings.publish, show)
 
 
 def _print(result: "SimulationResult") -> None:
@@ -89,15 +84,11 @@ def _print(result: "SimulationResult") -> None:
             for what in ("rmse", "max_error")
         ]
         table.add_row(f"{axis}  {unit}", *figures)
-    console = new_console()
-    console.print(table)
-    say(
-        console,
+    show(
+        table,
         f"{metrics['duration_s']:g} s at {result.real_time_factor:.1f} times real time; "
         f"{100 * metrics['valid_share']:.0f} % of the readings valid, "
         f"{100 * metrics['coverage_share']:.0f} % of the true force inside the 95 % band",
+        *notes((*result.robot.notices, *result.notices)),
+        *(f"wrote {file}" for file in result.files),
     )
-    for notice in (*result.robot.notices, *result.notices):
-        say(console, f"note: {notice}")
-    for file in result.files:
-        say(console, f"wrote {file}")

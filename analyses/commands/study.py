@@ -1,13 +1,14 @@
 """The command `study`: every experiment, or those that are named."""
 
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from wrenchsight.analyses.commands.options import Data, Out, Quick, Seed, Truth
-from wrenchsight.analyses.output.console import new_console, new_table, plain_text, say
+from wrenchsight.analyses.commands.options import Option, Out, with_settings
+from wrenchsight.analyses.output.console import new_console, new_table, plain_text, show
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.study.outcome import StudyResult
@@ -15,27 +16,36 @@ if TYPE_CHECKING:
 ORDER = 10
 
 
-def command(
-    experiments: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="EXPERIMENT", help="Names; all if none is given."),
-    ] = None,
-    out: Out = Path("out/study"),
-    data: Data = Path("../shared/data"),
-    seed: Seed = 0,
-    quick: Quick = False,
-    truth: Truth = "own",
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Experiments side by side; as many as cores.")
-    ] = None,
-    fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help="Run also experiments whose results are up to date."),
-    ] = False,
-    list_names: Annotated[
-        bool, typer.Option("--list", help="List the experiments' names and stop.")
-    ] = False,
-) -> None:
+@dataclass
+class StudyOptions:
+    """What is asked of a study on the command line."""
+
+    experiments: list[str] = field(default_factory=list)  # names; all if none is given
+    data: Path = Path("../shared/data")  # folder of the real recordings
+    seed: int = 0  # seed of every random number
+    quick: bool = False  # shorter and coarser: to try things out
+    truth: str = "own"
+    # what simulated arms truly are: as their robot.yaml has it, or with plain friction alone, all
+    # else exact, or as the harder truth beside it has it
+    jobs: int | None = None  # experiments side by side; as many as cores
+    fresh: bool = False  # run also experiments whose results are up to date
+    list_names: bool = False  # list the experiments' names and stop
+
+
+SETTINGS = (
+    Option("experiments", argument=True, metavar="EXPERIMENT"),
+    Option("data"),
+    Option("seed", least=0),
+    Option("quick"),
+    Option("truth", metavar="own|plain|hard"),
+    Option("jobs", least=1),
+    Option("fresh"),
+    Option("list_names", flags="--list"),
+)
+
+
+@with_settings(StudyOptions, SETTINGS, from_file=False)
+def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
     """Run the article's experiments, and those on real robots' logs, and report on them.
 
     What is finished is kept: after an interruption, run the same again to go on. An experiment runs
@@ -45,20 +55,20 @@ def command(
     from wrenchsight.analyses.study.registry import REGISTRY
     from wrenchsight.analyses.study.study import available_cores, check_names, run_study
 
-    if list_names:
+    if options.list_names:
         sys.stdout.write("\n".join(REGISTRY.entries()) + "\n")
         return
-    names = check_names(experiments or [])
+    names = check_names(options.experiments)
     with ProgressDisplay(new_console(stderr=True), tuple(names)) as watch:
         result = run_study(
             names,
             out,
-            data,
-            seed=seed,
-            quick=quick,
-            truth=truth,
-            jobs=jobs or available_cores(),
-            fresh=fresh,
+            options.data,
+            seed=options.seed,
+            quick=options.quick,
+            truth=options.truth,
+            jobs=options.jobs or available_cores(),
+            fresh=options.fresh,
             watch=watch,
         )
     _print(result)
@@ -81,10 +91,8 @@ def _print(result: "StudyResult") -> None:
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
             table.add_row(indented, " ".join(row.stated), " ".join(row.here))
-    console = new_console()
-    if table.row_count:
-        console.print(table)
-    for outcome in result.outcomes:
-        if not outcome.has_result:
-            say(console, f"{outcome.name} {outcome.state}: {outcome.reason}")
-    say(console, f"report: {result.report}")
+    show(
+        *([table] if table.row_count else []),
+        *(f"{o.name} {o.state}: {o.reason}" for o in result.outcomes if not o.has_result),
+        f"report: {result.report}",
+    )

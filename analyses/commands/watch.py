@@ -1,8 +1,8 @@
 """The command `watch`: the wrench at the tool while the robot runs."""
 
-from wrenchsight.analyses.commands.options import Option, with_settings
+from wrenchsight.analyses.commands.options import Option, hidden, with_settings
 from wrenchsight.analyses.methods.live.watch_config import WatchSettings
-from wrenchsight.analyses.output.console import new_console, say
+from wrenchsight.analyses.output.console import new_console, show
 
 ORDER = 35
 ESTIMATOR = "watch.live.estimator"
@@ -23,11 +23,8 @@ OPTIONS = (
     Option("watch.live.contact.point", "contact_point", metavar="X,Y,Z", default="E"),
     Option("watch.live.contact.force_rate", "contact_force_rate", shown=False),
     Option("watch.live.torque_sd", shown=False, default="none"),
-    Option("watch.check", shown=False),
-    Option("watch.accept_signs", shown=False),
-    Option("watch.other_robot", shown=False),
-    Option("watch.live.late", shown=False),
-    Option("watch.live.max_gap", shown=False),
+    *hidden("watch", "check", "accept_signs", "other_robot"),
+    *hidden("watch.live", "late", "max_gap"),
     Option("watch.live.detection.false_alarms_per_hour", shown=False),
     Option(f"{ESTIMATOR}.observer.K_0", "k0", shown=False),
     Option(
@@ -36,8 +33,7 @@ OPTIONS = (
         help="time step of the grid that samples are put on, s; 0: the stream's own",
         shown=False,
     ),
-    Option(f"{ESTIMATOR}.reconstruction.method", shown=False),
-    Option(f"{ESTIMATOR}.reconstruction.max_force_sd", shown=False),
+    *hidden(f"{ESTIMATOR}.reconstruction", "method", "max_force_sd"),
 )
 
 
@@ -46,8 +42,7 @@ def command(settings: WatchSettings) -> None:
     """Tell the wrench at the tool while the robot runs: from a controller, or a log played."""
     from wrenchsight.analyses.methods.live.watching import watch
 
-    console = new_console()
-    count = watch(settings, console)
-    say(console, f"{count} readings")
+    count = watch(settings, new_console())
+    show(f"{count} readings")
     if settings.record is not None and count:
-        say(console, f"recorded in {settings.record}")
+        show(f"recorded in {settings.record}")

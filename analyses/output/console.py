@@ -1,6 +1,7 @@
 """What commands print: tables, lines and progress, alike in a terminal and in a log."""
 
-from collections.abc import Callable, Iterator
+import logging
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -45,6 +46,21 @@ def say(console: Console, text: str) -> None:
     console.print(lines, markup=False, highlight=False, soft_wrap=True)
 
 
+def show(*parts: Table | str) -> None:
+    """Prints what a command found, on stdout: tables, and lines as `say` does."""
+    console = new_console()
+    for part in parts:
+        if isinstance(part, str):
+            say(console, part)
+        else:
+            console.print(part)
+
+
+def notes(sentences: Iterable[str]) -> Iterator[str]:
+    """Sentences that the user should not miss, as lines for `show`."""
+    return (f"note: {sentence}" for sentence in sentences)
+
+
 def plain_text(text: str, style: str = "") -> Text:
     """Returns text that is printed as it is, without the marks of `code`."""
     return Text(printable(text.replace("`", "")), style)
@@ -53,6 +69,8 @@ def plain_text(text: str, style: str = "") -> Text:
 @contextmanager
 def showing_progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows how far a piece of work is; the function that it gives takes share and words."""
+    # Drake prints Meshcat's address, which is gone before anyone could open it.
+    logging.getLogger("drake").setLevel(logging.WARNING)
     with ProgressDisplay(new_console(stderr=True), (name,), fleeting=True) as watch:
         on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))
         watch(Progress(name, "running"))

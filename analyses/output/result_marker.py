@@ -21,15 +21,10 @@ _NOTE: Final = "wrenchsight replaces and removes only the files that are listed 
 
 @dataclass(frozen=True)
 class ResultMarker:
-    """What a command wrote into a folder.
+    """What a command wrote into a folder."""
 
-    Attributes:
-        command: that wrote it.
-        files: SHA-256 of each file, by its name relative to the folder (with `/`).
-    """
-
-    command: str
-    files: Mapping[str, str]
+    command: str  # that wrote it
+    files: Mapping[str, str]  # SHA-256 of each file, by its name relative to the folder (with `/`)
 
     @classmethod
     def read(cls, folder: Path) -> "ResultMarker | None":

@@ -24,18 +24,12 @@ _SECONDS = re.compile(r"\d+(\.\d+)?( to \d+(\.\d+)?)? s\b")
 
 @dataclass(frozen=True)
 class Difference:
-    """One thing that two reports print differently.
-
-    Attributes:
-        experiment: its name.
-        what: key of a metric, label of a row, or "note".
-        first, second: as printed.
-    """
+    """One thing that two reports print differently."""
 
     experiment: str
-    what: str
-    first: str
-    second: str
+    what: str  # key of a metric, label of a row, or "note"
+    first: str  # as printed
+    second: str  # as printed
 
 
 def differences(first: Path, second: Path) -> list[Difference]:

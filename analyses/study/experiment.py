@@ -27,9 +27,8 @@ class ExperimentContext:
     data: Path  # folder of the real recordings; may be absent
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
-    progress: Callable[[float, str], None] = lambda fraction, what: (
-        None
-    )  # 0..1, and what is done now
+    # 0..1, and what is done now
+    progress: Callable[[float, str], None] = lambda fraction, what: None
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
@@ -96,9 +95,8 @@ class ExperimentResult:
     comparison: Sequence[ComparisonRow] = ()
     # sentences for the report, see `wrenchsight.analyses.study.wording`
     notes: Sequence[str] = ()
-    configuration: dict[str, Any] = field(
-        default_factory=dict
-    )  # all that is needed to run it again
+    # all that is needed to run it again
+    configuration: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import platform
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 from wrenchsight.analyses.output.result_marker import file_checksum, visible_files
+from wrenchsight.analyses.study.registry import module_file
 
 PACKAGES: Final = ("models", "systems", "diagrams", "analyses")
 LIBRARIES: Final = ("drake", "EAIK", "matplotlib", "numba", "numpy", "pyarrow", "scipy", "torch")
@@ -90,8 +90,8 @@ def _files_of(module: str) -> list[Path]:
     """
     first, *parts = module.split(".")
     if first != _NAME:
-        spec = find_spec(module)
-        return [Path(spec.origin)] if spec is not None and spec.origin is not None else []
+        outside = module_file(module)
+        return [] if outside is None else [outside]
     paths = (ROOT.joinpath(*parts[: depth + 1]) for depth in range(len(parts)))
     candidates = (
         file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))

@@ -67,9 +67,8 @@ class Outcome:
     seconds: float | None = None  # by the clock
     processor_seconds: float | None = None  # of all its threads
     metrics: dict[str, Any] = field(default_factory=dict)
-    stored: dict[str, Any] = field(
-        default_factory=dict
-    )  # result.json: title, notes, figures, pages, ...
+    # result.json: title, notes, figures, pages, ...
+    stored: dict[str, Any] = field(default_factory=dict)
 
     @property
     def has_result(self) -> bool:

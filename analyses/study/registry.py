@@ -123,14 +123,19 @@ def read_entry(module: str) -> ExperimentEntry:
     Raises:
         ValueError: the module is not there, or holds no EXPERIMENT with literals in ENTRY_FIELDS.
     """
+    path = module_file(module)
+    if path is None:
+        raise ValueError(f"there is no module {module}")
+    return ExperimentEntry(module, **_literals(path, path.stat().st_mtime_ns))
+
+
+def module_file(module: str) -> Path | None:
+    """The file of a module that is not imported; None where there is none."""
     try:
         spec = find_spec(module)
     except ModuleNotFoundError:
-        spec = None
-    if spec is None or spec.origin is None:
-        raise ValueError(f"there is no module {module}")
-    path = Path(spec.origin)
-    return ExperimentEntry(module, **_literals(path, path.stat().st_mtime_ns))
+        return None
+    return None if spec is None or spec.origin is None else Path(spec.origin)
 
 
 @cache

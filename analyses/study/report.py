@@ -10,10 +10,10 @@ from urllib.parse import quote
 
 from wrenchsight.analyses.output.figures import DOTS_PER_INCH
 from wrenchsight.analyses.output.outputs import NOT_FINITE, OutputFolder
-from wrenchsight.analyses.output.templates import page_templates
 from wrenchsight.analyses.study.outcome import Outcome, StudySettings, look_up
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from markupsafe import Markup
 
 REPORT_NAME: Final = "report.html"
@@ -31,6 +31,19 @@ class Comparison:
     difference: str
     remark: str
     source: str
+
+
+def page_templates() -> "Environment":
+    """The environment of `analyses/templates`: escapes all text, and a name unknown is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("wrenchsight.analyses", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
 def write_report(

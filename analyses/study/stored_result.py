@@ -5,17 +5,22 @@ result.json holds what the report shows, and the fingerprint of what the result 
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.output.figures import save_figure
 from wrenchsight.analyses.output.outputs import OutputFolder, plain, plain_metrics
 from wrenchsight.analyses.output.result_folder import ResultFolder
-from wrenchsight.analyses.study.experiment import Experiment, ExperimentResult
-from wrenchsight.analyses.study.figure_files import written_figures
+from wrenchsight.analyses.study.experiment import (
+    Drawing,
+    Experiment,
+    ExperimentResult,
+    FigureFile,
+)
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.wording import filled
 
@@ -63,6 +68,22 @@ def write_result(
         "constants": _constants(sys.modules[experiment.run.__module__]),
     }
     folder.write_settings("config.yaml", configuration)
+
+
+def written_figures(figures: Iterable["Drawing | FigureFile"], out: Path) -> list[FigureFile]:
+    """Writes figures/NAME.png of each drawing below an experiment's folder.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    files = []
+    for figure in figures:
+        if isinstance(figure, tuple):
+            name, drawn, caption = figure
+            figure = FigureFile(Path("figures") / f"{name}.png", caption)
+            save_figure(drawn, out / figure.path)
+        files.append(figure)
+    return files
 
 
 def _constants(module: ModuleType) -> dict[str, Any]:

@@ -117,8 +117,11 @@ def run_study(
                     watch(Progress(name, "waiting", what=why))
             else:
                 watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
-        timings = _read_timings(out)
-        first = sorted(runs.values(), key=lambda run: -_expected_seconds(run.outcome.name, timings))
+        seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
+        # The folder's own count before what is typical.
+        for name, own in _read_timings(out).items():
+            seconds[name] = own.get("processor_seconds", seconds.get(name, 0.0))
+        first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
         try:
             with writing_to(out):
                 _shared(folder).mkdir()
@@ -134,11 +137,6 @@ def run_study(
 def _shared(folder: ResultFolder) -> Path:
     """The folder of what experiments have in common."""
     return folder.work(".shared")
-
-
-def _expected_seconds(name: str, timings: Mapping[str, Mapping[str, float]]) -> float:
-    typical = REGISTRY.entries()[name].seconds  # the folder's own timings count before it
-    return timings.get(name, {}).get("processor_seconds", typical)
 
 
 def check_names(names: Iterable[str]) -> list[str]:

@@ -1,7 +1,6 @@
 """The command line: what it prints, where, and with which exit code."""
 
 import io
-import os
 import re
 import signal
 import subprocess
@@ -23,20 +22,6 @@ from wrenchsight.models.files.input_error import InputError
 ROOT = Path(study.__file__).resolve().parents[2]
 COMMANDS = ("study", "identify", "estimate", "simulate")
 
-_EXPERIMENT = """
-import time
-from wrenchsight.analyses.study.experiment import ComparisonRow, Experiment, ExperimentResult
-
-def run(context):
-    {body}
-    return ExperimentResult(
-        metrics={{"error_n": 24.7}},
-        comparison=[ComparisonRow("Largest error in `Y` [bold]", "error_n", 24.86)],
-    )
-
-EXPERIMENT = Experiment("{name}", "Title", "4.3", run, needs={needs})
-"""
-
 
 def _run(*arguments, python=("-m", "analyses"), **options):
     return subprocess.run(
@@ -49,22 +34,7 @@ def _run(*arguments, python=("-m", "analyses"), **options):
     )
 
 
-@pytest.fixture
-def experiments(add_module, no_other_experiments):
-    """Returns a function that adds an experiment; the registry then has no others."""
-    return lambda name, body="pass", needs=(): add_module(
-        name, _EXPERIMENT.format(name=name, body=body, needs=needs)
-    )
-
-
 # ---- help ----
-
-
-def test_help_names_the_commands():
-    result = invoke("--help")
-    assert result.exit_code == 0
-    for command in COMMANDS:
-        assert command in result.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -74,24 +44,30 @@ def test_each_command_has_help(command):
     assert "--out" in result.stdout
 
 
-def test_help_answers_at_once():
+@pytest.mark.parametrize(
+    ("program", "heavy"),
+    [
+        ("app(['study', '--help'])", ("numpy", "scipy", "matplotlib", "pyarrow")),
+        ("app(['--help'])", ("numpy", "wrenchsight.analyses.commands.estimate")),
+        ("app(['study', '--list'])", ("scipy", "matplotlib", "jinja2")),
+    ],
+)
+def test_help_and_lists_import_nothing_heavy(program, heavy):
+    """Importing Drake alone takes a second."""
     program = (
         "import sys; from wrenchsight.analyses.__main__ import app\n"
-        "try: app(['study', '--help'])\n"
+        f"try: {program}\n"
         "except SystemExit: pass\n"
-        "heavy = ('numpy', 'pydrake', 'numba', 'torch', 'scipy', 'matplotlib', 'pyarrow')\n"
+        f"heavy = ('pydrake', 'numba', 'torch', *{heavy})\n"
         "sys.exit(str([name for name in heavy if name in sys.modules]))"
     )
-    # Importing Drake alone takes a second.
     assert _run(program, python=("-c",)).stderr.strip() == "[]"
-
-
-def test_without_a_command_help_is_shown():
-    assert "study" in invoke().output
 
 
 def test_alone_it_shows_the_five_questions_with_a_command_each():
     shown = " ".join(invoke().output.split())
+    assert shown == " ".join(invoke("--help").output.split())
+    assert all(command in shown for command in COMMANDS)
     for question in (
         "How do I begin with my arm? wrenchsight robot ARM.urdf",
         "What is its dynamic model? wrenchsight identify LOG",
@@ -253,36 +229,19 @@ def test_options_reach_the_study(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
-    (tmp_path / "fake_slow.py").write_text(
-        _EXPERIMENT.format(name="slow", body="time.sleep(60)", needs=())
-    )
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import signal, sys\n"
-        # What a shell starts in the background ignores it.
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        f"sys.path.insert(0, {str(tmp_path)!r})\n"
-        "if __name__ == '__main__':\n"
-        "    from wrenchsight.analyses import __main__\n"
-        "    from wrenchsight.analyses.study.registry import REGISTRY\n"
-        "    REGISTRY.register('fake_slow')\n"
-        f"    sys.argv = ['wrenchsight', 'study', 'slow', '--out', {str(tmp_path / 'out')!r}]\n"
-        "    __main__.main()\n"
-    )
-    process = subprocess.Popen(
-        [sys.executable, str(script)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        start_new_session=True,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stderr is not None
-    assert process.stderr.readline() == "slow  started\n"
-    os.killpg(process.pid, number)
-    _, errors = process.communicate()
-    assert process.returncode == code
-    assert errors.splitlines() == ["slow  interrupted", "interrupted; what was written is whole"]
+def test_an_interrupt_is_one_line_and_its_code(experiments, tmp_path, ended, number, code):
+    program = f"""
+    import sys
+    from wrenchsight.analyses import __main__
+    sys.argv = ['wrenchsight', 'study', 'slow', '--out', {str(tmp_path / "out")!r}]
+    __main__.main()
+    """
+    module = experiments("slow", "(context.out / 'begun').touch()\ntime.sleep(60)")
+    begun = tmp_path / "out" / ".wrenchsight.partial/work/slow/result/begun"
+    returned, errors = ended(module, program, begun.exists, number)
+    assert returned == code
+    lines = ["slow  started", "slow  interrupted", "interrupted; what was written is whole"]
+    assert errors.splitlines() == lines
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         ".wrenchsight.json",
         "metrics.json",
@@ -292,8 +251,7 @@ def test_an_interrupt_is_one_line_and_its_code(tmp_path, number, code):
 
 
 def test_a_full_disk_is_one_line_and_2(experiments, tmp_path):
-    full = "raise OSError(28, 'No space left on device', str(context.out / 'figures'))"
-    experiments("full", full)
+    experiments("full", "raise OSError(28, 'No space left on device', str(context.out / 'f'))")
     result = invoke("study", "--out", tmp_path / "out", "--jobs", 1)
     assert result.exit_code == 2
     lines = result.stderr.splitlines()
@@ -301,13 +259,6 @@ def test_a_full_disk_is_one_line_and_2(experiments, tmp_path):
     for text in ("No space left on device", "while full ran", "what is finished is kept"):
         assert text in lines[-1]
     assert "Traceback" not in result.stderr
-
-
-def test_a_folder_below_a_file_is_one_line_and_2(experiments, tmp_path):
-    experiments("one")
-    (tmp_path / "file").write_text("mine")
-    line = refused("study", "--out", tmp_path / "file" / "out")
-    assert "file: is a file where a folder is needed" in line
 
 
 # ---- progress ----
@@ -367,57 +318,6 @@ def test_on_a_terminal_there_are_bars():
 # ---- estimate ----
 
 
-def test_options_reach_the_estimate(monkeypatch, tmp_path):
-    from wrenchsight.analyses.methods.reading import estimation
-    from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-
-    seen = []
-
-    def note(*values):
-        seen.extend(values)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(estimation, "estimate_log", note)
-    arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path)
-    arguments += ("--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
-    arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
-    arguments += ("--max-gap", 0.5, "--no-check", "--torque-samples", "trapezoidal")
-    arguments += ("--damping", 0.1, "--truncation", 0.01, "--max-force-sd", 12)
-    assert invoke("estimate", *arguments).exit_code == 130
-    assert seen[:5] == [Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f"]
-    expected = EstimateConfig(max_gap=0.5, check=False)
-    observer, reconstruction = expected.estimator.observer, expected.estimator.reconstruction
-    observer.K_0, observer.time_step, observer.torque_samples = [5.0, 20.0], 0.001, "trapezoidal"
-    reconstruction.method = "inverse"
-    reconstruction.prior_force_sd, reconstruction.prior_moment_sd = 30.0, 2.0
-    reconstruction.max_force_sd = 12.0
-    reconstruction.damping, reconstruction.truncation = 0.1, 0.01
-    assert seen[5] == expected
-
-
-def test_the_defaults_are_those_of_the_analyses(monkeypatch):
-    """An option must not change what the same call from Python does."""
-    from wrenchsight.analyses.methods.learning import identification
-    from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-    from wrenchsight.analyses.methods.reading import estimation
-    from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-
-    configurations = []
-
-    def note(*values):
-        configurations.extend(v for v in values if type(v).__name__.endswith("Config"))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(estimation, "estimate_log", note)
-    monkeypatch.setattr(identification, "identify_logs", note)
-    invoke("estimate", "log.csv", "--robot", "r")
-    invoke("identify", "log.csv", "--robot", "r")
-    assert configurations == [
-        EstimateConfig(),
-        IdentificationConfig(),
-    ]
-
-
 def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
     from wrenchsight.analyses.methods.reading import estimation
 
@@ -451,41 +351,6 @@ def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
 # ---- simulate ----
 
 
-@pytest.mark.parametrize(
-    ("scenario", "asked"),
-    [
-        ((), "Default"),
-        (("--scenario", "HandGuiding"), "HandGuiding"),
-        (("--scenario", "file.yaml"), "file.yaml"),
-        (("--scenario", "file.yaml", "--name", "Mine"), "file.yaml:Mine"),
-    ],
-)
-def test_options_reach_the_simulation(monkeypatch, tmp_path, scenario, asked):
-    from wrenchsight.analyses.methods.runs import simulation
-
-    seen = {}
-
-    def note(*values, **options):
-        seen.update(options, values=values)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(simulation, "simulate_scenario", note)
-    arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
-    arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
-    assert invoke("simulate", *scenario, *arguments).exit_code == 130
-    del seen["progress"]
-    assert seen == {
-        "values": (asked, tmp_path, "r", Path("m")),
-        "duration": 2.5,
-        "seed": 4,
-        "quick": True,
-        "record": False,
-        "graph": True,
-        "motion_path": None,
-        "truth": "plain",
-    }
-
-
 @pytest.mark.parametrize("sensor", [True, False])
 def test_a_simulation_prints_its_errors_and_its_files(monkeypatch, tmp_path, sensor):
     from wrenchsight.analyses.methods.runs import simulation
@@ -512,31 +377,3 @@ def test_a_simulation_prints_its_errors_and_its_files(monkeypatch, tmp_path, sen
     assert "4.3 times real time; 90 % of the readings valid, 95 %" in shown.stdout
     assert "note: 12 meshes dropped: drawn without them" in lines
     assert lines[-1] == f"wrote {tmp_path / 'log.csv'}"
-
-
-# ---- several values of one option ----
-
-
-@pytest.mark.parametrize(
-    ("arguments", "logs", "validate"),
-    [
-        (("a", "b", "--validate", "c", "d", "--robot", "r"), ["a", "b"], ["c", "d"]),
-        (("--robot", "r", "a", "--validate", "c", "--validate", "d"), ["a"], ["c", "d"]),
-        (("--validate", "c", "d", "--robot", "r", "a"), ["a"], ["c", "d"]),
-        (("--validate=c", "a", "b", "--robot", "r"), ["a", "b"], ["c"]),
-        (("--robot", "r", "--validate", "c", "--", "a"), ["a"], ["c"]),
-        (("a", "--robot", "r"), ["a"], []),
-    ],
-)
-def test_validate_takes_several_logs(monkeypatch, arguments, logs, validate):
-    from wrenchsight.analyses.methods.learning import identification
-
-    seen = []
-
-    def note(*values):
-        seen.extend(values)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(identification, "identify_logs", note)
-    assert invoke("identify", *arguments).exit_code == 130
-    assert (seen[0], seen[3]) == ([Path(p) for p in logs], [Path(p) for p in validate])

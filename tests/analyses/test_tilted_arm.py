@@ -4,15 +4,14 @@ Three joints, two of whose drives count their current the other way; a tool that
 flange and whose centre of mass lies beside it; a tilted base; joint ranges that are not symmetric.
 No bundled arm has any of that, so that what ignores it works with them.
 
-Nothing here is compared with what the code under test says of the arm. The geometry is written
-down once more, by hand (`_JOINTS` and so on) and multiplied up; torques are pinocchio's, which
-reads the URDF as it stands, bracket included, and is handed the tool; weights at rest are
-derivatives of the height of the masses.
+Nothing here is compared with what the code under test says of the arm. Poses and torques are
+pinocchio's, which reads the URDF as it stands, bracket included, and is handed the tool; drives,
+ranges and tool are written down once more.
 """
 
 import csv
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ import pinocchio as pin
 import pytest
 from called_commands import refused, succeeded
 from pydrake.multibody.plant import MultibodyPlant
+from sample_models import harmonic_motion
 
 from wrenchsight.analyses.methods.planning.excitation import excite
 from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
@@ -38,98 +38,64 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
-# tests/robots/tilted_arm, once more. Poses: xyz in m, rpy in rad.
-_BRACKET = (0.35, -0.5, 0.2)  # rpy of the base in the room
-_JOINTS = (  # pose in the link before, axis
-    ((0.01, 0.02, 0.18), (0.1, 0.0, 0.3), (0.0, 0.0, 1.0)),
-    ((0.06, -0.02, 0.16), (-1.4, 0.1, 0.0), (0.0, 0.0, 1.0)),
-    ((0.34, 0.01, -0.04), (0.2, 0.1, -0.5), (0.0, 0.28, -0.96)),
-)
-_FLANGE = ((0.27, 0.02, -0.01), (0.3, 1.2, -0.4))
-_E = ((0.05, -0.03, 0.14), (0.6, -0.7, 1.1))
-_MASSES = (  # kg, centre of mass in the link
-    (4.2, (0.02, -0.015, 0.07)),
-    (5.1, (0.16, 0.012, 0.03)),
-    (2.4, (0.12, -0.02, 0.015)),
-)
-_TOOL_MASS, _TOOL_COM = 0.9, (0.035, -0.02, 0.06)  # in the flange
+# tests/robots/tilted_arm, once more.
+_URDF = Path(__file__).parents[1] / "robots" / "tilted_arm" / "robot.urdf"
+_E = ((0.05, -0.03, 0.14), (0.6, -0.7, 1.1))  # xyz in m and rpy in rad, on the flange
+_TOOL_MASS, _TOOL_COM = 0.9, np.array([0.035, -0.02, 0.06])  # in the flange
 _TOOL_INERTIA = np.array(
     [[0.0016, 0.0002, -0.0003], [0.0002, 0.0021, 0.00015], [-0.0003, 0.00015, 0.0011]]
 )
 _LOWER, _UPPER = np.array([-1.1, -2.2, -0.3]), np.array([2.4, 0.4, 2.1])
 _AMPERE = np.array([-11.0, 12.0, -6.2])  # N m that one ampere, as counted by the drive, puts out
 _ROTOR = np.array([0.5, 0.576, 0.21])  # kg m^2 on the joint side
-_DOWN = np.array([0.0, 0.0, -9.81])  # in the room
 
 _COULOMB, _VISCOUS, _OFFSET = np.array([[5.0, 6.0, 2.4], [7.0, 8.0, 3.0], [0.4, -0.3, 0.2]])
 _HUNG = 2.0  # kg
 
 
-# The oracle ---------------------------------------------------------------------------------------
+class _Oracle:
+    """Pinocchio's arm, in the room."""
+
+    def __init__(self) -> None:
+        self.model = pin.buildModelFromUrdf(str(_URDF))
+        self.X_RW, flange = (
+            pin.SE3(self.model.frames[self.model.getFrameId(name)].placement)  # a copy
+            for name in ("base_link", "flange")
+        )
+        tool = pin.Inertia(_TOOL_MASS, _TOOL_COM, _TOOL_INERTIA)
+        self.model.appendBodyToJoint(3, tool, flange)
+        placement = flange * pin.SE3(pin.rpy.rpyToMatrix(*_E[1]), np.array(_E[0]))
+        self.frame = self.model.addFrame(pin.Frame("E", 3, placement, pin.FrameType.OP_FRAME))
+        self.model.armature = _ROTOR
+        self.data = self.model.createData()
+        # What a mass that hangs at E does to the robot: its weight, in axes of W, N.
+        self.hung_force = self.X_RW.rotation.T @ [0.0, 0.0, -9.81 * _HUNG]
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """R_WE and p_WE."""
+        pin.framesForwardKinematics(self.model, self.data, q)
+        X = self.X_RW.inverse() * self.data.oMf[self.frame]
+        return X.rotation.copy(), X.translation.copy()
+
+    def motor_torque(self, q: Array, v: Array, vdot: Array, force: Array | None = None) -> Array:
+        """(T, 3) without friction; `force` (3,) acts on the robot at E, axes of W."""
+        rows = zip(q, v, vdot, strict=True)
+        tau = np.array([pin.rnea(self.model, self.data, *row) for row in rows])
+        if force is not None:
+            for k, row in enumerate(q):
+                J = pin.computeFrameJacobian(
+                    self.model, self.data, row, self.frame, pin.LOCAL_WORLD_ALIGNED
+                )
+                tau[k] -= J[:3].T @ self.X_RW.rotation @ force  # it relieves the motors
+        return tau
+
+    def holding_torque(self, q: Array, hung: float = 0.0) -> Array:
+        """(3,) N m with which the motors hold the arm, and a mass at E, at rest."""
+        still = np.zeros((1, 3))
+        return self.motor_torque(q[None], still, still, self.hung_force * hung / _HUNG)[0]
 
 
-def _rotation(rpy: tuple[float, float, float]) -> Array:
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return np.asarray(z @ y @ x)
-
-
-def _pose(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> Array:
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = _rotation(rpy), xyz
-    return X
-
-
-def _turn(axis: tuple[float, float, float], angle: float) -> Array:
-    """Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    X = np.eye(4)
-    X[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return X
-
-
-def _frames(q: Array) -> list[Array]:
-    """Poses in W of the three links, the flange and E."""
-    X, frames = np.eye(4), []
-    for (xyz, rpy, axis), angle in zip(_JOINTS, q, strict=True):
-        X = X @ _pose(xyz, rpy) @ _turn(axis, angle)
-        frames.append(X)
-    flange = X @ _pose(*_FLANGE)
-    return [*frames, flange, flange @ _pose(*_E)]
-
-
-def _gravity_W() -> Array:
-    return _rotation(_BRACKET).T @ _DOWN
-
-
-def _hung_force() -> Array:
-    """What a mass that hangs at E does to the robot: its weight, in axes of W, N."""
-    return _HUNG * _gravity_W()
-
-
-def _energy(q: Array, hung: float) -> float:
-    """Potential energy of arm, tool and a mass at E, J."""
-    frames = _frames(q)
-    points = [
-        (mass, X[:3, :3] @ com + X[:3, 3]) for (mass, com), X in zip(_MASSES, frames, strict=False)
-    ]
-    flange, E = frames[3], frames[4]
-    points.append((_TOOL_MASS, flange[:3, :3] @ _TOOL_COM + flange[:3, 3]))
-    points.append((hung, E[:3, 3]))
-    return float(-sum(mass * _gravity_W() @ p for mass, p in points))
-
-
-def _holding_torque(q: Array, hung: float = 0.0) -> Array:
-    """N m with which the motors hold the arm at rest: how its potential energy grows."""
-    step = 1e-4
-    return np.array(
-        [(_energy(q + d, hung) - _energy(q - d, hung)) / (2 * step) for d in step * np.eye(3)]
-    )
-
-
+_ORACLE = _Oracle()
 _FORCE_ONLY = WrenchEstimatorConfig(
     MomentumObserverConfig(), WrenchReconstructionConfig("force_only")
 )
@@ -138,47 +104,10 @@ _HANGING = Scenario(
     motion=HoldMotion([1.4, -0.4, 1.1]),
     friction="none",
     current_noise=False,
-    wrench=[WrenchStep(force=_hung_force().tolist())],
+    wrench=[WrenchStep(force=_ORACLE.hung_force.tolist())],
     force_torque_sensor=ForceTorqueSensorConfig(),
     estimator=_FORCE_ONLY,
 )
-
-
-@dataclass(frozen=True)
-class _Oracle:
-    """Pinocchio's arm, in the room."""
-
-    model: pin.Model
-    frame: int
-
-    def motor_torque(self, q: Array, v: Array, vdot: Array, wrench: Array | None = None) -> Array:
-        """(T, 3) without friction; `wrench` (6,) acts on the robot at E, axes of W, force first."""
-        data = self.model.createData()
-        tau = np.array([pin.rnea(self.model, data, *row) for row in zip(q, v, vdot, strict=True)])
-        if wrench is not None:
-            R = _rotation(_BRACKET)
-            in_room = np.concatenate([R @ wrench[:3], R @ wrench[3:]])
-            for k in range(len(q)):
-                J = pin.computeFrameJacobian(
-                    self.model, data, q[k], self.frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-                )
-                # What the environment gives relieves the motors.
-                tau[k] -= J.T @ in_room
-        return tau
-
-
-@pytest.fixture(scope="module")
-def oracle(tilted_arm_file: Path) -> _Oracle:
-    model = pin.buildModelFromUrdf(str(tilted_arm_file.with_name("robot.urdf")))
-    X = _pose(*_FLANGE)
-    flange = pin.SE3(X[:3, :3], X[:3, 3])
-    tool = pin.Inertia(_TOOL_MASS, np.array(_TOOL_COM), _TOOL_INERTIA)
-    model.appendBodyToJoint(3, tool, flange)
-    X = X @ _pose(*_E)
-    placement = pin.SE3(X[:3, :3], X[:3, 3])
-    frame = model.addFrame(pin.Frame("E", 3, placement, pin.FrameType.OP_FRAME))
-    model.armature = _ROTOR
-    return _Oracle(model, frame)
 
 
 def _postures(count: int, seed: int) -> Array:
@@ -187,17 +116,10 @@ def _postures(count: int, seed: int) -> Array:
 
 def _motion(t: Array, seed: int) -> tuple[Array, Array, Array]:
     """Three harmonics of 0.1 Hz within the joints' ranges."""
-    rng = np.random.default_rng(seed)
-    q, v, vdot = np.zeros((3, len(t), 3))
-    q += 0.5 * (_LOWER + _UPPER)
-    for k in range(1, 4):
-        w = 2 * np.pi * 0.1 * k
-        amplitude, phase = rng.uniform(0.3, 0.6, 3) / k, rng.uniform(0, 2 * np.pi, 3)
-        angle = w * t[:, None] + phase
-        q += amplitude * np.sin(angle)
-        v += amplitude * w * np.cos(angle)
-        vdot -= amplitude * w**2 * np.sin(angle)
-    return q, v, vdot
+    rates = 0.2 * np.pi * np.arange(1, 4)
+    motion = harmonic_motion(np.random.default_rng(seed), t, rates, 0.6, least=0.5)
+    q, v, vdot = (x[:, :3] for x in motion)
+    return q + 0.5 * (_LOWER + _UPPER), v, vdot
 
 
 def _write_log(path: Path, t: Array, q: Array, v: Array, **signal: Array) -> Path:
@@ -230,16 +152,16 @@ def test_E_is_where_the_drawing_puts_it(tilted_arm: Robot) -> None:
     """Flange, tool frame (its rotation, too) and joints: 1e-12 is rounding."""
     for q in _postures(50, 1):
         R, p = tilted_arm.chain.pose(q)
-        X = _frames(q)[-1]
-        np.testing.assert_allclose(R, X[:3, :3], atol=1e-12)
-        np.testing.assert_allclose(p, X[:3, 3], atol=1e-12)
+        R_WE, p_WE = _ORACLE.pose(q)
+        np.testing.assert_allclose(R, R_WE, atol=1e-12)
+        np.testing.assert_allclose(p, p_WE, atol=1e-12)
 
 
-def test_dynamics_are_those_of_the_arm_in_the_room(tilted_arm: Robot, oracle: _Oracle) -> None:
+def test_dynamics_are_those_of_the_arm_in_the_room(tilted_arm: Robot) -> None:
     """The bracket's tilt, the tool's mass, centre and inertia, the rotors."""
     rng = np.random.default_rng(2)
     q, v, vdot = _postures(20, 3), *rng.normal(size=(2, 20, 3))
-    expected = oracle.motor_torque(q, v, vdot)
+    expected = _ORACLE.motor_torque(q, v, vdot)
     np.testing.assert_allclose(tilted_arm.chain.inverse_dynamics(q, v, vdot), expected, atol=1e-10)
     # And of the plant that is simulated.
     plant = MultibodyPlant(0.0)
@@ -252,14 +174,6 @@ def test_dynamics_are_those_of_the_arm_in_the_room(tilted_arm: Robot, oracle: _O
         tau = plant.CalcMassMatrix(context) @ vdot[k] + plant.CalcBiasTerm(context)
         tau -= plant.CalcGravityGeneralizedForces(context)
         np.testing.assert_allclose(tau, expected[k], atol=1e-10)
-
-
-def test_the_oracles_agree(oracle: _Oracle) -> None:
-    """Two ways to the torque that holds a weight; 1e-6: rounding over a step of 1e-4 rad."""
-    q, rest = _postures(5, 4), np.zeros((5, 3))
-    wrench = np.concatenate([_hung_force(), np.zeros(3)])
-    expected = [_holding_torque(row, _HUNG) for row in q]
-    np.testing.assert_allclose(oracle.motor_torque(q, rest, rest, wrench), expected, atol=1e-6)
 
 
 def test_drives_and_ranges_are_the_files(tilted_arm: Robot) -> None:
@@ -279,7 +193,7 @@ def hung_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     q = np.array([0.9, -1.1, 0.6])
     t = 0.005 * np.arange(400)
     still = np.zeros((400, 3))
-    current = np.tile(_holding_torque(q, _HUNG) / _AMPERE, (400, 1))
+    current = np.tile(_ORACLE.holding_torque(q, _HUNG) / _AMPERE, (400, 1))
     folder = tmp_path_factory.mktemp("hung")
     return _write_log(folder / "log.csv", t, np.tile(q, (400, 1)), still, i=current)
 
@@ -291,7 +205,7 @@ def test_a_known_mass_is_read_as_its_weight(
     succeeded("estimate", hung_log, *options, "--out", tmp_path)
     t, wrench, _ = _wrenches(tmp_path)
     # K_0 is 20 /s: e^-20 is left after a second, 1e-8 of 20 N.
-    np.testing.assert_allclose(wrench[t > 1.0, :3] - _hung_force(), 0.0, atol=1e-5)
+    np.testing.assert_allclose(wrench[t > 1.0, :3] - _ORACLE.hung_force, 0.0, atol=1e-5)
     np.testing.assert_array_equal(wrench[:, 3:], 0.0)
 
 
@@ -300,12 +214,12 @@ def test_measured_torque_does_without_the_drives_sign(
 ) -> None:
     """Torque in the log is the joints' own, whichever way the drives count."""
     q, t = np.array([1.4, -0.4, 1.1]), 0.005 * np.arange(400)
-    rows = np.tile(np.concatenate([q, np.zeros(3), _holding_torque(q, _HUNG)]), (400, 1))
+    rows = np.tile(np.concatenate([q, np.zeros(3), _ORACLE.holding_torque(q, _HUNG)]), (400, 1))
     log = _write_log(tmp_path / "log.csv", t, rows[:, :3], rows[:, 3:6], tau=rows[:, 6:])
     out = tmp_path / "out"
     succeeded("estimate", log, "--robot", tilted_arm_file, "--method", "force_only", "--out", out)
     t, wrench, _ = _wrenches(out)
-    np.testing.assert_allclose(wrench[t > 1.0, :3] - _hung_force(), 0.0, atol=1e-5)
+    np.testing.assert_allclose(wrench[t > 1.0, :3] - _ORACLE.hung_force, 0.0, atol=1e-5)
 
 
 def test_three_joints_cannot_tell_six_components(
@@ -320,13 +234,11 @@ def test_three_joints_cannot_tell_six_components(
     assert not valid.any()
 
 
-def test_currents_counted_the_wrong_way_arerefused(
-    tilted_arm_file: Path, tmp_path: Path, oracle: _Oracle
-) -> None:
+def test_currents_counted_the_wrong_way_arerefused(tilted_arm_file: Path, tmp_path: Path) -> None:
     """As if the robot's file had no current_sign: joints that carry weight are named."""
     t = np.arange(0.0, 20.0, 0.01)
     q, v, vdot = _motion(0.1 * t, 5)  # slow: gravity is all there is
-    current = oracle.motor_torque(q, 0.1 * v, 0.01 * vdot) / np.abs(_AMPERE)
+    current = _ORACLE.motor_torque(q, 0.1 * v, 0.01 * vdot) / np.abs(_AMPERE)
     log = _write_log(tmp_path / "log.csv", t, q, 0.1 * v, i=current)
     line = refused("estimate", log, "--robot", tilted_arm_file, "--out", tmp_path / "out")
     assert "joints waist" in line and "current_sign" in line
@@ -346,7 +258,7 @@ def test_each_side_of_a_range_counts(
     q = tilted_arm.home.copy()
     q[joint] = position
     t, still = 0.005 * np.arange(400), np.zeros((400, 3))
-    current = np.tile(_holding_torque(q) / _AMPERE, (400, 1))
+    current = np.tile(_ORACLE.holding_torque(q) / _AMPERE, (400, 1))
     log = _write_log(tmp_path / "log.csv", t, np.tile(q, (400, 1)), still, i=current)
     words = ("estimate", log, "--robot", tilted_arm.source, "--out", tmp_path / "out")
     scenario = replace(_HANGING, motion=HoldMotion(q.tolist()))
@@ -367,16 +279,14 @@ def _friction(v: Array) -> Array:
 
 
 @pytest.fixture(scope="module")
-def identified(
-    tilted_arm_file: Path, oracle: _Oracle, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def identified(tilted_arm_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the command's results: two logs fitted, a third predicted."""
     folder = tmp_path_factory.mktemp("identified")
     t = np.arange(0.0, 20.0, 0.01)
     logs = []
     for seed in (1, 2, 3):
         q, v, vdot = _motion(t, seed)
-        current = (oracle.motor_torque(q, v, vdot) + _friction(v)) / _AMPERE
+        current = (_ORACLE.motor_torque(q, v, vdot) + _friction(v)) / _AMPERE
         logs.append(_write_log(folder / f"run_{seed}.csv", t, q, v, i=current))
     out = folder / "out"
     options = ("--robot", tilted_arm_file, "--validate", logs[2], "--out", out)
@@ -385,7 +295,7 @@ def identified(
     return out
 
 
-def test_identify_finds_the_arm(identified: Path, tilted_arm: Robot, oracle: _Oracle) -> None:
+def test_identify_finds_the_arm(identified: Path, tilted_arm: Robot) -> None:
     model = IdentifiedModel.load(identified / "model.yaml", tilted_arm)
     law = model.friction.coulomb_viscous
     # The instant of a reversal is known to 10 ms: see test_identification.
@@ -395,7 +305,7 @@ def test_identify_finds_the_arm(identified: Path, tilted_arm: Robot, oracle: _Or
     q, v, vdot = _motion(np.linspace(0.0, 10.0, 200), 7)
     found = model.chain(tilted_arm).inverse_dynamics(q, v, vdot)
     # 0.05 N m of 30: what sgn(v) on a grid leaves.
-    np.testing.assert_allclose(found, oracle.motor_torque(q, v, vdot), atol=0.05)
+    np.testing.assert_allclose(found, _ORACLE.motor_torque(q, v, vdot), atol=0.05)
     validation = json.loads((identified / "metrics.json").read_text())["validation"]["run_3"]
     assert max(validation["relative_pct"]) < 1.0
 
@@ -404,14 +314,13 @@ def test_torque_in_the_log_identifies_the_same_arm(
     identified: Path,
     tilted_arm_file: Path,
     tilted_arm: Robot,
-    oracle: _Oracle,
     tmp_path: Path,
 ) -> None:
     t = np.arange(0.0, 20.0, 0.01)
     logs = []
     for seed in (1, 2):
         q, v, vdot = _motion(t, seed)
-        tau = oracle.motor_torque(q, v, vdot) + _friction(v)
+        tau = _ORACLE.motor_torque(q, v, vdot) + _friction(v)
         logs.append(_write_log(tmp_path / f"run_{seed}.csv", t, q, v, tau=tau))
     succeeded("identify", *logs, "--robot", tilted_arm_file, "--out", tmp_path / "out")
     found, expected = (
@@ -429,19 +338,18 @@ def test_torque_in_the_log_identifies_the_same_arm(
 
 
 def test_a_moving_arms_load_is_read(
-    identified: Path, tilted_arm_file: Path, oracle: _Oracle, tmp_path: Path
+    identified: Path, tilted_arm_file: Path, tmp_path: Path
 ) -> None:
     """A constant force on an arm that moves steadily, with friction."""
     t, rate = 0.002 * np.arange(1000), np.array([-0.4, 0.3, -0.2])
     q = np.array([1.4, -0.4, 1.1]) + t[:, None] * rate
     v, vdot = np.tile(rate, (1000, 1)), np.zeros((1000, 3))
-    wrench = np.concatenate([_hung_force(), np.zeros(3)])
-    current = (oracle.motor_torque(q, v, vdot, wrench) + _friction(v)) / _AMPERE
+    current = (_ORACLE.motor_torque(q, v, vdot, _ORACLE.hung_force) + _friction(v)) / _AMPERE
     log = _write_log(tmp_path / "log.csv", t, q, v, i=current)
     options = ("--model", identified / "model.yaml", "--out", tmp_path / "out")
     given = ("--robot", tilted_arm_file, "--method", "force_only", "--k0", "50")
     succeeded("estimate", log, *given, *options)
-    error = _wrenches(tmp_path / "out")[1][t > 0.5, :3] - _hung_force()
+    error = _wrenches(tmp_path / "out")[1][t > 0.5, :3] - _ORACLE.hung_force
     # K_0 of 50 /s lags by 20 ms what changes by 5 N m a second over levers of 0.2 m and more, and
     # the identified torque is good to 0.05 N m.
     assert np.abs(error).max() < 0.8
@@ -460,12 +368,12 @@ def test_the_simulated_arm_holds_a_mass_with_the_statics_currents(
     torque = run.current[-1] * _AMPERE
     # Stiction holds what it can: then only what motor and friction hold together is known.
     within = 1e-4 if friction == "none" else tilted_arm.truth.stiction
-    assert np.all(np.abs(torque - _holding_torque(run.q[-1], _HUNG)) <= within)
+    assert np.all(np.abs(torque - _ORACLE.holding_torque(run.q[-1], _HUNG)) <= within)
     assert run.ft_wrench is not None
-    np.testing.assert_allclose(run.ft_wrench[-1, 3:], _hung_force(), atol=1e-3)
+    np.testing.assert_allclose(run.ft_wrench[-1, 3:], _ORACLE.hung_force, atol=1e-3)
     np.testing.assert_allclose(run.ft_wrench[-1, :3], 0.0, atol=1e-3)
     if friction == "none":
-        np.testing.assert_allclose(run.wrench[-1, 3:], _hung_force(), atol=1e-3)
+        np.testing.assert_allclose(run.wrench[-1, 3:], _ORACLE.hung_force, atol=1e-3)
 
 
 def test_the_simulated_log_is_read_as_in_the_loop(tilted_arm_file: Path, tmp_path: Path) -> None:
@@ -481,7 +389,7 @@ Swing:
   friction: none
   current_noise: false
   wrench:
-  - !WrenchStep {{force: {_hung_force().tolist()}}}
+  - !WrenchStep {{force: {_ORACLE.hung_force.tolist()}}}
   estimator: {{reconstruction: {{method: force_only}}}}
 """
     )
@@ -491,7 +399,7 @@ Swing:
     given = ("--robot", tilted_arm_file, "--method", "force_only", "--out", tmp_path / "read")
     succeeded("estimate", out / "log.csv", *given)
     t, wrench, _ = _wrenches(tmp_path / "read")
-    error = wrench[:, :3] - _hung_force()
+    error = wrench[:, :3] - _ORACLE.hung_force
     # 20 time constants of the observer; then its lag of 50 ms behind what the motion changes.
     assert np.abs(error[t > 1.0]).max() < 1.5
     for k, axis in enumerate("xyz"):
@@ -509,19 +417,17 @@ def test_a_spring_in_axes_of_the_tool_gives_way_along_them(tilted_arm: Robot, ax
     )
     run = simulate(replace(_HANGING, controller=spring, duration=2.0), tilted_arm)
     assert np.abs(run.v[-1]).max() < 1e-3
-    (start, end) = (_frames(q)[-1] for q in (_HANGING.motion.q, run.q[-1]))
-    R = end[:3, :3] if axes == "E" else np.eye(3)
-    stretched = R.T @ (end[:3, 3] - start[:3, 3])
+    (_, start), (R_WE, end) = (_ORACLE.pose(np.array(q)) for q in (_HANGING.motion.q, run.q[-1]))
+    R = R_WE if axes == "E" else np.eye(3)
+    stretched = R.T @ (end - start)
     # The moment that such a spring has as well, its stretch times its force, turns the arm a bit.
-    np.testing.assert_allclose(stretched, R.T @ _hung_force() / stiffness, atol=2e-4)
+    np.testing.assert_allclose(stretched, R.T @ _ORACLE.hung_force / stiffness, atol=2e-4)
 
 
 # What to do with the arm --------------------------------------------------------------------------
 
 
-def test_an_excitation_keeps_ranges_that_are_not_symmetric(
-    tilted_arm: Robot, oracle: _Oracle
-) -> None:
+def test_an_excitation_keeps_ranges_that_are_not_symmetric(tilted_arm: Robot) -> None:
     limits = ExcitationLimits(position_margin=0.1, torque_share=0.2, floor=None)
     config = ExcitationConfig(limits=limits, num_starts=4, iterations=25)
     result = excite(tilted_arm, config)
@@ -529,7 +435,7 @@ def test_an_excitation_keeps_ranges_that_are_not_symmetric(
     q, v, vdot = result.trajectory.sample(np.linspace(0.0, result.trajectory.period, 2000))
     # 1e-6: what the solver calls equal.
     assert np.all(q >= _LOWER + 0.1 - 1e-6) and np.all(q <= _UPPER - 0.1 + 1e-6)
-    peak = np.abs(oracle.motor_torque(q, v, vdot)).max(axis=0)
+    peak = np.abs(_ORACLE.motor_torque(q, v, vdot)).max(axis=0)
     # Another 2000 moments than the command's: between them the torque hardly changes.
     np.testing.assert_allclose(result.peak_torque_share * [120.0, 110.0, 60.0], peak, rtol=1e-3)
     assert np.all(result.peak_torque_share <= 0.2)

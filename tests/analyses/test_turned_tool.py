@@ -1,14 +1,15 @@
 """What needs six joints, on an arm whose tool is turned on its flange.
 
 The bundled arms' tools stand straight, and their ranges are symmetric: what forgets the one or the
-other works with them. The oracle is the UR10e's published DH table, multiplied up, and the tool's
-pose on its flange as the fixture states it.
+other works with them. The oracle is pinocchio, which reads the UR10e's URDF as it stands, with the
+tool's pose on its flange as the fixture states it.
 """
 
 import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from wrenchsight.analyses.methods.planning.jcn_map import sample
@@ -28,35 +29,16 @@ _LOWER, _UPPER = -0.6, 2.8  # rad, of the first joint
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def _pose_of_E(q: Array) -> tuple[Array, Array]:
+def _pose_of_E(robot: Robot, q: Array) -> tuple[Array, Array]:
     """R_WE (N, 3, 3) and p_WE (N, 3) at q (N, 6)."""
-    alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
-    a = np.array([0, -0.6127, -0.57155, 0, 0, 0])
-    d = np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
-    (cr, cp, cy), (sr, sp, sy) = np.cos([0.5, -0.4, 0.9]), np.sin([0.5, -0.4, 0.9])
-    X_FE = np.eye(4)
-    X_FE[:3, :3] = (
-        np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-        @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-        @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    )
-    X_FE[:3, 3] = [0.05, -0.04, 0.12]
-    found = []
+    model = pin.buildModelFromUrdf(str(robot.source.with_name(str(robot.config.urdf))))
+    data, flange = model.createData(), model.getFrameId(robot.config.flange)
+    X_FE = pin.SE3(pin.rpy.rpyToMatrix(0.5, -0.4, 0.9), np.array([0.05, -0.04, 0.12]))
+    poses = []
     for row in q:
-        X = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link is the DH base turned by 180 degrees
-        for al, ai, di, th in zip(alpha, a, d, row, strict=True):
-            ca, sa, ct, st = np.cos(al), np.sin(al), np.cos(th), np.sin(th)
-            X = X @ np.array(
-                [
-                    [ct, -st * ca, st * sa, ai * ct],
-                    [st, ct * ca, -ct * sa, ai * st],
-                    [0, sa, ca, di],
-                    [0, 0, 0, 1],
-                ]
-            )
-        found.append(X @ X_FE)
-    poses = np.array(found)
-    return poses[:, :3, :3], poses[:, :3, 3]
+        pin.framesForwardKinematics(model, data, row)
+        poses.append((data.oMf[flange] * X_FE).homogeneous)
+    return np.array(poses)[:, :3, :3], np.array(poses)[:, :3, 3]
 
 
 def test_a_path_is_placed_for_the_tool_as_it_is_turned(ur10e_turned: Robot) -> None:
@@ -72,7 +54,7 @@ def test_a_path_is_placed_for_the_tool_as_it_is_turned(ur10e_turned: Robot) -> N
     )
     result = place(task, source, ur10e_turned, effort=_SMALL)
     placement, q = result.best.placement, result.best.fine.q
-    R, p = _pose_of_E(q)
+    R, p = _pose_of_E(ur10e_turned, q)
     along = np.linspace(-0.3, 0.3, len(q))[:, np.newaxis]
     np.testing.assert_allclose(p, placement.p_WM + along * placement.n_W, atol=1e-7)
     np.testing.assert_allclose(R, np.broadcast_to(placement.R_WE, R.shape), atol=1e-7)
@@ -93,7 +75,7 @@ def test_a_surface_is_followed_by_the_axis_of_the_turned_tool(
     np.savetxt(file, table, delimiter=",", header="x,y,z,nx,ny,nz", comments="")
     task = RedundancyTask(csv=str(file), tool_axis=axis.tolist(), num_angles=24)
     q = find_redundancy(ur10e_turned, task).optimised.q
-    R, p = _pose_of_E(q)
+    R, p = _pose_of_E(ur10e_turned, q)
     np.testing.assert_allclose(p, points, atol=1e-6)
     np.testing.assert_allclose(R @ axis, -normals, atol=1e-6)
     assert np.all((q[:, 0] >= _LOWER) & (q[:, 0] <= _UPPER))
@@ -102,7 +84,7 @@ def test_a_surface_is_followed_by_the_axis_of_the_turned_tool(
 @pytest.mark.parametrize("within_limits", [False, True])
 def test_the_map_is_of_the_turned_tool(ur10e_turned: Robot, within_limits: bool) -> None:
     samples = sample(ur10e_turned, 2000, 0, within_limits=within_limits)
-    np.testing.assert_allclose(samples.p_WE, _pose_of_E(samples.q)[1], atol=1e-9)
+    np.testing.assert_allclose(samples.p_WE, _pose_of_E(ur10e_turned, samples.q)[1], atol=1e-9)
     low, high = (_LOWER, _UPPER) if within_limits else (-np.pi, np.pi)
     first = samples.q[:, 0]
     assert np.all((first >= low) & (first <= high))

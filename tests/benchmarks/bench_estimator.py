@@ -19,9 +19,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from sample_models import sample_torque_error
 
-from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.estimator import add_estimator, make_estimator
-from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
@@ -273,21 +271,6 @@ def main() -> None:
     print(f"{'WrenchEstimator.run':44} {a:9.3f} s  {b / a:9.1f} x")
     c = float(np.median(trusted_seconds))
     print(f"{'the same, of a model with a torque error':44} {c:9.3f} s  {b / c:9.1f} x")
-
-    print(
-        "\nThe closed loop (arm, friction, noise, sensor, controller, estimator, logs), 1 ms ticks."
-    )
-    for name in ("LinearPath", "Default"):
-        scenario = load_scenario(name)
-        loop = make_closed_loop(scenario, robot, IdentifiedModel.nominal(robot))
-        simulator = Simulator(loop.diagram)
-        simulator.AdvanceTo(0.2)
-        gc.disable()  # as `simulate` does
-        before = time.perf_counter()
-        simulator.AdvanceTo(2.2)
-        seconds = time.perf_counter() - before
-        gc.enable()
-        print(f"{name:44} {2.0 / seconds:9.2f} times real time, {500.0 * seconds:6.0f} us a tick")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
 """How long a sample takes to become a reading, at 500 Hz, while Meshcat and a recorder run.
 
-Run by `make bench`; alone: `python tests/benchmarks/bench_live.py [--seconds S] [LOG ...]`. A
-controller of ours in a process of its own plays a moving arm over loopback, or UR10e logs one after
-another, over and over, put on 500 Hz; the reading process reads it; Meshcat and recorder run in
-this one. What was read and recorded is held against `estimate` on the same samples. Beside it, what
-the official client's read loop gets of the same stream, where `ur-rtde` is installed.
+Run by `make bench`; alone: `python tests/benchmarks/bench_live.py [--seconds S]`. A controller of
+ours in a process of its own plays a moving arm over loopback; the reading process reads it; Meshcat
+and recorder run in this one. What was read and recorded is held against `estimate` on the same
+samples.
 """
 
 import argparse
@@ -13,10 +12,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +35,6 @@ from wrenchsight.models.identification.identified_model import FittedRobot
 from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 from wrenchsight.models.robot.robot import Robot
@@ -47,20 +43,10 @@ SECONDS = 20.0
 SETTLED = 2.0  # s, after which latency counts
 H = 0.002
 BEGIN = 10.0  # s, time of the first sample
-RESOLUTION = 1e-4  # rad, of the UR10e's encoders
-PART = 600.0  # s, of which latency is told
-LOOK = 60.0  # s between two looks at the memory
-
-_PEER = """
-import sys, time, rtde_receive
-client = rtde_receive.RTDEReceiveInterface("127.0.0.1", 500.0, ["timestamp", "actual_q"])
-seen, end = set(), time.monotonic() + float(sys.argv[1])
-while time.monotonic() < end:
-    seen.add(client.getTimestamp())
-    time.sleep(0.001)
-span = max(seen) - min(seen)
-print(round(span / 0.002) + 1 - len(seen), round(span / 0.002) + 1)
-"""
+ESTIMATOR = WrenchEstimatorConfig(
+    observer=MomentumObserverConfig(time_step=H), position_resolution=[0.0] * 6
+)
+"""What stream and log are read with: step and encoders are stated."""
 
 
 def moving_arm(robot: Robot, seconds: float) -> Recording:
@@ -73,49 +59,25 @@ def moving_arm(robot: Robot, seconds: float) -> Recording:
     return Recording(t=BEGIN + t, q=q, v=v, current=robot.motor_current(tau), source="")
 
 
-def looped(robot: Robot, seconds: float, logs: list[Path]) -> Iterator[Recording]:
-    """The logs one after another, as long as it lasts; where one ends, the arm jumps."""
-    read = [read_recording(log, None, robot, check=False) for log in logs]
-    number, last = 0, round(seconds / H)
-    for log in cycle(read):
-        t = np.arange(log.t[0], log.t[-1], H)[: last - number]
-
-        def at(signal: Array, t: Array = t, log: Recording = log) -> Array:
-            return np.stack([np.interp(t, log.t, x) for x in signal.T], axis=1)
-
-        q = RESOLUTION * np.round(at(log.q) / RESOLUTION)
-        numbers = number + np.arange(len(t))
-        yield Recording(t=BEGIN + H * numbers, q=q, v=at(log.v), current=at(log.current), source="")
-        number += len(t)
-        if number >= last:
-            return
-
-
-def parts_of(robot: Robot, seconds: float, logs: list[Path]) -> Iterator[Recording]:
-    """What is played."""
-    return looped(robot, seconds, logs) if logs else iter([moving_arm(robot, seconds)])
-
-
-def play(port: int, seconds: float, logs: list[Path]) -> None:
+def play(seconds: float) -> None:
     """The controller's process."""
-    with RtdeController(parts_of(Robot.load("ur10e"), seconds, logs), port=port) as controller:
+    with RtdeController(iter([moving_arm(Robot.load("ur10e"), seconds)])) as controller:
         print(controller.port, flush=True)
         controller.ended.wait()
         time.sleep(0.5)
 
 
-def controller(
-    seconds: float, logs: list[Path], port: int = 0
-) -> tuple["subprocess.Popen[str]", int]:
-    words = ["--play", str(port), "--seconds", str(seconds), *map(str, logs)]
+def controller(seconds: float) -> tuple["subprocess.Popen[str]", int]:
     process = subprocess.Popen(
-        [sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True
+        [sys.executable, __file__, "--play", "--seconds", str(seconds)],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None
     return process, int(process.stdout.readline())
 
 
-def memory_of(process: int | str) -> float:
+def memory_of(process: int) -> float:
     """MB that it holds now; 0 where the system does not tell."""
     path = Path(f"/proc/{process}/status")
     words = path.read_text() if path.exists() else ""
@@ -123,13 +85,10 @@ def memory_of(process: int | str) -> float:
     return int(sizes[0]) / 1e3 if sizes else 0.0
 
 
-def compare(folder: Path, robot: Robot, seconds: float, logs: list[Path], rows: Array) -> None:
+def compare(folder: Path, robot: Robot, seconds: float, rows: Array) -> None:
     """Tells how far what was read and recorded is from `estimate` on the same samples."""
-    parts = list(parts_of(robot, seconds, logs))
-    signals = {k: np.concatenate([getattr(part, k) for part in parts]) for k in "tqv"}
-    current = np.concatenate([part.current for part in parts])
-    write_recording(Recording(**signals, current=current, source=""), folder / "log.npz")
-    config = EstimateConfig(prior="live", check=False, table="parquet", estimator=estimator(logs))
+    write_recording(moving_arm(robot, seconds), folder / "log.npz")
+    config = EstimateConfig(prior="live", check=False, table="parquet", estimator=ESTIMATOR)
     result = estimate_log(
         folder / "log.npz", robot.source, folder / "model.yaml", folder / "out", None, config
     )
@@ -147,24 +106,16 @@ def compare(folder: Path, robot: Robot, seconds: float, logs: list[Path], rows: 
     )
 
 
-def estimator(logs: list[Path]) -> WrenchEstimatorConfig:
-    """What stream and log are read with: step and encoders are stated."""
-    resolution = [RESOLUTION if logs else 0.0] * 6
-    return WrenchEstimatorConfig(
-        observer=MomentumObserverConfig(time_step=H), position_resolution=resolution
-    )
-
-
-def main(seconds: float, logs: list[Path]) -> None:
+def main(seconds: float) -> None:
     robot = Robot.load("ur10e")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         model = replace(knowing_model(robot, 3.0, 5.0), fitted_robot=FittedRobot.of(robot))
         model.save(folder / "model.yaml")
-        config = WatchConfig(live=LiveConfig(estimator=estimator(logs)))
-        process, port = controller(seconds, logs)
+        config = WatchConfig(live=LiveConfig(estimator=ESTIMATOR))
+        process, port = controller(seconds)
         rows = np.full((round(seconds / H) + 1000, 14), np.nan)  # held from the start on
-        count, bridged, look = 0, 0, LOOK
+        count, bridged = 0, 0
         source = f"rtde://127.0.0.1:{port}"
         with live(source, robot.source, folder / "model.yaml", config) as session:
             sinks = [partial(Recorder, folder / "rec", robot), partial(MeshcatView, robot)]
@@ -175,10 +126,6 @@ def main(seconds: float, logs: list[Path]) -> None:
                     reading.force_first,
                 )
                 count, bridged = count + 1, bridged + (reading.dropout and not reading.fault)
-                if reading.t - BEGIN > look:
-                    look += LOOK
-                    sizes = f"{memory_of(session._process.pid):.1f} and {memory_of('self'):.1f} MB"
-                    print(f"{reading.t - BEGIN:.0f} s: {count} readings, {sizes}", flush=True)
                 if reading.t > BEGIN + seconds - 0.1:
                     break
             size = memory_of(session._process.pid)
@@ -194,38 +141,21 @@ def main(seconds: float, logs: list[Path]) -> None:
             f"{count} readings, {int((steps - 1).sum())} missing, {bridged} bridged, "
             f"dropped {session.dropped} here, {lost} by recorder and Meshcat"
         )
-        for begin in np.arange(0.0, seconds, PART):
-            inside = (since > max(begin, SETTLED)) & (since <= begin + PART)
-            p50, p99 = 1e3 * np.percentile(rows[inside, 1], [50, 99])
-            print(
-                f"sample in to reading out, from {begin:.0f} s on: p50 {p50:.3f} ms, "
-                f"p99 {p99:.3f} ms, largest {1e3 * rows[inside, 1].max():.1f} ms, "
-                f"{inside.sum()} readings"
-            )
+        latency = 1e3 * rows[since > SETTLED, 1]
+        p50, p99 = np.percentile(latency, [50, 99])
+        print(
+            f"sample in to reading out: p50 {p50:.3f} ms, p99 {p99:.3f} ms, "
+            f"largest {latency.max():.1f} ms, {len(latency)} readings"
+        )
         own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         print(f"memory: reading process {size:.0f} MB, this one {own / 1e3:.0f} MB")
         print(f"said last: {events[-8:]}")
-        compare(folder, robot, seconds, logs, rows)
-    try:
-        import rtde_receive  # noqa: F401
-    except ImportError:
-        print("official client: not installed")
-        return
-    process, _ = controller(5.0, [], 30004)
-    command = [sys.executable, "-c", _PEER, "3"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    process.wait()
-    lost, count = done.stdout.split()[-2:]
-    print(f"official client, read at 1 kHz: {lost} of {count} samples never seen")
+        compare(folder, robot, seconds, rows)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=SECONDS)
-    parser.add_argument("--play", type=int, help=argparse.SUPPRESS)
-    parser.add_argument("logs", type=Path, nargs="*")
+    parser.add_argument("--play", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
-    if given.play is not None:
-        play(given.play, given.seconds, given.logs)
-    else:
-        main(given.seconds, given.logs)
+    (play if given.play else main)(given.seconds)

@@ -1,4 +1,4 @@
-"""The rigid-body kernels against the same quantities from a loop of pinocchio calls.
+"""The rigid-body kernels, and the map of condition numbers, against a loop of pinocchio calls.
 
 Run as a script. Both sides of a ratio are timed in turn, in one run; the times are medians. Results
 are compared before they are timed.
@@ -7,12 +7,15 @@ are compared before they are timed.
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba
 import numpy as np
 import pinocchio
 
+from wrenchsight.analyses.methods.planning.jcn_map import sample, slice_plane
+from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
 from wrenchsight.models.rigid_body.conditioning import condition_number
@@ -158,23 +161,35 @@ def main() -> None:
         lambda: chain.regressor(*few),
         lambda: [arm.regressor(*row).copy() for row in zip(*few, strict=True)],
     )
-    many = rng.uniform(-np.pi, np.pi, (500_000, chain.num_joints))
-    part = 5_000
+    number, part = 500_000, 5_000
+
+    def places_and_condition_numbers(q: Array) -> tuple[Array, Array]:
+        found = [(arm.jacobian(a).copy(), arm.data.oMf[arm.frame].translation.copy()) for a in q]
+        Js, places = (np.array(x) for x in zip(*found, strict=True))
+        return places, np.linalg.cond(Js)
+
+    few_samples = sample(robot, part, 0)
+    places, jcn = places_and_condition_numbers(few_samples.q)
+    assert np.allclose(few_samples.p_WE, places, rtol=0.0, atol=1e-12)
+    low = jcn < 1e6
+    assert np.allclose(few_samples.jcn[low], jcn[low], rtol=1e-9, atol=0.0)
     compare(
-        "500,000 condition numbers with their Jacobians (1)",
-        lambda: chain.condition_number(many),
-        lambda: np.linalg.cond(np.array([arm.jacobian(a).copy() for a in many[:part]])),
-        scale=len(many) / part,
+        "500,000 configurations: places, cond. numbers (1)",
+        lambda: sample(robot, number, 0),
+        lambda: places_and_condition_numbers(few_samples.q),
+        scale=number / part,
     )
-    Js = chain.jacobian(many)
+    Js = chain.jacobian(rng.uniform(-np.pi, np.pi, (number, chain.num_joints)))
     compare(
         "500,000 condition numbers of given Jacobians (2)",
         lambda: condition_number(Js),
         lambda: np.linalg.cond(Js[:part]),
-        scale=len(many) / part,
+        scale=number / part,
     )
     print(f"(1) pinocchio's Jacobians and numpy.linalg.cond, measured on {part:,} and scaled up.")
     print(f"(2) numpy.linalg.cond on the stack, measured on {part:,} and scaled up.")
+    plane = partial(slice_plane, robot, SliceConfig(), np.array([0.8, 0.8, 1.2]))
+    print(f"a slice of 41 x 41 points: {seconds(plane, 1):.2f} s")
 
 
 if __name__ == "__main__":

@@ -20,11 +20,13 @@ fit, but not on other logs.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.learning.identification_config import SELECTIONS
+from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.presliding_friction import slip_path
@@ -59,37 +61,14 @@ HUBER = 3.0  # scales of the residual from which it counts linearly, no longer s
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """One log's filtered motion: (N, n) each, of the joints."""
-
-    q: Array
-    v: Array
-    vdot: Array
-
-    def of_motors(self, motor_rates: Array) -> "Motion":
-        """That of the motors, which friction depends on; without rates the joints' own."""
-        if not motor_rates.size:
-            return self
-        return Motion(*(x @ motor_rates.T for x in (self.q, self.v, self.vdot)))
-
-
-@dataclass(frozen=True, eq=False)
 class Solution:
-    """A fitted model.
+    """A fitted model."""
 
-    Attributes:
-        structure: of its friction.
-        base: combinations of parameters that the rows determine.
-        estimate: of them.
-        x: all parameters, as `wrenchsight.models.identification.torque_regression`.
-        names: of all parameters.
-    """
-
-    structure: FrictionStructure
-    base: BaseParameters
-    estimate: TorqueEstimate
-    x: Array
-    names: tuple[str, ...]
+    structure: FrictionStructure  # of its friction
+    base: BaseParameters  # combinations of parameters that the rows determine
+    estimate: TorqueEstimate  # of them
+    x: Array  # all parameters, as `wrenchsight.models.identification.torque_regression`
+    names: tuple[str, ...]  # of all parameters
 
     def parts(self) -> tuple[Array, Array, list[Array]]:
         """Inertial parameters (n, 10), rotor inertia (n,), friction coefficients per joint."""
@@ -103,9 +82,9 @@ class _LogColumns:
     load term as long as the load stays the same array.
     """
 
-    def __init__(self, motion: Motion, regression: RegressionRows) -> None:
-        self._motion = motion
-        self._regression = regression
+    def __init__(self, q: Array, v: Array, regression: RegressionRows) -> None:
+        """Args: `q`, `v` are those of the motors."""
+        self._q, self._v, self._regression = q, v, regression
         self._rows: dict[tuple[str, int, tuple[float, ...]], Array] = {}
         self._load: Array | None = None
 
@@ -122,7 +101,7 @@ class _LogColumns:
             dict.fromkeys(key for entry in keys for key in entry if key not in self._rows)
         )
         if missing:
-            q, v = self._motion.q, self._motion.v
+            q, v = self._q, self._v
             load = np.zeros_like(v) if load is None else load
             z = slip_path(structure.displacement, q, v)
             columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
@@ -133,36 +112,24 @@ class _LogColumns:
 
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
-    """Logs that one model is to explain.
+    """Logs that one model is to explain."""
 
-    Attributes:
-        robot: whose.
-        motions: of the logs.
-        regressions: of the same logs.
-        num_passes: of weighted least squares.
-        oversampling: rows per independent sample of the residual.
-        loss: "huber" or "squares", see `reweighed`.
-        selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the
-            others' are.
-        consistent: whether `fit` returns a physical robot, see
-            `wrenchsight.models.identification.physical_consistency`.
-        weights: per log (m, n), of the squared residuals; None for one.
-        groups: per log, which motion it shows: logs of one motion are held out together; None:
-            each log has its own.
-        stretches: in which logs of one motion are held out.
-    """
-
-    robot: Robot
-    motions: Sequence[Motion]
-    regressions: Sequence[RegressionRows]
-    num_passes: int
-    oversampling: float = 1.0
-    loss: str = "squares"
+    robot: Robot  # whose
+    runs: Sequence[LowPassedLog]
+    regressions: Sequence[RegressionRows]  # of these logs
+    num_passes: int  # of weighted least squares
+    oversampling: float = 1.0  # rows per independent sample of the residual
+    loss: str = "squares"  # "huber" or "squares", see `reweighed`
+    # whether `fit` returns a physical robot, see
+    # `wrenchsight.models.identification.physical_consistency`
     consistent: bool = False
+    # of `SELECTIONS`; the second takes the lowest held-out error, whatever the others' are
     selection: str = SELECTIONS[0]
-    weights: Sequence[Array] | None = None
+    weights: Sequence[Array] | None = None  # per log (m, n), of the squared residuals; None for one
+    # per log, which motion it shows: logs of one motion are held out together; None: each log has
+    # its own
     groups: Sequence[int] | None = None
-    stretches: int = STRETCHES
+    stretches: int = STRETCHES  # in which logs of one motion are held out
     _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
 
     @cached_property
@@ -188,6 +155,11 @@ class FrictionFit:
     def holds_out_logs(self) -> bool:
         """Whether a fold is one log or several, not stretches of them."""
         return all(rows == slice(None) for fold in self.folds for _, rows in fold)
+
+    def of_motors(self, x: Array) -> Array:
+        """Positions or rates (N, n) of the motors, which friction depends on, from the joints'."""
+        rates = self.robot.chain.motor_rates
+        return x @ rates.T if rates.size else x
 
     def fit(self, structure: FrictionStructure, chosen: Sequence[int] | None = None) -> Solution:
         """Returns the model fitted on the folds `chosen` (all for None).
@@ -219,8 +191,7 @@ class FrictionFit:
         sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
         rows = np.vstack([entry / sd[j] for factor in selected for j, entry in enumerate(factor.R)])
         prior, spread = parameter_prior(self.robot, [len(entry) for entry in structure.terms])
-        rates = self.robot.chain.motor_rates
-        v_max = np.max([np.abs(m.of_motors(rates).v).max(axis=0) for m in self.motions], axis=0)
+        v_max = np.max([np.abs(self.of_motors(m.v)).max(axis=0) for m in self.runs], axis=0)
         result = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
         values = solution.base.combination @ result.x
         return replace(solution, x=result.x, estimate=replace(solution.estimate, values=values))
@@ -234,7 +205,7 @@ class FrictionFit:
         """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
         inertial, rotor, _ = solution.parts()
         chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
-        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.motions]
+        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.runs]
         return [tau @ self.robot.coupling for tau in result] if self.robot.is_coupled else result
 
     def columns(
@@ -242,8 +213,8 @@ class FrictionFit:
     ) -> list[list[Array]]:
         """Friction columns per log and joint, low-passed, at the rows."""
         for k in range(len(self._kept), len(self.regressions)):
-            moved = self.motions[k].of_motors(self.robot.chain.motor_rates)
-            self._kept[k] = _LogColumns(moved, self.regressions[k])
+            q, v = (self.of_motors(x) for x in (self.runs[k].q, self.runs[k].v))
+            self._kept[k] = _LogColumns(q, v, self.regressions[k])
         return [
             self._kept[k].of(structure, None if loads is None else loads[k])
             for k in range(len(self.regressions))
@@ -287,14 +258,14 @@ class FrictionFit:
         candidates: Sequence[float],
         loads: Sequence[Array],
     ) -> FrictionStructure:
+        def with_shape(value: Array) -> FrictionStructure:
+            shape: Any = {key: value}
+            return replace(structure, **shape)
+
         n = structure.num_joints
-        errors = np.stack(
-            [
-                self.held_out(_with_shape(structure, key, np.full(n, value)), loads)
-                for value in candidates
-            ]
-        )
-        return _with_shape(structure, key, np.asarray(candidates)[self._smoothest(errors)])
+        shapes = [with_shape(np.full(n, value)) for value in candidates]
+        errors = np.stack([self.held_out(shape, loads) for shape in shapes])
+        return with_shape(np.asarray(candidates)[self._smoothest(errors)])
 
     def _smoothest(self, errors: Array) -> NDArray[np.intp]:
         """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
@@ -315,19 +286,13 @@ class FrictionFit:
         chosen: Sequence[int] | None,
     ) -> Solution:
         factors = self._fold_factors(self.columns(structure, loads), self.weights)
-        base = self._base(structure, factors)
+        names = parameter_names(self.robot.joint_names, structure.terms)
+        base = find_base_parameters(np.vstack([f.regressor for f in factors]), names)
         selected = factors if chosen is None else [factors[k] for k in chosen]
         estimate = solve(selected, base, self.num_passes, self.oversampling)
         counts = [len(entry) for entry in structure.terms]
         x = realisation(self.robot, base, estimate.values, counts)
-        names = tuple(parameter_names(self.robot.joint_names, structure.terms))
-        return Solution(structure, base, estimate, x, names)
-
-    def _base(
-        self, structure: FrictionStructure, factors: Sequence[TorqueFactors]
-    ) -> BaseParameters:
-        names = parameter_names(self.robot.joint_names, structure.terms)
-        return find_base_parameters(np.vstack([f.regressor for f in factors]), names)
+        return Solution(structure, base, estimate, x, tuple(names))
 
     def _fold_factors(
         self, columns: list[list[Array]], weights: Sequence[Array] | None
@@ -369,9 +334,3 @@ class FrictionFit:
             weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
             result = replace(result, weights=weights)
         return result
-
-
-def _with_shape(structure: FrictionStructure, key: str, value: Array) -> FrictionStructure:
-    if key == "displacement":
-        return replace(structure, displacement=value)
-    return replace(structure, stribeck_velocity=value)

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,11 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_network import FrictionNetworks
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
-
-if TYPE_CHECKING:
-    pass
-
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 BINS = 40
 REST = 0.002  # of the highest speed
@@ -55,36 +51,14 @@ class TrainingConfig:
 
 @dataclass(frozen=True, eq=False)
 class TrainedNetworks:
-    """Networks, and how well they do.
+    """Networks, and how well they do."""
 
-    Attributes:
-        networks: to be evaluated by `wrenchsight.models.friction.friction_network`.
-        v_crit: (n,) rad/s.
-        rmse: (n,) N m, on the held-out samples of the band.
-        law_rmse: (n,) N m, of the velocity law on the same samples.
-        train_rmse: (n,) N m.
-        num_samples: (n,) in the band.
-        steps: (n,) after which each joint's weights were taken.
-    """
-
-    networks: FrictionNetworks
-    v_crit: Array
-    rmse: Array
-    law_rmse: Array
-    train_rmse: Array
-    num_samples: NDArray[np.int64]
-    steps: NDArray[np.int64]
-
-    def metrics(self) -> dict[str, Any]:
-        """Lists per joint, as written to metrics.json."""
-        return {
-            "v_crit_rad_per_s": self.v_crit,
-            "held_out_rmse_nm": self.rmse,
-            "law_held_out_rmse_nm": self.law_rmse,
-            "train_rmse_nm": self.train_rmse,
-            "num_samples": self.num_samples,
-            "steps": self.steps,
-        }
+    networks: FrictionNetworks  # to be evaluated by `wrenchsight.models.friction.friction_network`
+    v_crit: Array  # (n,) rad/s
+    rmse: Array  # (n,) N m, on the held-out samples of the band
+    law_rmse: Array  # (n,) N m, of the velocity law on the same samples
+    num_samples: NDArray[np.int64]  # (n,) in the band
+    steps: NDArray[np.int64]  # (n,) after which each joint's weights were taken
 
 
 def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
@@ -142,7 +116,6 @@ def train_networks(
     v: ArrayLike,
     torque: ArrayLike,
     law: CoulombViscous,
-    seed: int = 0,
     groups: ArrayLike | None = None,
     v_crit: ArrayLike | None = None,
     config: TrainingConfig | None = None,
@@ -158,7 +131,6 @@ def train_networks(
         v: (N, n) rad/s at all velocities; NaN where a joint has no sample.
         torque: (N, n) N m, friction there.
         law: outside the band.
-        seed: of the first weights and of the split, in the place of the configuration's.
         groups: (N,) which run a row is of; held-out stretches never straddle two.
         v_crit: (n,) rad/s; None: by the rule.
         config: see `TrainingConfig`.
@@ -168,7 +140,7 @@ def train_networks(
         InputError: a joint has too few samples in its band.
         ValueError: v and torque of different shapes.
     """
-    config = TrainingConfig(seed) if config is None else config
+    config = config or TrainingConfig()
     v, torque = np.asarray(v, float), np.asarray(torque, float)
     n = law.num_joints
     if v.ndim != 2 or v.shape != torque.shape or v.shape[1] != n:
@@ -200,19 +172,11 @@ def train_networks(
     return TrainedNetworks(
         networks=networks,
         v_crit=edge,
-        rmse=np.sqrt(errors[1]) * spread,
+        rmse=np.sqrt(errors) * spread,
         law_rmse=np.sqrt((held * law_error**2).sum(axis=1)),
-        train_rmse=np.sqrt(errors[0]) * spread,
         num_samples=np.array([len(rows) for rows in chosen]),
         steps=steps,
     )
-
-
-def semi_parametric(
-    law: CoulombViscous, trained: TrainedNetworks, handover: str = "continuous"
-) -> SemiParametricFriction:
-    """The article's law (eq. 12) of a velocity law and trained networks."""
-    return SemiParametricFriction(law, trained.networks, trained.v_crit, handover)  # type: ignore[arg-type]
 
 
 def _moves(v: Array) -> NDArray[np.bool_]:
@@ -290,7 +254,6 @@ def _descend(
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps, LEAST_RATE)
     best = [p.detach().clone() for p in parameters]
     lowest = torch.full((n,), torch.inf, dtype=torch.float64)
-    errors = torch.zeros((2, n), dtype=torch.float64)
     when = torch.zeros(n, dtype=torch.int64)
     for step in range(config.steps):
         W1, b1, W2, b2 = parameters
@@ -301,7 +264,6 @@ def _descend(
             better = away < lowest * (1.0 - 1e-5)
             lowest = torch.where(better, away, lowest)
             when = torch.where(better, step, when)
-            errors = torch.where(better, torch.stack([fitted, away]), errors)
             for selected, now in zip(best, parameters, strict=True):
                 selected[better] = now[better]
             if int((step - when).min()) > config.patience:
@@ -312,4 +274,4 @@ def _descend(
             parameters[1].grad.zero_()  # tanh(W v) is odd
         optimiser.step()
         schedule.step()
-    return [p.numpy() for p in best], errors.numpy(), when.numpy()
+    return [p.numpy() for p in best], lowest.numpy(), when.numpy()

@@ -20,7 +20,7 @@ Every error stated here compares low-passed measured torque with low-passed pred
 of the filter's transients and of drop-outs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Motion, Solution
+from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Solution
 from wrenchsight.analyses.methods.learning.identification_checks import (
     contradictions,
     repeated_logs,
@@ -46,6 +46,7 @@ from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.law_fits import LawFit, LawFits
 from wrenchsight.analyses.methods.learning.low_passed_logs import (
     LowPassedLog,
+    ProgressCallback,
     check_recording,
     decimation,
     log_names,
@@ -96,8 +97,6 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.ties import beyond_rounding
 from wrenchsight.models.robot.robot import Robot
 
-ProgressCallback = Callable[[float, str], None]
-
 
 @dataclass(frozen=True, eq=False)
 class IdentificationResult:
@@ -142,6 +141,7 @@ class IdentificationResult:
         model, base = self.model, self.base
         law = model.friction.coulomb_viscous
         table = model.base_parameters
+        errors = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
         uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
         return {
             "fit": {fit.name: fit.metrics() for fit in self.fit},
@@ -169,7 +169,7 @@ class IdentificationResult:
             },
             "coupling": self.robot.coupling if self.robot.is_coupled else None,
             "law_cross_validation": {
-                name: {"rmse_nm": rmse, **_extremes(self.extrapolated.get(name))}
+                name: dict(zip(errors, (rmse, *self.extrapolated.get(name, ())), strict=False))
                 for name, rmse in self.held_out.items()
             },
             "parameters": _parameter_metrics(self),
@@ -254,17 +254,16 @@ def _identify(
     if config.time_step == 0.0:
         config = replace(config, time_step=median_step(recordings))
     filtering = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
-    given = shared(
+    fitted, selected, regressions = shared(
         "low_passed_logs",
         (tuple(recordings), robot, tuple(validation), *filtering),
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
-    fitted, selected = given.fitted, given.kept
     row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
     problem = FrictionFit(
         robot,
-        [Motion(run.q, run.v, run.vdot) for run in fitted],
-        given.regressions,
+        fitted,
+        regressions,
         config.num_passes,
         max(1.0, row_rate / (2.0 * config.cutoff)),
         config.loss,
@@ -274,7 +273,7 @@ def _identify(
     )
     progress(0.9, "solving")
     laws = tuple(structures()) if config.friction == "best" else (config.friction,)
-    fits = LawFits(problem, fitted, config, digest((tuple(recordings), robot, filtering)))
+    fits = LawFits(problem, config, digest((tuple(recordings), robot, filtering)))
     candidates = [fits.candidate(law) for law in laws]
     chosen = _best_of(candidates)
     if config.friction == "best":
@@ -292,7 +291,7 @@ def _identify(
     if config.cross_validate:
         progress(0.95, "the observer's error")
         readings = held_out_readings(
-            recordings, fitted, given.regressions, fits.held_out_models(chosen), robot, model
+            recordings, fitted, regressions, fits.held_out_models(chosen), robot, model
         )
         error = learn_torque_error(readings, robot)
         if error is not None:
@@ -435,12 +434,6 @@ def _best_of(candidates: Sequence[LawFit]) -> str:
         {c.law: c.cross_validated_rmse for c in candidates},
         {c.law: c.extrapolated for c in candidates},
     )
-
-
-def _extremes(extrapolated: Sequence[Array] | None) -> dict[str, Array]:
-    if not extrapolated:
-        return {}
-    return dict(zip(("fastest_rmse_nm", "slowest_rmse_nm"), extrapolated, strict=True))
 
 
 def residual_covariance(residuals: Sequence[Array]) -> Array:

@@ -1,18 +1,21 @@
 """Figures of an identification: measured and predicted torque of a log, joint by joint."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, legend_below, panels_in_pairs
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from wrenchsight.analyses.output.figures import (
+    BAND_ALPHA,
+    COLOUR,
+    Figure,
+    legend_below,
+    panels_in_pairs,
+)
 
 TITLE_LETTERS: Final = 40  # that a panel of half the figure's width has room for
 
 
-def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> "Figure":
+def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figure:
     """Measured and predicted torque with the residual and its mean ± 1 sd, one panel a joint."""
     n = fit.measured.shape[1]
     figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)

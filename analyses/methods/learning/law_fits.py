@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.learning.friction_fit import FrictionFit, Solution
-from wrenchsight.analyses.methods.learning.friction_training import train_networks
+from wrenchsight.analyses.methods.learning.friction_fit import STRETCHES, FrictionFit, Solution
+from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig, train_networks
 from wrenchsight.analyses.methods.learning.identification_config import (
     WITH_NETWORK,
     IdentificationConfig,
@@ -48,17 +48,11 @@ class LawFit:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutModel:
-    """A fit of all but one fold.
+    """A fit of all but one fold."""
 
-    Attributes:
-        fold: what it was not fitted on: (log, rows of its regression).
-        chain: with the inertias found.
-        friction: the law found.
-    """
-
-    fold: Sequence[tuple[int, slice]]
-    chain: SerialChain
-    friction: FrictionLaw
+    fold: Sequence[tuple[int, slice]]  # what it was not fitted on: (log, rows of its regression)
+    chain: SerialChain  # with the inertias found
+    friction: FrictionLaw  # the law found
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,24 +67,11 @@ class _LinearFit:
 class LawFits:
     """Fits of laws to the same logs: none depends on which were fitted before."""
 
-    def __init__(
-        self,
-        problem: FrictionFit,
-        runs: Sequence[LowPassedLog],
-        config: IdentificationConfig,
-        logs: str,
-    ) -> None:
+    def __init__(self, problem: FrictionFit, config: IdentificationConfig, logs: str) -> None:
         """Args: `logs` is a digest of the logs, their robot and the filters."""
-        self._problem = problem
-        self._runs = runs
-        self._config = config
-        self._source = (
-            logs,
-            config.num_passes,
-            config.loss,
-            config.consistent,
-            config.selection,
-        )
+        self._problem, self._runs, self._config = problem, problem.runs, config
+        how = (config.num_passes, config.loss, config.consistent, config.selection)
+        self._source = (logs, *how)
         self._linear: dict[str, _LinearFit] = {}
 
     def candidate(self, law: str) -> LawFit:
@@ -126,7 +107,8 @@ class LawFits:
         folds = self._problem.folds
         fit = self._linear_fit(WITH_NETWORK.get(law, law))
         models = []
-        for fold, solution in zip(folds, self._held_out(fit), strict=True):
+        solutions = self._without_each_fold(fit, "friction_fit_held_out", STRETCHES)
+        for fold, solution in zip(folds, solutions, strict=True):
             away = {k for k, _ in fold} if self._problem.holds_out_logs else set()
             others = [k for k in range(len(self._runs)) if k not in away]
             models.append(HeldOutModel(fold, *self._realised(law, solution, others)))
@@ -140,15 +122,8 @@ class LawFits:
         that remain tell less than all of them, and the fits differ by more than they err.
         """
         fit = self._linear_fit(WITH_NETWORK.get(law, law))
-        problem = replace(self._problem, weights=fit.weights, stretches=JACKKNIFE)
-        solutions = shared(
-            "friction_fit_jackknife",
-            (*self._source, fit.structure, fit.weights),
-            lambda: [problem.fit(fit.structure, others) for others in _others(len(problem.folds))],
-        )
-        rates = problem.robot.motor_rates
-        found = []
-        for solution in solutions:
+        rates, found = self._problem.robot.motor_rates, []
+        for solution in self._without_each_fold(fit, "friction_fit_jackknife", JACKKNIFE):
             inertial, _, coefficients = solution.parts()
             plain = solution.structure.law(coefficients).feedforward.coulomb_viscous
             found.append(np.hstack([inertial[:, :4], (rates.T @ plain.offset)[:, None]]))
@@ -169,21 +144,22 @@ class LawFits:
         problem = problem.reweighed(structure)
         return _LinearFit(structure, problem.weights, problem.fit(structure))
 
-    def _held_out(self, fit: _LinearFit) -> list[Solution]:
+    def _without_each_fold(self, fit: _LinearFit, name: str, stretches: int) -> list[Solution]:
         """Of each fold in turn, the fit of the others."""
-        problem = replace(self._problem, weights=fit.weights)
+        problem = replace(self._problem, weights=fit.weights, stretches=stretches)
+        folds = range(len(problem.folds))
         return shared(
-            "friction_fit_held_out",
+            name,
             (*self._source, fit.structure, fit.weights),
-            lambda: [problem.fit(fit.structure, others) for others in _others(len(problem.folds))],
+            lambda: [problem.fit(fit.structure, [i for i in folds if i != k]) for k in folds],
         )
 
     def _extrapolated(self, law: str, fit: _LinearFit) -> tuple[Array, ...]:
         problem, runs = self._problem, self._runs
         rates = problem.robot.motor_rates
         speeds = [
-            np.abs(motion.v[entry.rows] @ rates.T)
-            for motion, entry in zip(problem.motions, problem.regressions, strict=True)
+            np.abs(run.v[entry.rows] @ rates.T)
+            for run, entry in zip(runs, problem.regressions, strict=True)
         ]
         low, high = (np.quantile(np.vstack(speeds), x, axis=0) for x in (1.0 - EXTREME, EXTREME))
         weights = fit.weights or [np.ones_like(v) for v in speeds]
@@ -252,10 +228,6 @@ def bounded(friction: FrictionLaw, speed: Array) -> FrictionLaw:
     return friction
 
 
-def _others(count: int) -> list[list[int]]:
-    return [[i for i in range(count) if i != k] for k in range(count)]
-
-
 def _with_networks(
     structure: FrictionStructure,
     coefficients: Sequence[Array],
@@ -278,7 +250,7 @@ def _with_networks(
         np.vstack(v),
         np.vstack(torque),
         friction.velocity_law.coulomb_viscous,
-        seed=config.seed,
         groups=np.concatenate(group),
+        config=TrainingConfig(config.seed),
     )
     return structure.law(coefficients, trained.networks, trained.v_crit)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import file_digest
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,11 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 )
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
 from wrenchsight.analyses.methods.sensors.reference_config import reference_columns
+from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.identification.identified_model import (
-    LogSource,
-)
+from wrenchsight.models.identification.identified_model import LogSource
 from wrenchsight.models.identification.torque_regression import RegressionRows
 from wrenchsight.models.recordings.lerobot.data_set import file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
@@ -186,7 +184,7 @@ def low_pass_log(
         name=name,
         log=LogSource(
             name=Path(recording.source).name,
-            sha256=_checksum(path) if path.is_file() else "",
+            sha256=file_checksum(path) if path.is_file() else "",
             first_row=1 if rows is None else int(rows[0]),
             last_row=recording.num_samples if rows is None else int(rows[-1]),
             duration=round(recording.duration, 6),
@@ -229,23 +227,18 @@ def decimation(low_pass: ZeroPhaseLowPass) -> int:
     return max(1, int(0.5 / (low_pass.cutoff * low_pass.time_step)))
 
 
-@dataclass(frozen=True, eq=False)
-class LowPassedLogs:
-    """What all fits of the same logs begin with."""
-
-    fitted: tuple[LowPassedLog, ...]
-    kept: tuple[LowPassedLog, ...]
-    regressions: tuple[RegressionRows, ...]  # of the fitted ones
-
-
 def low_pass_logs(
     recordings: Sequence[Recording],
     robot: Robot,
     validation: Sequence[Recording],
     config: IdentificationConfig,
     progress: ProgressCallback,
-) -> LowPassedLogs:
-    """Low-passes all logs and builds the regressors of those to be fitted."""
+) -> tuple[tuple[LowPassedLog, ...], tuple[LowPassedLog, ...], tuple[RegressionRows, ...]]:
+    """What all fits of the same logs begin with.
+
+    Returns:
+        The logs to be fitted and those to validate on, low-passed, and regressors of the former.
+    """
     logs = [*recordings, *validation]
     steps = len(logs) + len(recordings) + 1
     runs = []
@@ -262,9 +255,4 @@ def low_pass_logs(
         regressions.append(
             RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
         )
-    return LowPassedLogs(fitted, selected, tuple(regressions))
-
-
-def _checksum(path: Path) -> str:
-    with path.open("rb") as file:
-        return file_digest(file, "sha256").hexdigest()
+    return fitted, selected, tuple(regressions)

@@ -19,19 +19,12 @@ SIMILARITY = (
 
 @dataclass(frozen=True, eq=False)
 class TorqueFit:
-    """Measured torque of one log and what a model predicts for it, both low-passed.
+    """Measured torque of one log and what a model predicts for it, both low-passed."""
 
-    Attributes:
-        name: of the log.
-        t: (T,) s.
-        measured: (T, n) N m.
-        predicted: (T, n) N m.
-    """
-
-    name: str
-    t: Array
-    measured: Array
-    predicted: Array
+    name: str  # of the log
+    t: Array  # (T,) s
+    measured: Array  # (T, n) N m
+    predicted: Array  # (T, n) N m
 
     @property
     def residual(self) -> Array:

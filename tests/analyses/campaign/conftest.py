@@ -2,7 +2,8 @@
 
 import pytest
 
-from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.analyses.campaign.campaign import run_campaign
+from wrenchsight.analyses.campaign.world_run import CampaignSettings
 
 _MODULE = '''
 import os, signal, time
@@ -83,15 +84,9 @@ def experiment(tmp_path, add_module):
 
 @pytest.fixture
 def campaign(tmp_path):
-    def campaign(
-        *names, worlds=3, jobs=2, folder="campaign", cluster=None, fresh=False, **settings
-    ):
+    def campaign(*names, worlds=3, jobs=2, folder="campaign", **settings):
         return run_campaign(
-            CampaignSettings(list(names), worlds, **settings),
-            tmp_path / folder,
-            jobs=jobs,
-            cluster=cluster,
-            fresh=fresh,
+            CampaignSettings(list(names), worlds, jobs=jobs, **settings), tmp_path / folder
         )
 
     return campaign

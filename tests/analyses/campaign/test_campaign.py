@@ -1,18 +1,17 @@
 """Campaigns of toy experiments: what they keep, go on with, survive and refuse."""
 
 import json
-import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 
 import pyarrow.parquet as pq
 import pytest
 
-from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign
+from wrenchsight.analyses.campaign.campaign import run_campaign
 from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
+from wrenchsight.analyses.campaign.world_run import CampaignSettings
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
@@ -151,28 +150,19 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, number):
+def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, ended, number):
     seed = draw_world(0, 1).seed
-    experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
+    module = experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
     out = tmp_path / "campaign"
-    program = (
-        "from pathlib import Path\n"
-        "from wrenchsight.analyses.campaign.campaign import CampaignSettings, run_campaign\n"
-        "from wrenchsight.analyses.study.registry import REGISTRY\n"
-        "if __name__ == '__main__':\n"
-        "    REGISTRY.register('fake_toy')\n"
-        f"    run_campaign(CampaignSettings(['toy'], 3), Path({str(out)!r}), jobs=2)\n"
+    program = f"""
+    from wrenchsight.analyses.campaign.campaign import run_campaign
+    from wrenchsight.analyses.campaign.world_run import CampaignSettings
+    run_campaign(CampaignSettings(['toy'], 3, jobs=2), Path({str(out)!r}))
+    """
+    code, printed = ended(
+        module, program, lambda: len(list((out / ".campaign").glob("*.json"))) == 2, number
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE, text=True
-    )
-    limit = time.monotonic() + 120.0
-    while len(list((out / ".campaign").glob("*.json"))) < 2 and time.monotonic() < limit:
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.1)
-    os.killpg(process.pid, number)  # as a terminal does
-    _, printed = process.communicate(timeout=60)
-    assert process.returncode != 0
+    assert code != 0
     assert printed.count("Traceback") == 1, printed  # of no worker
     assert "died" not in printed, printed
     table = pq.read_table(out / "campaign.parquet")
@@ -192,9 +182,7 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_campaign(
-            CampaignSettings(["toy"], 1, seed=5), tmp_path / "campaign", fresh=True, watch=end
-        )
+        run_campaign(CampaignSettings(["toy"], 1, seed=5, fresh=True), tmp_path / "campaign", end)
     assert file_of(tmp_path, "campaign") == before
     assert (tmp_path / "campaign" / "campaign.html").exists()
 

@@ -11,27 +11,26 @@ from wrenchsight.analyses.campaign.campaign_report import (
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord, read_table, write_table
 from wrenchsight.analyses.campaign.distributions import distribution_metrics, distributions
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
-from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.outputs import OutputFolder, plain
+from wrenchsight.analyses.study.experiment import ComparisonRow
 from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
 from wrenchsight.models.files.input_error import InputError
-
-
-def row(label, key, article, unit="N", ours="", more_is_better=False):
-    names = ("label", "key", "article", "unit", "ours", "more_is_better", "remark", "source")
-    values = (label, key, article, unit, ours, more_is_better, "", "article")
-    return dict(zip(names, values, strict=True))
 
 
 def record_of(worlds):
     """A campaign whose figures are known: 0 to worlds - 1, and what is made of them."""
     record = CampaignRecord({"seed": 0, "quick": False, "ranges": {"load": [0.5, 2.0]}})
-    rows = [
-        row("RMSE in X", "optimised.rmse_x_n", 10.0, ours="ours.rmse_x_n"),
-        row("correlation", "correlation", 0.9, "", "ours.correlation", more_is_better=True),
-        row("torque RMSE", "rmse_nm", [1.0, 2.0], "N m"),
-        row("gain", "ours_against_article.reduction_rmse_x_pct", None, "%"),
-        row("never finite", "never", 1.0),
-    ]
+    rows = plain(
+        [
+            ComparisonRow("RMSE in X", "optimised.rmse_x_n", 10.0, ours="ours.rmse_x_n"),
+            ComparisonRow(
+                "correlation", "correlation", 0.9, ours="ours.correlation", more_is_better=True
+            ),
+            ComparisonRow("torque RMSE", "rmse_nm", (1.0, 2.0)),
+            ComparisonRow("gain", "ours_against_article.reduction_rmse_x_pct"),
+            ComparisonRow("never finite", "never", 1.0),
+        ]
+    )
     for number in range(worlds):
         values = {
             "optimised.rmse_x_n": float(number),
@@ -97,12 +96,12 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
     assert moved.extrapolated
     stated = found["optimised.rmse_x_n"].metrics()["moved_by"][0]
     assert (stated["parameter"], stated["drawn"]) == ("load", (0.5, pytest.approx(1.5)))
-    assert "load + (rank correlation 1.00" in table_row(found["optimised.rmse_x_n"]).moved_by
+    assert "load + (rank correlation 1.00" in table_row(found["optimised.rmse_x_n"])["moved_by"]
     assert found["rmse_nm.0"].moved_by is None  # 1 lies in its range
     assert "moved_by" not in found["rmse_nm.0"].metrics()
     assert found["ours_against_article.reduction_rmse_x_pct"].moved_by is None  # no article's
     assert found["correlation"].moved_by == ()  # outside, and the same in all worlds
-    assert table_row(found["correlation"]).moved_by == "no drawn parameter moves it"
+    assert table_row(found["correlation"])["moved_by"] == "no drawn parameter moves it"
     assert found["correlation"].metrics()["moved_by"] == []  # asked, and nothing does
     few, enough = (found_in(n)["optimised.rmse_x_n"] for n in (FEWEST_WORLDS - 1, FEWEST_WORLDS))
     assert few.moved_by is None
@@ -121,9 +120,9 @@ def test_a_world_without_the_figure_tells_nothing_of_what_moves_it():
 
 def test_a_row_says_yes_or_no():
     rows = [table_row(one) for one in distributions(record_of(101), ["toy"])]
-    assert (rows[0].article, rows[0].median, rows[0].range) == ("10", "50.0", "5.0 to 95.0")
-    assert [one.holds for one in rows] == ["yes", "no", "yes", "no", "–"]
-    assert [one.ahead for one in rows] == ["75 %", "100 %", "", "", "90 %"]
+    assert [rows[0][key] for key in ("article", "median", "range")] == ["10", "50.0", "5.0 to 95.0"]
+    assert [one["holds"] for one in rows] == ["yes", "no", "yes", "no", "–"]
+    assert [one["ahead"] for one in rows] == ["75 %", "100 %", "", "", "90 %"]
 
 
 @pytest.mark.parametrize("worlds", [1, 3, 60])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
 from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures
 from wrenchsight.analyses.campaign.figures_fit import fit_figures
 from wrenchsight.analyses.campaign.posterior import FEWEST
@@ -20,6 +21,10 @@ ROWS = {
     "level": {"key": "toy.coulomb", "figure": 1.3, "tolerance": 0.05},
     "again": {"key": "toy.coulomb", "figure": 1.3, "tolerance": 0.05, "settles": False},
 }
+
+
+def fit(figures, worlds, out):
+    return fit_figures(figures, CampaignOptions(worlds=worlds, jobs=2), out)
 
 
 @pytest.fixture
@@ -39,13 +44,13 @@ def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     tmp_path, experiment, figures, counted
 ):
     experiment("toy")
-    fit = fit_figures(figures(), 40, tmp_path / "fit", jobs=2)
-    assert fit.arms == 40
-    low, high = fit.ranges["coulomb"]
+    found = fit(figures(), 40, tmp_path / "fit")
+    assert found.arms == 40
+    low, high = found.ranges["coulomb"]
     assert low < 1.3 < high and high - low < 0.2  # drawn over 1.5
-    low, high = fit.ranges["viscous"]
+    low, high = found.ranges["viscous"]
     assert high - low > 0.7  # nothing says it
-    assert fit.fitted_inside == fit.held_out_inside == 1.0
+    assert found.fitted_inside == found.held_out_inside == 1.0
     metrics = json.loads((tmp_path / "fit" / "posterior" / "metrics.json").read_text())["toy-arm"]
     row = metrics["level"]
     assert row["article"] == 1.3 and row["agrees"] and row["inside"]
@@ -63,29 +68,29 @@ def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     again = np.array(posterior.arms["coulomb"]) * nearest
     assert np.percentile(again, 50) == pytest.approx(1.3, abs=0.02)
 
-    assert fit_figures(figures(), 44, tmp_path / "fit", jobs=2).arms == 44
+    assert fit(figures(), 44, tmp_path / "fit").arms == 44
     assert counted("ran_toy") == 44  # what was there is not run again
     closer = figures(narrow=tmp_path / "fit")
     draws = load_configuration(tmp_path / "fit" / "posterior" / "draws.yaml", ArmPosterior)
     assert draws.num_arms == 400
     agreed = [draw_world(0, k, closer.source).parameters()["coulomb"] for k in range(20)]
     assert set(agreed) <= set(draws.arms["coulomb"])
-    nearer = fit_figures(closer, 12, tmp_path / "nearer", jobs=2)
+    nearer = fit(closer, 12, tmp_path / "nearer")
     assert nearer.arms == 56 and counted("ran_toy") == 56  # the earlier arms count as well
-    assert nearer.distance <= fit.distance
+    assert nearer.distance <= found.distance
     assert not any(row.moved_by for row in nearer.rows)  # arms near one another tell none apart
     again = figures(narrow=tmp_path / "nearer")
-    assert fit_figures(again, 12, tmp_path / "nearest", jobs=2).arms == 68
+    assert fit(again, 12, tmp_path / "nearest").arms == 68
 
 
 def test_an_earlier_fit_that_is_gone_is_named(tmp_path, experiment, figures):
     experiment("toy")
     with pytest.raises(InputError, match=r"draws\.yaml: no such file"):
         figures(narrow=tmp_path / "none")
-    fit_figures(figures(), 12, tmp_path / "fit", jobs=2)
+    fit(figures(), 12, tmp_path / "fit")
     (tmp_path / "fit" / "posterior" / "arms.parquet").unlink()
     with pytest.raises(InputError, match="run the earlier fit again"):
-        fit_figures(figures(narrow=tmp_path / "fit"), 12, tmp_path / "nearer", jobs=2)
+        fit(figures(narrow=tmp_path / "fit"), 12, tmp_path / "nearer")
 
 
 def test_what_figures_are_off_by_and_back(figures):
@@ -109,21 +114,21 @@ def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, fi
     experiment("slow")
     rows = ROWS | {"late": {"key": "slow.coulomb", "figure": 1.3}}
     own = figures(rows=rows, late=["slow"], late_arms=13)
-    fit = fit_figures(own, 30, tmp_path / "fit", jobs=2)
+    found = fit(own, 30, tmp_path / "fit")
     assert (counted("ran_toy"), counted("ran_slow")) == (30, 13)
-    assert fit.arms == 30
-    assert {row.name for row in fit.rows} == set(rows)
-    late = next(row for row in fit.rows if row.name == "late")  # over 13 arms alone
+    assert found.arms == 30
+    assert {row.name for row in found.rows} == set(rows)
+    late = next(row for row in found.rows if row.name == "late")  # over 13 arms alone
     assert [one.parameter for one in late.moved_by] == ["coulomb"]
 
 
 def test_too_few_arms_are_one_line_and_what_is_done_stays(tmp_path, experiment, figures, counted):
     experiment("toy")
     with pytest.raises(InputError, match="3 arms have"):
-        fit_figures(figures(), 3, tmp_path / "fit")
+        fit(figures(), 3, tmp_path / "fit")
     assert not (tmp_path / "fit" / "posterior").exists()
     assert counted("ran_toy") == 3
-    assert fit_figures(figures(), FEWEST, tmp_path / "fit").arms == 12
+    assert fit(figures(), FEWEST, tmp_path / "fit").arms == 12
     assert counted("ran_toy") == 12
 
 
@@ -152,7 +157,7 @@ def test_a_row_that_nothing_measures_is_named(tmp_path, experiment, figures):
     experiment("toy")
     rows = {"a": {"key": "toy.coulom", "figure": 1.0}}
     with pytest.raises(InputError, match=r'rows\.a\.key.*did you mean "coulomb"'):
-        fit_figures(figures(rows=rows), 12, tmp_path / "fit")
+        fit(figures(rows=rows), 12, tmp_path / "fit")
 
 
 def test_the_article_s_figures_are_bundled():

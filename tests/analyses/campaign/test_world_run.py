@@ -4,12 +4,17 @@ from importlib import import_module
 
 import pytest
 
-from wrenchsight.analyses.campaign.world_run import WorldTask, numbers_in, run_world
+from wrenchsight.analyses.campaign.world_run import (
+    CampaignSettings,
+    WorldTask,
+    numbers_in,
+    run_world,
+)
 from wrenchsight.analyses.output.outputs import plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.registry import REGISTRY
-from wrenchsight.models.truth.worlds import WorldSource, draw_world
+from wrenchsight.models.truth.worlds import draw_world
 
 NAMES = ("identification", "friction", "combined", "repeat-cycle")
 
@@ -20,20 +25,10 @@ def test_numbers_are_those_of_a_study_in_the_same_world(tmp_path, monkeypatch):
         monkeypatch.setenv(name, "1")
     modules = {name: REGISTRY.entries()[name].module for name in NAMES}
     everywhere = tmp_path / "everywhere"
+    settings = CampaignSettings(data=tmp_path, quick=True)
     for number in (3, 4):  # the second finds what all worlds share
         software = {name: software_hash(module) for name, module in modules.items()}
-        outcome = run_world(
-            WorldTask(
-                seed=0,
-                number=number,
-                source=WorldSource(),
-                modules=modules,
-                software=software,
-                data=tmp_path,
-                quick=True,
-                everywhere=everywhere,
-            )
-        )
+        outcome = run_world(WorldTask(settings, number, modules, software, everywhere=everywhere))
         assert not outcome.failures
     world = draw_world(0, 4)
     for name, module in modules.items():

@@ -19,12 +19,20 @@ from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSetting
 from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
 from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
 from wrenchsight.analyses.methods.reading import estimation
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig, EstimateSettings
+from wrenchsight.analyses.methods.reading.estimate_config import (
+    EstimateConfig,
+    EstimateSettings,
+    checked_config,
+    with_observer,
+)
 from wrenchsight.analyses.methods.runs import simulation
 from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.placement.placement_task import load_task
 
 # What does the work of a command, by the command's name.
@@ -169,6 +177,7 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
 
 def test_without_a_file_the_settings_are_the_defaults(call):
     assert call("excite", "--robot", "r")["values"][2] == ExciteSettings().excitation
+    assert call("estimate", "a", "--robot", "r")["values"][5] == EstimateConfig()
     assert call("identify", "a", "--robot", "r")["values"][5] == IdentifySettings().identification
     assert call("jcn-map", "--slice", "z=0.3")["values"][0].slice == SliceConfig("z", 0.3)
 
@@ -204,10 +213,127 @@ def test_help_shows_what_people_need_and_help_all_every_option():
     assert f"[default: {EstimateConfig().max_gap}]" in every
 
 
-def test_a_hidden_option_counts_as_any_other(call):
-    seen = call("estimate", "log.csv", "--robot", "r", "--max-gap", "0.5", "--step", "0.004")
-    assert seen["values"][5].max_gap == 0.5
-    assert seen["values"][5].estimator.observer.time_step == 0.004
+def test_options_reach_the_estimate(call, tmp_path):
+    """Also those that --help does not show."""
+    arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path)
+    arguments += ("--method", "inverse", "--k0", "5,20", "--prior-force-sd", 30)
+    arguments += ("--prior-moment-sd", 2, "--log-format", "f", "--step", 0.001)
+    arguments += ("--max-gap", 0.5, "--no-check", "--torque-samples", "trapezoidal")
+    arguments += ("--damping", 0.1, "--truncation", 0.01, "--max-force-sd", 12)
+    seen = call("estimate", *arguments)["values"]
+    assert seen[:5] == (Path("log.csv"), "r", Path("m.yaml"), tmp_path, "f")
+    expected = EstimateConfig(max_gap=0.5, check=False)
+    observer, reconstruction = expected.estimator.observer, expected.estimator.reconstruction
+    observer.K_0, observer.time_step, observer.torque_samples = [5.0, 20.0], 0.001, "trapezoidal"
+    reconstruction.method = "inverse"
+    reconstruction.prior_force_sd, reconstruction.prior_moment_sd = 30.0, 2.0
+    reconstruction.max_force_sd = 12.0
+    reconstruction.damping, reconstruction.truncation = 0.1, 0.01
+    assert seen[5] == expected
+
+
+@pytest.mark.parametrize(
+    ("scenario", "asked"),
+    [
+        ((), "Default"),
+        (("--scenario", "HandGuiding"), "HandGuiding"),
+        (("--scenario", "file.yaml"), "file.yaml"),
+        (("--scenario", "file.yaml", "--name", "Mine"), "file.yaml:Mine"),
+    ],
+)
+def test_options_reach_the_simulation(call, tmp_path, scenario, asked):
+    arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
+    arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
+    seen = call("simulate", *scenario, *arguments)
+    assert seen.pop("values") == (asked, tmp_path, "r", Path("m"))
+    del seen["progress"]
+    assert seen == {
+        "duration": 2.5,
+        "seed": 4,
+        "quick": True,
+        "record": False,
+        "graph": True,
+        "motion_path": None,
+        "truth": "plain",
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "logs", "validate"),
+    [
+        (("a", "b", "--validate", "c", "d", "--robot", "r"), ["a", "b"], ["c", "d"]),
+        (("--robot", "r", "a", "--validate", "c", "--validate", "d"), ["a"], ["c", "d"]),
+        (("--validate", "c", "d", "--robot", "r", "a"), ["a"], ["c", "d"]),
+        (("--validate=c", "a", "b", "--robot", "r"), ["a", "b"], ["c"]),
+        (("--robot", "r", "--validate", "c", "--", "a"), ["a"], ["c"]),
+        (("a", "--robot", "r"), ["a"], []),
+    ],
+)
+def test_validate_takes_several_logs(call, arguments, logs, validate):
+    seen = call("identify", *arguments)["values"]
+    assert (seen[0], seen[3]) == ([Path(p) for p in logs], [Path(p) for p in validate])
+
+
+# ---- the observer of `estimate` ----
+
+
+KALMAN = KalmanObserverConfig(0.3, 0.004, "trapezoidal")
+
+
+@pytest.mark.parametrize(
+    ("words", "config", "expected"),
+    [
+        ("", None, MomentumObserverConfig(time_step=0.0)),
+        (
+            "--observer kalman --bandwidth 0.1 --torque-samples trapezoidal",
+            None,
+            KalmanObserverConfig(0.1, 0.0, "trapezoidal"),
+        ),
+        (
+            "--observer momentum --k0 30,40 --step 0.002",
+            None,
+            MomentumObserverConfig([30.0, 40.0], 0.002),
+        ),
+        ("", KALMAN, KALMAN),
+        ("--bandwidth 0.5", KALMAN, KalmanObserverConfig(0.5, 0.004, "trapezoidal")),
+        (
+            "--observer momentum --k0 7",
+            KALMAN,
+            MomentumObserverConfig([7.0], 0.004, "trapezoidal"),
+        ),
+    ],
+)
+def test_an_observer_by_its_name_and_from_a_file(call, words, config, expected):
+    settings = EstimateSettings(log="log.csv", robot="r")
+    if config is not None:
+        settings.estimate.estimator.observer = config
+    seen = call("estimate", *words.split(), config=settings)["values"]
+    assert seen[5].estimator.observer == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("kalman --k0 7", "--k0: KalmanObserverConfig has no K_0; leave it out\n"),
+        ("luenberger", "give momentum or kalman"),
+    ],
+)
+def test_a_setting_of_another_observer_is_one_line(call, words, said):
+    result = call("estimate", "log.csv", "--robot", "r", "--observer", *words.split())
+    assert result.exit_code == 2
+    assert said in result.stderr
+
+
+def test_a_method_that_the_observer_does_not_know(ur10e):
+    config = with_observer(EstimateConfig(), "kalman")
+    config.estimator.reconstruction.method = "damped"
+    with pytest.raises(InputError, match="the kalman observer has no prior"):
+        checked_config(config, ur10e)
+    config.estimator.reconstruction.method = "force_only"
+    assert checked_config(config, ur10e) is config
+
+
+# ---- help, and files ----
 
 
 @pytest.mark.parametrize(

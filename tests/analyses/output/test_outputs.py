@@ -3,10 +3,6 @@
 import json
 import math
 import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -144,7 +140,7 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
         OutputFolder(tmp_path / ("x" * 300))
 
 
-# ---- whole or not at all ----
+# ---- whole or not at all, as `whole_file` has it ----
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -164,27 +160,3 @@ def test_a_value_that_cannot_be_written_leaves_the_earlier_file(tmp_path):
     with pytest.raises(TypeError):
         out.write_json("m.json", {"a": 2, "b": object()})
     assert json.loads((tmp_path / "m.json").read_text()) == {"a": 1}
-
-
-def test_a_killed_writer_leaves_the_earlier_file(tmp_path):
-    """SIGKILL runs no clean-up code: what protects the file is only how it is written."""
-    (tmp_path / "big.txt").write_text("old and whole")
-    program = """
-import sys
-from pathlib import Path
-from wrenchsight.analyses.output.outputs import OutputFolder
-with OutputFolder(Path(sys.argv[1])).atomic("big.txt") as partial:
-    with partial.open("w") as file:
-        while True:
-            file.write("new, not whole" * 1000)
-            file.flush()
-"""
-    writer = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)])
-    while not any(p.stat().st_size > 10_000 for p in tmp_path.glob(".big.txt*")):
-        assert writer.poll() is None
-        time.sleep(0.01)
-    writer.send_signal(signal.SIGKILL)
-    writer.wait()
-    assert (tmp_path / "big.txt").read_text() == "old and whole"
-    # What it left is hidden: no reader takes it for a result.
-    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["big.txt"]

@@ -9,6 +9,7 @@ import pytest
 
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study import readme_table
+from wrenchsight.analyses.study.experiment import ComparisonRow
 from wrenchsight.analyses.study.readme_table import (
     BEGIN,
     END,
@@ -38,16 +39,11 @@ def study(tmp_path):
     }
     out.write_json("metrics.json", metrics)
 
-    def row(label, key, unit="", article=None, remark="", source="article"):
-        names = ("label", "key", "unit", "article", "remark", "source")
-        return dict(zip(names, (label, key, unit, article, remark, source), strict=True))
-
+    pole = ComparisonRow("Pole", "reduction_rmse_y_pct", 20, "a | b", "eq. 30", unit="1/s")
+    largest = ComparisonRow("Largest", "optimised.max_error_y_n", 24.86)
     rows = {
-        "repeat-cycle": [row("Pole", "reduction_rmse_y_pct", "1/s", 20, "a | b", "eq. 30")],
-        "constant-wrench": [
-            row("Largest", "optimised.max_error_y_n", "N", 24.86),
-            row("Per axis", "rmse"),
-        ],
+        "repeat-cycle": [pole],
+        "constant-wrench": [largest, ComparisonRow("Per axis", "rmse")],
         "silent": [],
     }
     for name, comparison in rows.items():
@@ -135,13 +131,8 @@ def test_a_folder_without_results_is_named(tmp_path, content, capsys):
 
 
 def test_it_runs_as_a_module(study, readme):
-    command = [
-        sys.executable,
-        "-m",
-        "wrenchsight.analyses.study.readme_table",
-        str(study),
-        str(readme),
-    ]
+    module = ("-m", "wrenchsight.analyses.study.readme_table")
+    command = [sys.executable, *module, study, readme]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "filled" in result.stdout
     assert "24.86" in readme.read_text(encoding="utf-8")

@@ -1,5 +1,6 @@
 """The report: rendered, then parsed as a browser would."""
 
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -7,7 +8,8 @@ from urllib.parse import unquote
 import pytest
 
 from wrenchsight.analyses.output.figures import new_figure
-from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.outputs import OutputFolder, plain
+from wrenchsight.analyses.study.experiment import ComparisonRow
 from wrenchsight.analyses.study.outcome import Outcome, StudySettings, look_up
 from wrenchsight.analyses.study.report import comparisons, number, write_report
 
@@ -17,32 +19,18 @@ METRICS = {
     "log.v2": {"count": 12345},
     "not_finite": ["initial.max_jcn"],
 }
-ROWS = [
-    {
-        "label": "Largest error in Y",
-        "key": "initial.max_error_y_n",
-        "unit": "N",
-        "article": 24.86,
-        "remark": "another draw of <noise>",
-        "source": "article",
-    },
-    {
-        "label": "Torque error",
-        "key": "validation.14harm50sec.rmse_nm",
-        "unit": "N m",
-        "article": [1.97, 3.11, 1.3, 0.44, 0.4, 0.34],
-        "remark": "",
-        "source": "figaroh",
-    },
-    {
-        "label": "Samples",
-        "key": "log.v2.count",
-        "unit": "",
-        "article": None,
-        "remark": "",
-        "source": "article",
-    },
-]
+TORQUE_RMSE = (1.97, 3.11, 1.3, 0.44, 0.4, 0.34)
+ROWS = plain(
+    [
+        ComparisonRow(
+            "Largest error in Y", "initial.max_error_y_n", 24.86, "another draw of <noise>"
+        ),
+        ComparisonRow(
+            "Torque error", "validation.14harm50sec.rmse_nm", TORQUE_RMSE, source="figaroh"
+        ),
+        ComparisonRow("Samples", "log.v2.count"),
+    ]
+)
 
 _VOID = {"meta", "img", "br", "link"}
 
@@ -77,18 +65,6 @@ class _Page(HTMLParser):
             self.text += data
         if "figcaption" in self.open:
             self.captions.append(data)
-
-
-def _settings(**changes):
-    values = {
-        "asked": ("one", "two"),
-        "known": ("one", "two"),
-        "data": Path("data"),
-        "seed": 5,
-        "quick": False,
-        "version": "0.1.0",
-    }
-    return StudySettings(**values | changes)
 
 
 @pytest.fixture
@@ -126,7 +102,9 @@ def render(tmp_path):
         folder = OutputFolder(tmp_path)
         for name in ("metrics.json", "timings.json"):
             folder.write_json(name, {})
-        path = write_report(folder, outcomes, _settings(**settings))
+        both = ("one", "two")
+        asked = StudySettings(both, both, Path("data"), seed=5, quick=False, version="0.1.0")
+        path = write_report(folder, outcomes, replace(asked, **settings))
         return _Page(path.read_text(encoding="utf-8"))
 
     return render

@@ -6,11 +6,10 @@ import pytest
 from wrenchsight.analyses.methods.learning.friction_training import (
     TrainingConfig,
     critical_velocity,
-    semi_parametric,
     train_networks,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 LAW = CoulombViscous(np.array([6.0, 2.0]), np.array([8.0, 1.0]), np.array([0.5, 0.0]))
 EXTRA = np.array([4.0, -1.0])  # N m, above the level that is left at high velocity
@@ -56,7 +55,7 @@ def test_the_band_holds_the_fewest_samples_that_training_needs():
 def test_friction_near_zero_is_learnt(odd, trained):
     if odd:
         trained = train_networks(*samples(), LAW, config=TrainingConfig(odd=True))
-    law = semi_parametric(LAW, trained)
+    law = SemiParametricFriction(LAW, trained.networks, trained.v_crit)
     v = np.linspace(0.02, 0.95, 60)[:, None] * trained.v_crit
     v = np.vstack([v, -v])
 
@@ -74,7 +73,7 @@ def test_the_same_seed_gives_the_same_weights(trained):
     again = train_networks(*samples(), LAW)
     for key in ("W1", "b1", "W2", "b2", "v_scale"):
         np.testing.assert_array_equal(getattr(again.networks, key), getattr(trained.networks, key))
-    other = train_networks(*samples(), LAW, seed=1)
+    other = train_networks(*samples(), LAW, config=TrainingConfig(seed=1))
     assert np.abs(other.networks.W1 - trained.networks.W1).max() > 1e-3
 
 

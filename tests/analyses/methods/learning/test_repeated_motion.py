@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import harmonic_motion
 
 from wrenchsight.analyses.methods.learning.low_passed_logs import LowPassedLog
 from wrenchsight.analyses.methods.learning.repeated_motion import (
@@ -17,16 +18,11 @@ STEP = 0.02
 
 
 def run(seed: int, duration: float = 20.0, pace: float = 1.0, start: float = 0.0) -> LowPassedLog:
-    """A motion of four joints, begun at `start` s, at its own pace."""
-    rng = np.random.default_rng(seed)
+    """A motion, begun at `start` s, at its own pace."""
     t = np.arange(0.0, duration, STEP)
-    q, v = np.zeros((2, len(t), 4))
-    for k in range(1, 5):
-        w = 0.6 * k
-        amplitude, phase = rng.uniform(0.2, 0.6, 4) / k, rng.uniform(0.0, 6.0, 4)
-        angle = w * pace * (t[:, None] + start) + phase
-        q += amplitude * np.sin(angle)
-        v += amplitude * w * pace * np.cos(angle)
+    rng, rates = np.random.default_rng(seed), 0.6 * np.arange(1, 5)
+    q, v, _ = harmonic_motion(rng, pace * (t + start), rates, 0.6, least=1.0 / 3.0)
+    v *= pace
     used = np.ones(len(t), bool)
     low_pass = ZeroPhaseLowPass(5.0, STEP, 5)
     return LowPassedLog(f"run_{seed}", LogSource(), t, q, v, v, q, used, low_pass, True)

@@ -10,11 +10,10 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal imp
 )
 from wrenchsight.analyses.methods.learning.friction_training import (
     TrainingConfig,
-    semi_parametric,
     train_networks,
 )
 from wrenchsight.analyses.output.figures import save_figure
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.truth.true_joints import TrueJoints
@@ -56,7 +55,7 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated, tmp_path):
     )
     v, torque = separated.table(symmetric=True)
     trained = train_networks(v, torque, law, config=TrainingConfig(odd=True))
-    both = semi_parametric(law, trained)
+    both = SemiParametricFriction(law, trained.networks, trained.v_crit)
     near = np.isfinite(v) & (np.abs(v) <= trained.v_crit)
 
     def rms(found):

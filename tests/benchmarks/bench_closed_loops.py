@@ -1,10 +1,10 @@
-"""The closed loops of machining in contact: how many times faster than real time they run.
+"""The closed loops, free and of machining in contact: how many times real time they run.
 
-Run as a script. All parts are in: arm with contact, real joints, noise, process, force/torque
-sensor, reference, controller, estimator, truth, log of all signals; 1 ms ticks. Times are the
-processor's, not the clock's, so that other programs on the machine count less; the spread says how
-much they can be trusted. What the plant takes by itself, the same contact solved by Drake alone, is
-the floor.
+Run as a script. All parts are in: arm, real joints, noise, force/torque sensor, controller,
+estimator, truth, log of all signals, of machining also contact and process; 1 ms ticks. Times are
+the processor's, not the clock's, so that other programs on the machine count less; the spread says
+how much they can be trusted. What the plant takes by itself, the same contact solved by Drake
+alone, is the floor.
 """
 
 import gc
@@ -35,6 +35,9 @@ def main() -> None:
     law = CoulombViscous(robot.truth.stiction, robot.truth.viscous, np.zeros(robot.num_joints))
     model = replace(IdentifiedModel.nominal(robot), friction=SemiParametricFriction(law))
     print(f"{'':34} {'times real time':>16} {'worst':>8} {'best':>8} {'us a tick':>10}")
+    for name in ("LinearPath", "Default"):
+        simulator = Simulator(make_closed_loop(load_scenario(name), robot, model).diagram)
+        show(name, timed(simulator, 0.2, STRETCHES))
     for name in ("Polishing", "Grinding"):
         scenario = load_scenario(name)
         plan = make_machining_path(scenario, robot)
@@ -43,21 +46,26 @@ def main() -> None:
         assert scenario.machining is not None
         phases = scenario.machining.phases
         working = phases.standoff / phases.approach_speed + phases.rise + phases.settle + 1.0
-        gc.disable()  # as `simulate` does
         for part, start, count in (("approach", 0.2, 3), ("work", working, STRETCHES)):
-            spent = []
-            simulator.AdvanceTo(start)
-            for k in range(1, count + 1):
-                before = time.process_time()
-                simulator.AdvanceTo(start + k * STRETCH)
-                spent.append(time.process_time() - before)
-            show(f"{name}, {part}", np.array(spent) / STRETCH)
+            show(f"{name}, {part}", timed(simulator, start, count))
         context = simulator.get_context()
         show(f"{name}, work, Drake's plant alone", plant_alone(loop.cell, context, scenario))
-        gc.enable()
         _, signals = loop.logged(context)
         assert signals["phase"][-1, 0] == Phase.WORK, "the pass must still be at work"
         assert signals["fault"][-1, 0] == 0.0
+
+
+def timed(simulator: Simulator, start: float, count: int) -> Array:
+    """Seconds for one simulated, of as many stretches from a time on."""
+    spent = []
+    simulator.AdvanceTo(start)
+    gc.disable()  # as `simulate` does
+    for k in range(1, count + 1):
+        before = time.process_time()
+        simulator.AdvanceTo(start + k * STRETCH)
+        spent.append(time.process_time() - before)
+    gc.enable()
+    return np.array(spent) / STRETCH
 
 
 def show(label: str, seconds: Array) -> None:
