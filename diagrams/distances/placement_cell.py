@@ -23,8 +23,11 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.placement.placement_descent import PlacementBatch
-from wrenchsight.models.placement.placement_program import quaternion_from, rotation_of
+from wrenchsight.models.placement.placement_program import (
+    PlacementBatch,
+    quaternion_from,
+    rotation_of,
+)
 from wrenchsight.models.placement.placement_task import ClearanceConfig, ObstacleConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
@@ -68,22 +71,12 @@ class PlacementCell:
         )
         self._upper = float(self._constraint.upper_bound()[0])
 
-    @property
-    def distance(self) -> float:
-        """Distance to keep, m."""
-        return self._config.distance
-
-    def margins(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
-        """(k + 1,) smooth margins, 0 or more where the clearance is kept."""
-        pose = self._workpiece_pose(n_W, p_WM, quaternion)
-        return np.array(
-            [self._upper - self._constraint.Eval(np.concatenate([row, pose]))[0] for row in q]
-        )
-
     def margins_and_gradients(
         self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
     ) -> tuple[Array, Array]:
-        """Margins (k + 1,) and gradients (k + 1, n + 10) by q_i, n_W, p_WM, quaternion."""
+        """Smooth margins (k + 1,), 0 or more where the clearance is kept, and their gradients
+        (k + 1, n + 10) by q_i, n_W, p_WM, quaternion.
+        """
         n = q.shape[1]
         pose = self._workpiece_pose(n_W, p_WM, quaternion)
         gradient = np.zeros((n + len(pose), n + 10))

@@ -10,7 +10,6 @@ where J_i = [w_i; v_i] is the column of joint i, at E in axes of W (a prismatic 
 """
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -159,22 +158,6 @@ class ForceSd:
         in_row_blocks(run, len(rows), _BLOCK)
         shape = np.shape(q)
         return values.reshape(shape[:-1]), gradients.reshape(shape)
-
-
-@dataclass(frozen=True)
-class PathMeasure:
-    """The mean of a posture's measure over the postures of a path (eq. 27, over k + 1 points)."""
-
-    posture: PostureMeasure
-
-    def value(self, q: Array) -> float:
-        """Mean over q (k + 1, n)."""
-        return float(np.mean(self.posture.values(q)))
-
-    def value_and_gradient(self, q: Array) -> tuple[float, Array]:
-        """Mean over q (k + 1, n), and its gradient (k + 1, n)."""
-        values, gradients = self.posture.values_and_gradients(q)
-        return float(np.mean(values)), gradients / len(q)
 
 
 def check_joints(chain: SerialChain, name: str = "robot") -> None:

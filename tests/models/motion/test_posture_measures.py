@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -125,17 +125,6 @@ def test_a_singular_posture_has_a_large_finite_value(sts: Robot) -> None:
     value, gradient = ConditionNumber(chain).values_and_gradients(singular)
     assert value >= 1e12
     assert np.all(np.isfinite(gradient))
-
-
-def test_the_path_measure_is_the_mean_over_all_points(sts: Robot) -> None:
-    chain = sts.chain
-    q = np.random.default_rng(4).uniform(-1.0, 1.0, (21, 6))
-    measure = ConditionNumber(chain)
-    mean, gradient = PathMeasure(measure).value_and_gradient(q)
-    values, gradients = measure.values_and_gradients(q)
-    assert mean == pytest.approx(np.mean(values), rel=1e-14)
-    np.testing.assert_allclose(gradient, gradients / 21.0)
-    assert PathMeasure(measure).value(q) == pytest.approx(mean, rel=1e-12)
 
 
 @pytest.mark.parametrize("method", ["damped", "truncated"])
