@@ -17,7 +17,7 @@ from wrenchsight.analyses.methods.planning.redundancy_task import (
     RedundancyClearance,
     RedundancyTask,
 )
-from wrenchsight.diagrams.distances.clearance import Clearance, workpiece_clearance
+from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.diagrams.scenario import BladeConfig
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import load_configuration, save_configuration
@@ -159,9 +159,14 @@ def test_where_the_optimum_is_too_near_the_best_free_way_stands_beside_it(sts: R
     )
     result = find_redundancy(sts, config)
     assert result.free is not None
-    piece = BladeConfig(pose=config.workpiece)
-    assert workpiece_clearance(sts, piece, result.optimised.q) < 0.03
-    assert workpiece_clearance(sts, piece, result.free.q) >= 0.03
+    beside = Clearance(sts, 0.03, None, BladeConfig(pose=config.workpiece))
+
+    def slack_beside_the_piece(q: Array) -> float:
+        pairs = [pair for row in q for _, pair in beside.slacks(row)]
+        return min(pair.slack for pair in pairs if "workpiece" in (pair.first, pair.second))
+
+    assert slack_beside_the_piece(result.optimised.q) < 0.0
+    assert slack_beside_the_piece(result.free.q) >= 0.0
     metrics = result.metrics()
     assert metrics["free"]["mean_jcn"] >= metrics["optimised"]["mean_jcn"]
     assert metrics["free"]["mean_jcn"] < metrics["initial"]["mean_jcn"]
