@@ -5,7 +5,7 @@ stops where it meets one. Whatever starts from such an end (a simulation, a read
 digits from another start or on another machine. So
 
 1. the program is solved again from there, to a tighter tolerance, with the measure smoothed and the
-   smoothing taken back step by step (`wrenchsight.models.motion.smooth_condition_number`);
+   smoothing taken back step by step (`wrenchsight.models.motion.posture_measures`);
 2. of a family of placements that measure and constraints do not tell apart, one stands for all: the
    first joint is turned to the middle of its range at the path's midpoint, the last one too, wrist
    and elbow are those nearest to the middle of theirs, and the path runs towards the positive side
@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.smooth_condition_number import smoothed
+from wrenchsight.models.motion.posture_measures import smoothed
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,

@@ -34,7 +34,6 @@ from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.kernel import one_thread
-from wrenchsight.models.motion.branches import is_closed_form
 from wrenchsight.models.motion.path_postures import solve_poses, track_paths, wrap_within
 from wrenchsight.models.placement.placement_descent import PlacementDescent
 from wrenchsight.models.placement.placement_program import (
@@ -114,7 +113,6 @@ class SearchResult:
         num_starts: descents and solves, each from a start of its own.
         num_unassigned: starts that came to none of the optima.
         evaluations: of a path's measure, all stages.
-        closed_form: whether all branches are known in closed form.
         interrupted: whether it was ended early.
         history: (seconds, cost) whenever a better path that keeps the limits was known.
     """
@@ -125,7 +123,6 @@ class SearchResult:
     num_starts: int = 0
     num_unassigned: int = 0
     evaluations: int = 0
-    closed_form: bool = True
     interrupted: bool = False
     history: list[tuple[float, float]] = field(default_factory=list)
 
@@ -177,7 +174,7 @@ class PlacementSearch:
         effort: SearchEffort,
         progress: Callable[[float, str], None],
     ) -> SearchResult:
-        result = SearchResult(closed_form=is_closed_form(self._robot))
+        result = SearchResult()
         clock = _Clock(result)
         ends: list[tuple[PlacementBatch, Array]] = []
         found: list[Solution] = []

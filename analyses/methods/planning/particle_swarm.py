@@ -67,7 +67,7 @@ def place_by_swarm(
     count = config.num_particles
     x = rng.uniform(lower, upper, (count, len(lower)))
     v = np.zeros_like(x)
-    result = SearchResult(closed_form=True, num_starts=count)
+    result = SearchResult(num_starts=count)
     began = time.perf_counter()
     best_x, best_cost = x.copy(), np.full(count, np.inf)
     leader: tuple[float, Placement | None] = (math.inf, None)
