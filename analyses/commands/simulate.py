@@ -50,20 +50,7 @@ def command(
     # Drake prints Meshcat's address, which is gone before anyone could open it.
     logging.getLogger("drake").setLevel(logging.WARNING)
     with showing_progress("simulate") as progress:
-        result = simulate_scenario(
-            settings.scenario,
-            out,
-            settings.robot,
-            None if settings.model is None else Path(settings.model),
-            motion_path=None if settings.motion is None else Path(settings.motion),
-            truth=settings.truth,
-            seed=settings.seed,
-            duration=settings.duration_s,
-            quick=settings.quick,
-            record=settings.record,
-            graph=settings.graph,
-            progress=progress,
-        )
+        result = simulate_scenario(settings, out, progress)
     _print(result)
     if settings.publish is not None:
         from wrenchsight.analyses.methods.live.playing import play
