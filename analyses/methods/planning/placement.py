@@ -104,7 +104,7 @@ def place(
     _check_choice("--solver", solver, PLACE_SOLVERS)
     check_task(task, source, robot)
     notices = []
-    measure, said = _measure(robot, objective, model, method)
+    measure, said = measure_of(robot, objective, model, method)
     notices += said
     cell = None
     if task.clearance is not None:
@@ -271,9 +271,10 @@ def _check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
         raise InputError(option, "", f'"{value}" is not known', remedy)
 
 
-def _measure(
-    robot: Robot, objective: str, model: IdentifiedModel | None, method: str
+def measure_of(
+    robot: Robot, objective: str, model: IdentifiedModel | None, method: str = "bayesian"
 ) -> tuple[PostureMeasure, list[str]]:
+    """The measure of an objective, and what the user should know of it; see `place`."""
     if objective == "jcn":
         return ConditionNumber(robot.chain), []
     notices = []
