@@ -30,8 +30,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Satu
 
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario
 from wrenchsight.diagrams.workpiece import (
-    add_blade,
-    add_plate,
+    add_workpiece,
     contact_material,
     process_contact,
     soft_tip,
@@ -112,10 +111,8 @@ def make_robot_cell(
     parts = true.add_to_plant(plant)
     for joint in parts.joints:  # viscous friction is the true joints'
         joint.set_default_damping(0.0)
-    if isinstance(scenario.workpiece, BladeConfig):
-        add_blade(plant, scenario.workpiece)
-    elif scenario.workpiece is not None:
-        add_plate(plant, scenario.workpiece)
+    if scenario.workpiece is not None:
+        add_workpiece(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()

@@ -29,7 +29,7 @@ from wrenchsight.models.motion.paths import (
     thirds,
     uniform_acceleration,
 )
-from wrenchsight.models.motion.workpiece_shapes import BladeShapeConfig
+from wrenchsight.models.motion.workpieces import BladeShapeConfig
 from wrenchsight.models.observers.observer_kinds import kind_name, kind_of
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig

@@ -88,6 +88,14 @@ def soft_tip(blade: BladeConfig, radius: float) -> ProximityProperties:
     return properties
 
 
+def add_workpiece(plant: MultibodyPlant, workpiece: PlateConfig | BladeConfig) -> None:
+    """Fixes it in the world, see `add_plate` and `add_blade`."""
+    if isinstance(workpiece, BladeConfig):
+        add_blade(plant, workpiece)
+    else:
+        add_plate(plant, workpiece)
+
+
 def add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
     """Fixes a plate in the world: a box to see and to touch, on a column that is only seen."""
     X_WP = pose_of_workpiece(plate)

@@ -31,9 +31,8 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.motion.branches import all_branches, closed_form
 from wrenchsight.models.motion.inverse_kinematics import follow_path
 from wrenchsight.models.motion.posture_map import best_postures
-from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.motion.posture_measures import ConditionNumber
 from wrenchsight.models.motion.redundancy import best_on_grid, candidates, refine
-from wrenchsight.models.placement.placement_descent import PlacementDescent
 from wrenchsight.models.placement.placement_program import PlacementProgram
 from wrenchsight.models.placement.placement_search import PlacementSearch, SearchEffort
 from wrenchsight.models.placement.placement_task import load_task
@@ -187,11 +186,10 @@ def test_a_placement_is_found_in_the_same_digits(sts):
     def best(robot):
         measure = ConditionNumber(robot.chain)
         program = PlacementProgram(
-            robot.chain, PathMeasure(measure), bounds, task.path_length, task.num_segments
+            robot.chain, measure, bounds, task.path_length, task.num_segments
         )
-        descent = PlacementDescent(robot.chain, measure, bounds, task.path_length)
         guess = (path.n_W, path.p_WM, path.R_WE)
-        return PlacementSearch(robot, program, descent, guess).run(effort=effort).best
+        return PlacementSearch(robot, program, guess).run(effort=effort).best
 
     found, other = best(sts), best(moved_robot(sts, 0))
     assert other.cost == pytest.approx(found.cost, rel=1e-9)

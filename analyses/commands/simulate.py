@@ -46,20 +46,7 @@ def command(
             file = file.rpartition(":")[0] or file
         settings.scenario = f"{file}:{name}"
     with showing_progress("simulate") as progress:
-        result = simulate_scenario(
-            settings.scenario,
-            out,
-            settings.robot,
-            None if settings.model is None else Path(settings.model),
-            motion_path=None if settings.motion is None else Path(settings.motion),
-            truth=settings.truth,
-            seed=settings.seed,
-            duration=settings.duration_s,
-            quick=settings.quick,
-            record=settings.record,
-            graph=settings.graph,
-            progress=progress,
-        )
+        result = simulate_scenario(settings, out, progress)
     _print(result)
     if settings.publish is not None:
         from wrenchsight.analyses.methods.live.playing import play

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import Box, Role
+from pydrake.geometry import Box
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import DiagramBuilder
 
+from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
-from wrenchsight.diagrams.workpiece import add_blade, add_plate
+from wrenchsight.diagrams.workpiece import add_workpiece
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
@@ -64,62 +64,40 @@ class Clearance:
         floor: float | None = 0.0,
         workpiece: PlateConfig | BladeConfig | None = None,
     ) -> None:
-        builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        parts = robot.add_to_plant(plant, hulls=True)
-        if floor is not None:
-            slab = Box(10.0, 10.0, 1.0)  # Drake has no distance between half space and cylinder
-            X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
-            material = CoulombFriction(0.5, 0.5)
-            plant.RegisterCollisionGeometry(plant.world_body(), X_WF, slab, "floor", material)
-        if isinstance(workpiece, BladeConfig):
-            add_blade(plant, workpiece)
-        elif workpiece is not None:
-            add_plate(plant, workpiece)
-        plant.Finalize()
-        self._diagram = builder.Build()  # owns plant and context
-        self._context = self._diagram.CreateDefaultContext()
-        self._plant = plant
-        self._plant_context = plant.GetMyMutableContextFromRoot(self._context)
-        self._query = plant.get_geometry_query_input_port()
-        self._order = [joint.position_start() for joint in parts.joints]
-        self._inspector = scene_graph.model_inspector()
-        self._body = {
-            geometry: plant.GetBodyFromFrameId(self._inspector.GetFrameId(geometry))
-            for geometry in self._inspector.GetAllGeometryIds(Role.kProximity)
-        }
-        # How many joints lie below each body: 0 for what is fixed to the world.
-        self._level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
-        for j, joint in enumerate(parts.joints):
-            for body in plant.GetBodiesWeldedTo(joint.child_body()):
-                self._level[body.index()] = j + 1
+        def add(plant: MultibodyPlant) -> None:
+            if floor is not None:
+                slab = Box(10.0, 10.0, 1.0)  # Drake has no distance of half space and cylinder
+                X_WF = RigidTransform([0.0, 0.0, floor - 0.5])
+                material = CoulombFriction(0.5, 0.5)
+                plant.RegisterCollisionGeometry(plant.world_body(), X_WF, slab, "floor", material)
+            if workpiece is not None:
+                add_workpiece(plant, workpiece)
+
+        self._shapes = shapes = ArmShapes(robot, add)
         self._piece = {
             geometry
-            for geometry in self._body
-            if workpiece is not None and self._inspector.GetName(geometry).endswith("workpiece")
+            for geometry in shapes.body
+            if workpiece is not None and shapes.name(geometry) == "workpiece"
         }
-        tool = parts.frame_E.body()
-        if parts.tool_weld is not None:
-            tool = plant.get_joint(parts.tool_weld).child_body()
         self._may_touch_piece = {
             geometry
-            for geometry, body in self._body.items()
-            if body.index() == tool.index() or self._level.get(body.index(), 0) == 0
+            for geometry, body in shapes.body.items()
+            if body.index() == shapes.tool.index() or shapes.level.get(body.index(), 0) == 0
         }
         self.margin = margin
         self._required: dict[tuple[Any, Any], float] = {}
         overlapping: list[str] = []
         wrist: dict[tuple[Any, Any], float] = {}
-        for pair in self._pairs(robot.home, 1.5 * INFLUENCE):
+        for pair in self._shapes.pairs(robot.home, 1.5 * INFLUENCE):
             key = (pair.id_A, pair.id_B)
             if not self._piece.isdisjoint(key):
                 continue
-            first, second = (self._level[self._body[shape].index()] for shape in key)
+            first, second = (self._shapes.level[self._shapes.body[shape].index()] for shape in key)
             if first == second:
                 self._required[key] = -np.inf
             elif pair.distance <= 0.0:
                 self._required[key] = -np.inf
-                overlapping.append(" and ".join(self._name(shape) for shape in key))
+                overlapping.append(" and ".join(self._shapes.name(shape) for shape in key))
             else:
                 self._required[key] = min(margin, 0.5 * pair.distance)
                 if abs(first - second) <= 2:
@@ -129,10 +107,10 @@ class Clearance:
         near: dict[str, float] = {}
         for key, required in self._required.items():
             if np.isfinite(required) and required < margin:
-                names = " and ".join(self._name(shape) for shape in key)
+                names = " and ".join(self._shapes.name(shape) for shape in key)
                 near[names] = min(required, near.get(names, np.inf))
         self.near_at_home = tuple(near.items())
-        self.has_shapes = len(self._body) > (0 if floor is None else 1)
+        self.has_shapes = len(self._shapes.body) > (0 if floor is None else 1)
         self._speed_radius = _speed_radius(robot)
 
     def _drop_always_clear(self, robot: Robot, pairs: dict[tuple[Any, Any], float]) -> None:
@@ -146,7 +124,7 @@ class Clearance:
         )
         nearest = dict(pairs)
         for q in rng.uniform(low, high, (300 if pairs else 0, robot.num_joints)):
-            for pair in self._pairs(q, max(pairs.values())):
+            for pair in self._shapes.pairs(q, max(pairs.values())):
                 key = (pair.id_A, pair.id_B)
                 if key in nearest:
                     nearest[key] = min(nearest[key], pair.distance)
@@ -157,9 +135,13 @@ class Clearance:
     def reaches_floor(self, q: ArrayLike) -> bool:
         """Whether a moving shape touches the floor at q (n,), at home or not."""
         return any(
-            pair.distance <= 0.0 and "floor" in (self._name(pair.id_A), self._name(pair.id_B))
-            for pair in self._pairs(q, 1e-3)
-            if any(self._level[self._body[shape].index()] for shape in (pair.id_A, pair.id_B))
+            pair.distance <= 0.0
+            and "floor" in (self._shapes.name(pair.id_A), self._shapes.name(pair.id_B))
+            for pair in self._shapes.pairs(q, 1e-3)
+            if any(
+                self._shapes.level[self._shapes.body[shape].index()]
+                for shape in (pair.id_A, pair.id_B)
+            )
         )
 
     def is_free(self, q: ArrayLike) -> bool:
@@ -169,16 +151,18 @@ class Clearance:
     def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[tuple[float, ClosestPair]]:
         """Slack (m) of each pair of shapes within `influence` at q (n,), with its names."""
         out = []
-        for pair in self._pairs(q, influence):
+        for pair in self._shapes.pairs(q, influence):
             slack = pair.distance - self._requirement(pair)
             if np.isfinite(slack):
-                names = self._name(pair.id_A), self._name(pair.id_B)
+                names = self._shapes.name(pair.id_A), self._shapes.name(pair.id_B)
                 out.append((slack, ClosestPair(*names, pair.distance, slack, 0.0)))
         return out
 
     def slack(self, q: ArrayLike) -> float:
         """Smallest slack at q (n,), m; INFLUENCE where nothing is near."""
-        found = [pair.distance - self._requirement(pair) for pair in self._pairs(q, INFLUENCE)]
+        found = [
+            pair.distance - self._requirement(pair) for pair in self._shapes.pairs(q, INFLUENCE)
+        ]
         return float(min([INFLUENCE, *found]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
@@ -188,8 +172,8 @@ class Clearance:
         INFLUENCE. A pair that must keep less than the margin, as the parts of a wrist, counts in
         its own measure, margin / required: what a caller keeps in reserve then fits it too.
         """
-        plant, context = self._plant, self._plant_context
-        pairs = [p for p in self._pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
+        plant, context = self._shapes.plant, self._shapes.context
+        pairs = [p for p in self._shapes.pairs(q, INFLUENCE) if np.isfinite(self._requirement(p))]
         required = np.array([self._requirement(pair) for pair in pairs] + [self.margin])
         scale = np.clip(self.margin / np.maximum(required, 1e-9), 1.0, _LARGEST_SCALE)
         distance = np.array([pair.distance for pair in pairs] + [INFLUENCE + self.margin])
@@ -204,13 +188,13 @@ class Clearance:
             if part < 1e-6:
                 continue
             for sign, shape, point in ((1.0, pair.id_A, pair.p_ACa), (-1.0, pair.id_B, pair.p_BCb)):
-                frame = self._body[shape].body_frame()
-                X_FG = self._inspector.GetPoseInFrame(shape)
+                frame = self._shapes.body[shape].body_frame()
+                X_FG = self._shapes.inspector.GetPoseInFrame(shape)
                 J = plant.CalcJacobianTranslationalVelocity(
                     context, JacobianWrtVariable.kQDot, frame, X_FG @ point, world, world
                 )
                 gradient += part * sign * (pair.nhat_BA_W @ J)
-        return lowest - float(np.log(total)) / SHARPNESS, gradient[self._order]
+        return lowest - float(np.log(total)) / SHARPNESS, gradient[self._shapes.order]
 
     def certify(
         self,
@@ -267,20 +251,6 @@ class Clearance:
             stack += [(start, middle, first, value), (middle, end, value, last)]
         return clear, worst[0] if worst else None
 
-    def _name(self, geometry: Any) -> str:
-        """Of the link; of what belongs to none, the shape's own."""
-        body = self._body[geometry]
-        if body.index() == self._plant.world_body().index():
-            return str(self._inspector.GetName(geometry)).split("::")[-1]
-        return str(body.name())
-
-    def _pairs(self, q: ArrayLike, influence: float) -> list[Any]:
-        positions = np.zeros(self._plant.num_positions())
-        positions[self._order] = np.asarray(q, np.float64)
-        self._plant.SetPositions(self._plant_context, positions)
-        query = self._query.Eval(self._plant_context)
-        return list(query.ComputeSignedDistancePairwiseClosestPoints(influence))
-
     def _requirement(self, pair: Any) -> float:
         key = (pair.id_A, pair.id_B)
         if not self._piece.isdisjoint(key):
@@ -288,60 +258,6 @@ class Clearance:
                 self.margin if self._may_touch_piece.isdisjoint(set(key) - self._piece) else -np.inf
             )
         return self._required.get(key, self.margin)
-
-
-def workpiece_clearance(robot: Robot, workpiece: PlateConfig | BladeConfig, q: ArrayLike) -> float:
-    """Smallest distance (m) of the links, but for the tool, from a workpiece, over q (N, n).
-
-    A blade counts as its convex hull. Negative where they overlap.
-    """
-    nearest, tool = workpiece_distances(robot, workpiece, q)
-    return min((own for link, own in nearest.items() if link != tool), default=np.inf)
-
-
-def workpiece_distances(
-    robot: Robot, workpiece: PlateConfig | BladeConfig, q: ArrayLike
-) -> tuple[dict[str, float], str]:
-    """Smallest distance (m) from a workpiece over q (N, n) of each link that has a shape.
-
-    As `workpiece_clearance`; with it the name of the link that is the tool.
-    """
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    parts = robot.add_to_plant(plant, hulls=True)
-    if isinstance(workpiece, BladeConfig):
-        add_blade(plant, workpiece)
-    else:
-        add_plate(plant, workpiece)
-    plant.Finalize()
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    plant_context = plant.GetMyMutableContextFromRoot(context)
-    inspector = scene_graph.model_inspector()
-    tool = parts.frame_E.body() if parts.tool_weld is None else None
-    if tool is None:
-        tool = plant.get_joint(parts.tool_weld).child_body()
-    links = {
-        geometry: plant.get_body(index).name()
-        for index in plant.GetBodyIndices(parts.model_instance)
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
-    }
-    piece = [
-        geometry
-        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-        if inspector.GetName(geometry).endswith("workpiece")
-    ]
-    order = [joint.position_start() for joint in parts.joints]
-    positions, nearest = np.zeros(plant.num_positions()), dict.fromkeys(links.values(), np.inf)
-    for row in np.atleast_2d(np.asarray(q, np.float64)):
-        positions[order] = row
-        plant.SetPositions(plant_context, positions)
-        query = plant.get_geometry_query_input_port().Eval(plant_context)
-        for geometry, link in links.items():
-            for other in piece:
-                pair = query.ComputeSignedDistancePairClosestPoints(geometry, other)
-                nearest[link] = min(nearest[link], float(pair.distance))
-    return nearest, str(tool.name())
 
 
 def _speed_radius(robot: Robot) -> Array:

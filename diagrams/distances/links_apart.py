@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from wrenchsight.diagrams.distances.clearance import workpiece_distances
+from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.distances.machining_way import postures_of_pass
 from wrenchsight.diagrams.scenario import PlateConfig, Scenario
+from wrenchsight.diagrams.workpiece import add_plate
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.robot.robot import Robot
@@ -27,5 +28,12 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
         parts = postures_of_pass(robot, plan, machining.phases)
     except InputError:
         return frozenset()
-    nearest, _ = workpiece_distances(robot, plate, np.vstack(list(parts.values())))
-    return frozenset(link for link, distance in nearest.items() if distance > KEPT)
+    shapes = ArmShapes(robot, lambda plant: add_plate(plant, plate))
+    links = {
+        shapes.name(shape)
+        for shape, body in shapes.body.items()
+        if body.model_instance() == shapes.parts.model_instance
+    }
+    pairs = (pair for q in np.vstack(list(parts.values())) for pair in shapes.pairs(q, KEPT))
+    names = ({shapes.name(pair.id_A), shapes.name(pair.id_B)} for pair in pairs)
+    return frozenset(links.difference(*(both for both in names if "workpiece" in both)))

@@ -10,21 +10,30 @@ A plant with SceneGraph answers how near they come to each other. Which pairs co
   to touch it.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.geometry import Box, CollisionFilterDeclaration, GeometrySet, Role
+from pydrake.geometry import (
+    Box,
+    CollisionFilterDeclaration,
+    GeometrySet,
+    ProximityProperties,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.inverse_kinematics import MinimumDistanceLowerBoundConstraint
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
-from pydrake.systems.framework import DiagramBuilder
 
+from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.placement.placement_descent import PlacementBatch
-from wrenchsight.models.placement.placement_program import quaternion_from, rotation_of
+from wrenchsight.models.placement.placement_program import (
+    PlacementBatch,
+    quaternion_from,
+    rotation_of,
+)
 from wrenchsight.models.placement.placement_task import ClearanceConfig, ObstacleConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
@@ -36,17 +45,6 @@ FLOOR = "floor"  # the name of the obstacle that the robot stands on
 # m that margins require beyond the distance, for what happens between the points; distances are
 # exact to some micrometres.
 PAD = 1e-3
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """A plant with SceneGraph, its context, and where the workpiece's pose stands in q."""
-
-    diagram: Any
-    plant: MultibodyPlant
-    context: Any
-    diagram_context: Any
-    workpiece: bool
 
 
 class PlacementCell:
@@ -61,29 +59,20 @@ class PlacementCell:
     """
 
     def __init__(self, robot: Robot, config: ClearanceConfig) -> None:
-        self._robot, self._config = robot, config
-        self._parts, self.notices = _build(robot, config)
+        self._config = config
+        self._shapes = shapes = ArmShapes(robot, lambda plant: _add_surroundings(plant, config))
+        self.notices = tuple(_filter(robot, config, shapes))
         self._constraint = MinimumDistanceLowerBoundConstraint(
-            self._parts.plant, config.distance + PAD, self._parts.context, None, _INFLUENCE
+            shapes.plant, config.distance + PAD, shapes.context, None, _INFLUENCE
         )
         self._upper = float(self._constraint.upper_bound()[0])
-
-    @property
-    def distance(self) -> float:
-        """Distance to keep, m."""
-        return self._config.distance
-
-    def margins(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
-        """(k + 1,) smooth margins, 0 or more where the clearance is kept."""
-        pose = self._workpiece_pose(n_W, p_WM, quaternion)
-        return np.array(
-            [self._upper - self._constraint.Eval(np.concatenate([row, pose]))[0] for row in q]
-        )
 
     def margins_and_gradients(
         self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
     ) -> tuple[Array, Array]:
-        """Margins (k + 1,) and gradients (k + 1, n + 10) by q_i, n_W, p_WM, quaternion."""
+        """Smooth margins (k + 1,), 0 or more where the clearance is kept, and their gradients
+        (k + 1, n + 10) by q_i, n_W, p_WM, quaternion.
+        """
         n = q.shape[1]
         pose = self._workpiece_pose(n_W, p_WM, quaternion)
         gradient = np.zeros((n + len(pose), n + 10))
@@ -129,38 +118,24 @@ class PlacementCell:
 
     def distances(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
         """(N,) the smallest distance of any pair at each posture q (N, n), m; at most 1 m."""
-        parts = self._parts
         pose = self._workpiece_pose(n_W, p_WM, quaternion)
-        port = parts.plant.get_geometry_query_input_port()
-        smallest = np.ones(len(q))
-        for i, row in enumerate(q):
-            parts.plant.SetPositions(parts.context, np.concatenate([row, pose]))
-            query = port.Eval(parts.context)
-            pairs = query.ComputeSignedDistancePairwiseClosestPoints(1.0)
-            smallest[i] = min((pair.distance for pair in pairs), default=1.0)
-        return smallest
+        found = ((pair.distance for pair in self._shapes.pairs(row, 1.0, pose)) for row in q)
+        return np.array([min(distances, default=1.0) for distances in found])
 
     def closest(
         self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
     ) -> tuple[float, int, str, str]:
         """Smallest distance, m, the index of its posture and the names of the two bodies."""
         index = int(np.argmin(self.distances(q, n_W, p_WM, quaternion)))
-        parts = self._parts
-        pose = self._workpiece_pose(n_W, p_WM, quaternion)
-        parts.plant.SetPositions(parts.context, np.concatenate([q[index], pose]))
-        query = parts.plant.get_geometry_query_input_port().Eval(parts.context)
-        pairs = query.ComputeSignedDistancePairwiseClosestPoints(1.0)
+        pairs = self._shapes.pairs(q[index], 1.0, self._workpiece_pose(n_W, p_WM, quaternion))
         if not pairs:
             return 1.0, index, "", ""
         pair = min(pairs, key=lambda p: float(p.distance))
-        inspector = query.inspector()
-        names = [
-            _body_name(parts.plant, inspector, geometry) for geometry in (pair.id_A, pair.id_B)
-        ]
-        return float(pair.distance), index, names[0], names[1]
+        first, second = self._shapes.name(pair.id_A), self._shapes.name(pair.id_B)
+        return float(pair.distance), index, first, second
 
     def _workpiece_pose(self, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
-        if not self._parts.workpiece:
+        if self._config.workpiece is None:
             return np.empty(0)
         R = workpiece_rotation(n_W, quaternion)
         return np.concatenate([quaternion_from(R), p_WM])
@@ -226,146 +201,81 @@ def _cross_matrix(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def _build(robot: Robot, config: ClearanceConfig) -> tuple[_Parts, tuple[str, ...]]:
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
-    robot_parts = robot.add_to_plant(plant, hulls=True)
-    world = plant.world_body()
+def _add_surroundings(plant: MultibodyPlant, config: ClearanceConfig) -> None:
+    world, nothing = plant.world_body(), ProximityProperties()
     for obstacle in config.obstacles:
-        plant.RegisterCollisionGeometry(
-            world, pose_of(obstacle.pose), Box(*obstacle.size), obstacle.name, _properties()
-        )
+        X_WO, shape = pose_of(obstacle.pose), Box(*obstacle.size)
+        plant.RegisterCollisionGeometry(world, X_WO, shape, obstacle.name, nothing)
     if config.workpiece is not None:
         size = config.workpiece.size
-        body = plant.AddRigidBody(
-            "workpiece",
-            plant.AddModelInstance("workpiece"),
-            SpatialInertia(1.0, np.zeros(3), UnitInertia(1.0, 1.0, 1.0)),
-        )
-        plant.RegisterCollisionGeometry(
-            body,
-            RigidTransform([0.0, 0.0, -0.5 * size[2]]),
-            Box(*size),
-            "workpiece",
-            _properties(),
-        )
-    plant.Finalize()
-    notices = _filter(robot, config, plant, scene_graph, robot_parts)
-    diagram = builder.Build()
-    diagram_context = diagram.CreateDefaultContext()
-    context = plant.GetMyMutableContextFromRoot(diagram_context)
-    parts = _Parts(diagram, plant, context, diagram_context, config.workpiece is not None)
-    return parts, tuple(notices)
+        inertia = SpatialInertia(1.0, np.zeros(3), UnitInertia(1.0, 1.0, 1.0))
+        body = plant.AddRigidBody("workpiece", plant.AddModelInstance("workpiece"), inertia)
+        X_PG = RigidTransform([0.0, 0.0, -0.5 * size[2]])
+        plant.RegisterCollisionGeometry(body, X_PG, Box(*size), "workpiece", nothing)
 
 
-def _properties() -> Any:
-    from pydrake.geometry import ProximityProperties
-
-    return ProximityProperties()
-
-
-def _body_name(plant: MultibodyPlant, inspector: Any, geometry: Any) -> str:
-    body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-    if body.index() == plant.world_body().index():
-        return str(inspector.GetName(geometry)).split("::")[-1]
-    return str(body.name())
-
-
-def _filter(
-    robot: Robot, config: ClearanceConfig, plant: MultibodyPlant, scene_graph: Any, parts: Any
-) -> list[str]:
+def _filter(robot: Robot, config: ClearanceConfig, shapes: ArmShapes) -> list[str]:
     """Leaves out the pairs that do not count; returns sentences about it."""
+    plant, level = shapes.plant, shapes.level
+
+    def leave_out(first: Sequence[Any], second: Sequence[Any]) -> None:
+        if first and second:
+            pair = GeometrySet(first), GeometrySet(second)
+            shapes.filters.Apply(CollisionFilterDeclaration().ExcludeBetween(*pair))
+
     notices = []
-    filters = scene_graph.collision_filter_manager()
-    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(parts.model_instance)]
-    shapes = {body.name(): plant.GetCollisionGeometriesForBody(body) for body in bodies}
-    moving = [body for body in bodies if shapes[body.name()]]
-    if not moving:
+    bodies = [plant.get_body(i) for i in plant.GetBodyIndices(shapes.parts.model_instance)]
+    own = {body.name(): plant.GetCollisionGeometriesForBody(body) for body in bodies}
+    if not any(own.values()):
         notices.append(f"{robot.name} has no collision shapes: only the tool's place is looked at")
     if robot.unusable_collisions:
         notices.append(
             "collision shapes cannot be used, so that no clearance is claimed: "
             + ", ".join(robot.unusable_collisions)
         )
-    inspector = scene_graph.model_inspector()
     if config.workpiece is not None:
         board = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("workpiece"))
-        fixed = [
-            geometry
-            for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-            if plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).index()
-            == plant.world_body().index()
-        ]
-        if fixed:  # the workpiece lies on a table or is held over it
-            filters.Apply(
-                CollisionFilterDeclaration().ExcludeBetween(GeometrySet(board), GeometrySet(fixed))
-            )
-        working = _working_shapes(plant, parts, inspector)
-        if working:
-            filters.Apply(
-                CollisionFilterDeclaration().ExcludeBetween(
-                    GeometrySet(working), GeometrySet(board)
-                )
-            )
-    level = _levels(plant, parts)
-    floor = [
-        geometry
-        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-        if _body_name(plant, inspector, geometry) == FLOOR
-    ]
-    first = [shapes[body.name()] for body in moving if level[body.index()] == 1]
-    if floor and first:
-        filters.Apply(
-            CollisionFilterDeclaration().ExcludeBetween(
-                GeometrySet(floor), GeometrySet([shape for own in first for shape in own])
-            )
-        )
-    near = _near_at_home(robot, config.distance)
-    for i, first in enumerate(bodies):
-        for second in bodies[i + 1 :]:
-            apart = abs(level[first.index()] - level[second.index()])
-            if apart > 2 or not (shapes[first.name()] and shapes[second.name()]):
+        world = plant.world_body().index()
+        # The workpiece lies on a table or is held over it.
+        leave_out(board, [shape for shape, body in shapes.body.items() if body.index() == world])
+        leave_out(_working_shapes(shapes), board)
+    floor = [shape for shape in shapes.body if shapes.name(shape) == FLOOR]
+    first = [shape for body in bodies if level[body.index()] == 1 for shape in own[body.name()]]
+    leave_out(floor, first)
+    at_home = ArmShapes(robot)
+    near = {
+        frozenset((at_home.name(pair.id_A), at_home.name(pair.id_B)))
+        for pair in at_home.pairs(robot.home, max(config.distance, 1e-6))
+    }
+    for one, other in combinations(bodies, 2):
+        apart = abs(level[one.index()] - level[other.index()])
+        names = one.name(), other.name()
+        if apart > 2 or not (own[names[0]] and own[names[1]]):
+            continue
+        if apart == 2:
+            if frozenset(names) not in near:
                 continue
-            if apart == 2:
-                if (first.name(), second.name()) not in near:
-                    continue
-                notices.append(
-                    f"{first.name()} and {second.name()} are nearer than "
-                    f"{1e3 * config.distance:g} mm at home, two joints apart: by construction, "
-                    "not looked at"
-                )
-            filters.Apply(
-                CollisionFilterDeclaration().ExcludeBetween(
-                    GeometrySet(shapes[first.name()]), GeometrySet(shapes[second.name()])
-                )
+            notices.append(
+                f"{names[0]} and {names[1]} are nearer than {1e3 * config.distance:g} mm at home, "
+                "two joints apart: by construction, not looked at"
             )
+        leave_out(own[names[0]], own[names[1]])
     return notices
 
 
-def _levels(plant: MultibodyPlant, parts: Any) -> dict[Any, int]:
-    """How many joints lie below each body of the robot, by its index."""
-    level = {body.index(): 0 for body in plant.GetBodiesWeldedTo(plant.world_body())}
-    for number, joint in enumerate(parts.joints):
-        for body in plant.GetBodiesWeldedTo(joint.child_body()):
-            level[body.index()] = number + 1
-    return level
-
-
-def _working_shapes(plant: MultibodyPlant, parts: Any, inspector: Any) -> list[Any]:
+def _working_shapes(shapes: ArmShapes) -> list[Any]:
     """Shapes fixed to E whose surface E lies on."""
+    plant, frame_E = shapes.plant, shapes.parts.frame_E
     context = plant.CreateDefaultContext()
-    tool = parts.frame_E.body()
-    welded = {body.index() for body in plant.GetBodiesWeldedTo(tool)}
-    X_WE = parts.frame_E.CalcPoseInWorld(context)
+    X_WE = frame_E.CalcPoseInWorld(context)
+    welded = {body.index() for body in plant.GetBodiesWeldedTo(frame_E.body())}
     working = []
-    for index in welded:
-        body = plant.get_body(index)
-        X_WB = body.EvalPoseInWorld(context)
-        for geometry in plant.GetCollisionGeometriesForBody(body):
-            X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
+    for shape, body in shapes.body.items():
+        if body.index() in welded:
+            X_WG = body.EvalPoseInWorld(context) @ shapes.inspector.GetPoseInFrame(shape)
             p_GE = X_WG.inverse() @ X_WE.translation()
-            if abs(_surface_distance(inspector.GetShape(geometry), p_GE)) < _TOUCHING:
-                working.append(geometry)
+            if abs(_surface_distance(shapes.inspector.GetShape(shape), p_GE)) < _TOUCHING:
+                working.append(shape)
     return working
 
 
@@ -381,22 +291,3 @@ def _surface_distance(shape: Any, p: Array) -> float:
     if kind == "Box":
         return float(np.max(np.abs(p) - 0.5 * np.asarray(shape.size())))
     return float("inf")
-
-
-def _near_at_home(robot: Robot, distance: float) -> set[tuple[str, str]]:
-    """Names, either way round, of the robot's bodies that are nearer than this at home."""
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
-    parts = robot.add_to_plant(plant, hulls=True)
-    plant.Finalize()
-    diagram = builder.Build()
-    root = diagram.CreateDefaultContext()
-    context = plant.GetMyMutableContextFromRoot(root)
-    plant.SetPositions(context, parts.model_instance, robot.home)
-    query = plant.get_geometry_query_input_port().Eval(context)
-    inspector = query.inspector()
-    found = set()
-    for pair in query.ComputeSignedDistancePairwiseClosestPoints(max(distance, 1e-6)):
-        a, b = (_body_name(plant, inspector, geometry) for geometry in (pair.id_A, pair.id_B))
-        found |= {(a, b), (b, a)}
-    return found

@@ -14,11 +14,8 @@ and slack are held at samples; `analyses.methods.planning.excitation` checks the
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
 from wrenchsight.models.arrays import Array
@@ -30,6 +27,7 @@ from wrenchsight.models.excitation.fourier_trajectory import (
     fourier_basis,
 )
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.autodiff import differentiable
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -294,54 +292,45 @@ class ExcitationProgram:
         everything = x.ravel()
         most = np.full(self.chain.num_joints * len(self._basis[0][self._torque_rows]), 1.0)
         most -= self._reserve[1]
-        program.AddConstraint(self._torque, -most, most, everything)
+        program.AddConstraint(differentiable(self._torque), -most, most, everything)
         if self._slack is not None:
             count = len(self._basis[0][self._coarse])
             least = np.full(count, self._reserve[0])
-            program.AddConstraint(self._slacks, least, np.full(count, np.inf), everything)
-        program.AddCost(self._cost, vars=everything)
+            most = np.full(count, np.inf)
+            program.AddConstraint(differentiable(self._slacks), least, most, everything)
+        cost = differentiable(self._cost)
+        program.AddCost(lambda x: cost(x)[0], vars=everything)
 
-    def _cost(self, variables: NDArray[Any]) -> Any:
-        x, seed = _values(variables)
+    def _cost(self, x: Array) -> tuple[Array, Array]:
         x = x.reshape(self._x.shape)
         motion = [basis @ x.T for basis in self._basis]
         value, *by_motion = self.information.cost(self.measure, *motion)
-        if seed is None:
-            return value
         self._evaluations += 1
         self._watch(self._evaluations, value)
         gradient = sum(by.T @ basis for by, basis in zip(by_motion, self._basis, strict=True))
-        return _with_gradient(seed, np.array([value]), np.asarray(gradient).reshape(1, -1))[0]
+        return np.array([value]), np.asarray(gradient).reshape(1, -1)
 
-    def _torque(self, variables: NDArray[Any]) -> Any:
+    def _torque(self, x: Array) -> tuple[Array, Array]:
         """Torque over its limit, sample by sample."""
-        x, seed = _values(variables)
-        n, width = self._x.shape
         bases = [basis[self._torque_rows] for basis in self._basis]
-        q, v, vdot = (basis @ x.reshape(n, width).T for basis in bases)
+        q, v, vdot = (basis @ x.reshape(self._x.shape).T for basis in bases)
         tau = self.chain.inverse_dynamics(q, v, vdot) / self.bounds.torque
-        if seed is None:
-            return tau.ravel()
+        n = self.chain.num_joints
         by = torque_gradients(self.chain, q, v, vdot)  # (N, n, 3 n)
         gradient = sum(
             by[:, :, i * n : (i + 1) * n, None] * basis[:, None, None, :]
             for i, basis in enumerate(bases)
         )
         gradient = np.asarray(gradient) / self.bounds.torque[:, None, None]
-        return _with_gradient(seed, tau.ravel(), gradient.reshape(tau.size, -1))
+        return tau.ravel(), gradient.reshape(tau.size, -1)
 
-    def _slacks(self, variables: NDArray[Any]) -> Any:
-        x, seed = _values(variables)
-        n, width = self._x.shape
+    def _slacks(self, x: Array) -> tuple[Array, Array]:
         basis = self._basis[0][self._coarse]
         assert self._slack is not None
-        found = [self._slack(q) for q in basis @ x.reshape(n, width).T]
-        slack = np.array([value for value, _ in found])
-        if seed is None:
-            return slack
+        found = [self._slack(q) for q in basis @ x.reshape(self._x.shape).T]
         by_q = np.array([gradient for _, gradient in found])
         gradient = by_q[:, :, None] * basis[:, None, :]
-        return _with_gradient(seed, slack, gradient.reshape(len(slack), -1))
+        return np.array([value for value, _ in found]), gradient.reshape(len(found), -1)
 
 
 def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Array:
@@ -359,16 +348,3 @@ def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Arr
     ).reshape(len(q), 6 * n, n)
     slopes = (tau[:, : 3 * n] - tau[:, 3 * n :]) / (2.0 * steps[:, None])
     return np.asarray(slopes.transpose(0, 2, 1))
-
-
-def _values(x: NDArray[Any]) -> tuple[Array, Array | None]:
-    """Numbers of x, and what they are differentiated by; None for plain numbers."""
-    if x.dtype != object:
-        return np.asarray(x, dtype=np.float64), None
-    return np.asarray(ExtractValue(x), dtype=np.float64).ravel(), np.asarray(ExtractGradient(x))
-
-
-def _with_gradient(seed: Array, values: Array, gradient: Array) -> Any:
-    if seed.shape[0] != seed.shape[1] or not np.array_equal(seed, np.eye(len(seed))):
-        gradient = gradient @ seed
-    return InitializeAutoDiff(values[:, np.newaxis], gradient)[:, 0]

@@ -11,12 +11,9 @@ which is eq. 19 where the accelerations are opposite too (eq. 16): M vdot. Half 
 
 is the part of friction that eq. 15 neglects (plus the error of the model's gravity).
 
-`reversal_motion` plans such passes. A motion q(t) = phi + p(t) with p(t + T/2) = -p(t) passes phi
-half a period later with opposite velocity and opposite acceleration:
-
-    p(t) = (speed / w) sin(w t) + acceleration / (8 w^2) [cos(w t) - cos(3 w t)],   w = 2 pi / T
-
-passes it with any chosen speed, however small, and any acceleration.
+`reversal_motion` plans such passes: q(t) = phi + (speed / w) sin(w t), w = 2 pi / T, passes phi
+with any chosen speed, however small, and half a period later with the opposite one, both times
+without acceleration.
 """
 
 from collections.abc import Sequence
@@ -58,11 +55,6 @@ class ReversalSamples:
     symmetric: Array
     asymmetric: Array
 
-    @property
-    def asymmetric_share(self) -> float:
-        """RMS of the asymmetric part over RMS of the symmetric one."""
-        return float(np.sqrt(np.mean(self.asymmetric**2) / np.mean(self.symmetric**2)))
-
     def friction(self) -> tuple[Array, Array]:
         """Velocities and friction torques (2 K,) of both directions."""
         v = np.concatenate([self.speed, -self.speed])
@@ -71,94 +63,49 @@ class ReversalSamples:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ReversalMotion:
-    """A planned motion.
-
-    Attributes:
-        direction: (n,) share of the motion that each joint makes.
-        trajectory: at rest at both ends.
-        crossings: (K, 2) s, the two passes of each pair.
-        posture: (n,) rad, where they meet.
-        speed: (K,) rad/s planned there, times direction.
-        acceleration: (K,) rad/s^2 planned there at the first pass, times direction; the second has
-            its opposite.
-    """
-
-    direction: Array
-    trajectory: JointTrajectory
-    crossings: Array
-    posture: Array
-    speed: Array
-    acceleration: Array
-
-
 def reversal_motion(
-    robot: Robot,
-    direction: ArrayLike,
-    posture: ArrayLike,
-    speeds: ArrayLike,
-    accelerations: ArrayLike = (0.0, 1.0),
-    period: float = 2.0,
-) -> ReversalMotion:
-    """Plans passes through a posture, both ways, at every speed and acceleration.
+    robot: Robot, direction: ArrayLike, posture: ArrayLike, speeds: ArrayLike, period: float = 2.0
+) -> JointTrajectory:
+    """Plans passes through a posture, both ways, at every speed; at rest at both ends.
 
-    One joint moves, or several together: then all their velocities and accelerations are opposite
-    at the two passes, so that each joint's friction separates from one motion.
-
-    Each pair takes two periods: one in which the motion changes smoothly from what it was, and one
-    that holds the passes at its start, middle and end.
+    Joints that move together pass it with opposite velocities, so that the friction of each
+    separates from one motion. Speed k (from 0 on) takes two periods: one in which the motion
+    changes smoothly from what it was, and one that holds the passes at its start,
+    (2 k + 1) period, its middle and its end.
 
     Args:
         robot: sets the limits.
-        direction: index of the joint that moves, or (n,) share of the motion that each makes.
+        direction: (n,) share of the motion that each joint makes.
         posture: (n,) rad, where the passes meet.
         speeds: rad/s, positive, times direction.
-        accelerations: rad/s^2, of the first pass of a pair, times direction.
         period: s.
 
     Raises:
         InputError: a posture or motion beyond the joint's limits, or a speed that is not positive.
     """
-    posture = np.asarray(posture, dtype=np.float64)
-    way = np.asarray(direction, dtype=np.float64)
-    if way.ndim == 0:
-        way = np.eye(robot.num_joints)[int(way)]
-    name = ", ".join(robot.joint_names[j] for j in np.flatnonzero(way))
-    levels = [
-        (float(s), float(a))
-        for s in np.atleast_1d(np.asarray(speeds, float))
-        for a in np.atleast_1d(np.asarray(accelerations, float))
-    ]
-    if posture.shape != (robot.num_joints,) or way.shape != posture.shape or not levels:
+    posture, way = np.asarray(posture, np.float64), np.asarray(direction, np.float64)
+    levels = np.atleast_1d(np.asarray(speeds, np.float64))
+    if posture.shape != (robot.num_joints,) or way.shape != posture.shape or not len(levels):
         problem = f"expected a posture and a direction of {robot.num_joints} joints, and a speed"
         raise InputError("reversal", "", problem)
-    if any(not (np.isfinite(s) and s > 0.0 and np.isfinite(a)) for s, a in levels):
-        raise InputError("reversal", name, "speeds must be positive, accelerations finite")
+    if not np.all(np.isfinite(levels) & (levels > 0.0)):
+        name = ", ".join(robot.joint_names[j] for j in np.flatnonzero(way))
+        raise InputError("reversal", name, "speeds must be positive")
     omega = 2.0 * np.pi / period
-    # Amplitudes of the two shapes at the end of each period; the motion starts and ends at rest.
-    ends = np.array([(0.0, 0.0)] + [(s / omega, a / (8.0 * omega**2)) for s, a in levels])
-    steps = np.vstack([np.repeat(ends, 2, axis=0)[1:], [[0.0, 0.0], [0.0, 0.0]]])
-    steps = steps[: 2 * len(levels) + 2]
+    # Amplitudes at the end of each period; the motion starts and ends at rest.
+    ends = np.append(0.0, levels / omega)
+    steps = np.append(np.repeat(ends, 2)[1:], 0.0)
     count = len(steps) - 1
     t = np.arange(round(count * period / TIME_STEP) + 1) * TIME_STEP
     index = np.minimum((t / period).astype(int), count - 1)
     u = t / period - index
-    fade = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    dfade = 30.0 * u**2 * (1.0 - u) ** 2 / period
-    d2fade = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / period**2
     change = steps[index + 1] - steps[index]
-    size = steps[index] + change * fade[:, None]
-    rate, bend = change * dfade[:, None], change * d2fade[:, None]
-    phase = omega * t
-    shape = np.stack([np.sin(phase), np.cos(phase) - np.cos(3.0 * phase)], axis=1)
-    dshape = omega * np.stack([np.cos(phase), 3.0 * np.sin(3.0 * phase) - np.sin(phase)], axis=1)
-    d2shape = omega**2 * np.stack(
-        [-np.sin(phase), 9.0 * np.cos(3.0 * phase) - np.cos(phase)], axis=1
-    )
-    p = (size * shape).sum(axis=1)
-    dp = (rate * shape + size * dshape).sum(axis=1)
-    d2p = (bend * shape + 2.0 * rate * dshape + size * d2shape).sum(axis=1)
+    size = steps[index] + change * (u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
+    rate = change * (30.0 * u**2 * (1.0 - u) ** 2 / period)
+    bend = change * (60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / period**2)
+    s, c = np.sin(omega * t), omega * np.cos(omega * t)
+    p, dp = size * s, rate * s + size * c
+    d2p = bend * s + 2.0 * rate * c + size * (-(omega**2) * s)
     q, v, vdot = (np.asarray(np.outer(x, way), dtype=np.float64) for x in (p, dp, d2p))
     q += posture
     for values, low, high, what in (
@@ -175,16 +122,7 @@ def reversal_motion(
                 f"{low[j]:.3g} and {high[j]:.3g}",
                 "choose a posture farther inside, lower speeds or a shorter period",
             )
-    start = period * (2.0 * np.arange(len(levels)) + 1.0)
-    first = np.stack([start, start + 0.5 * period], axis=1)
-    return ReversalMotion(
-        direction=way,
-        trajectory=JointTrajectory(np.asarray(t, dtype=np.float64), q, v, vdot),
-        crossings=np.vstack([first, first + 0.5 * period]),
-        posture=posture,
-        speed=np.tile([s for s, _ in levels], 2),
-        acceleration=np.concatenate([[a for _, a in levels], [-a for _, a in levels]]),
-    )
+    return JointTrajectory(np.asarray(t, dtype=np.float64), q, v, vdot)
 
 
 def separate(

@@ -17,7 +17,7 @@ from eaik.pybindings.EAIK import Robot as EaikRobot
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.damped_least_squares import approach_poses
+from wrenchsight.models.motion.damped_least_squares import approach
 from wrenchsight.models.motion.path_postures import wrap_within
 from wrenchsight.models.robot.robot import Robot
 
@@ -105,7 +105,7 @@ def all_branches(
     if solver is not None:
         q, row = _from_closed_form(robot, solver, R, p)
         q = _nearest_to_middle(robot, q)
-        reached = _refine(robot, R[row], p[row], q, _POLISH_STEPS, limited=False)
+        left = approach(robot.chain, R[row], p[row], q, _POLISH_STEPS, _ROUNDING)
         q = _nearest_to_middle(robot, q)
     else:
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
@@ -113,7 +113,9 @@ def all_branches(
         row = np.repeat(np.arange(len(p)), starts.shape[1])
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
         q[~np.all(np.isfinite(q), axis=1)] = robot.home
-        reached = _refine(robot, R[row], p[row], q, _SEARCH_STEPS, limited=True)
+        limits = lower, upper
+        left = approach(robot.chain, R[row], p[row], q, _SEARCH_STEPS, _ROUNDING, limits=limits)
+    reached = left < _TOLERANCE
     if turns_of is not None:
         q, row, reached = _with_turns(robot, q, row, reached, turns_of)
     kept = reached & np.all((q >= lower - _AT_LIMIT) & (q <= upper + _AT_LIMIT), axis=1)
@@ -184,24 +186,3 @@ def _by_pose(q: Array, row: NDArray[np.intp], num_poses: int) -> Array:
     out = np.full((num_poses, int(counts.max(initial=0)), q.shape[1]), np.nan)
     out[row, np.arange(len(q)) - first[row]] = q
     return out
-
-
-def _refine(
-    robot: Robot, R: Array, p: Array, q: Array, num_steps: int, *, limited: bool
-) -> NDArray[np.bool_]:
-    """Moves q (M, n) in place towards the poses (M); whether each arrives."""
-    left = np.empty(len(q))
-    approach_poses(
-        robot.chain.table,
-        np.array(robot.position_lower),
-        np.array(robot.position_upper),
-        np.ascontiguousarray(R),
-        np.ascontiguousarray(p),
-        q,
-        num_steps,
-        True,
-        limited,
-        _ROUNDING,
-        left,
-    )
-    return left < _TOLERANCE

@@ -1,4 +1,4 @@
-"""Kernels that bring E to a pose from a posture nearby: damped least squares, to rounding.
+"""Brings E to poses from postures nearby: damped least squares, to rounding.
 
 The step is J^T (J J^T + damping 1)^-1 error (Wampler, 1986). The damping is the square of the error
 and vanishes with it, so that the last steps are Newton's own.
@@ -8,37 +8,20 @@ import math
 
 import numpy as np
 from numba import prange
+from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from wrenchsight.models.rigid_body.rotations import rotation_vector
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
-
-Space = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
-"""Scratch of the kernels: R (3, 3), p (3,), J (6, n), error (6,), step (n,), a matrix (7, 6),
-a rotation (3, 3), and the chain's."""
 
 _LARGEST_DAMPING = 1e-4
 _LONGEST_STEP = 0.5  # rad or m, of a joint in one step
 _SAME = 1e-15  # rad or m; a shorter step changes nothing
 _SINGULAR = 1e-20  # least pivot of the matrix
 _BLOCK = 8  # postures that a thread takes at a time
-
-
-@kernel
-def space_of(n: int) -> Space:
-    """Scratch for a chain of n joints."""
-    return (
-        np.empty((3, 3)),
-        np.empty(3),
-        np.empty((6, n)),
-        np.empty(6),
-        np.empty(n),
-        np.empty((7, 6)),
-        np.empty((3, 3)),
-        np.empty((n, SCRATCH_COLUMNS)),
-    )
 
 
 @kernel
@@ -90,57 +73,41 @@ def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -
     return True
 
 
-@kernel
-def approach_pose(
-    table: Array,
-    lower: Array,
-    upper: Array,
-    R_goal: Array,
-    p_goal: Array,
+def approach(
+    chain: SerialChain,
+    R_WE: ArrayLike,
+    p_WE: ArrayLike,
     q: Array,
     max_steps: int,
-    damped: bool,
-    limited: bool,
     aim: float,
-    space: Space,
-) -> float:
-    """Moves q (n,) in place until the error is below `aim` or the steps are used up.
+    *,
+    limits: tuple[Array, Array] | None = None,
+    damped: bool = True,
+) -> Array:
+    """Moves each q (M, n) in place towards its pose until its error is below `aim`.
 
     Args:
-        table: of SerialChain.
-        lower, upper: (n,) limits that each step keeps to where `limited`; else not read.
+        R_WE, p_WE: (M, 3, 3), and (M, 3) in m.
+        q: contiguous.
+        max_steps: of each.
+        aim: rad and m.
+        limits: lower and upper (n,), that each step keeps to.
         damped: False takes Newton's steps from the start.
 
     Returns:
-        The remaining error, of rad and m; inf where the chain is singular without damping, NaN
+        (M,) the remaining errors, rad and m; inf where the chain is singular without damping, NaN
         where the goal is not finite.
     """
-    R, p, J, error, step, A, turn, scratch = space
-    pose_and_jacobian(table, q, R, p, J, scratch)
-    size = pose_error(R, p, R_goal, p_goal, error, turn)
-    for _ in range(max_steps):
-        if size < aim or not math.isfinite(size):
-            break
-        damping = min(_LARGEST_DAMPING, size * size) if damped else 0.0
-        if not damped_step(J, error, damping, step, A):
-            return math.inf
-        largest = 0.0
-        for j in range(q.shape[0]):
-            largest = max(largest, abs(step[j]))
-        if largest < _SAME:
-            break
-        scale = _LONGEST_STEP / largest if largest > _LONGEST_STEP else 1.0
-        for j in range(q.shape[0]):
-            q[j] += scale * step[j]
-            if limited:
-                q[j] = min(max(q[j], lower[j]), upper[j])
-        pose_and_jacobian(table, q, R, p, J, scratch)
-        size = pose_error(R, p, R_goal, p_goal, error, turn)
-    return size
+    left, endless = np.empty(len(q)), np.full(chain.num_joints, np.inf)
+    lower, upper = (-endless, endless) if limits is None else limits
+    R = np.ascontiguousarray(R_WE, dtype=np.float64)
+    p = np.ascontiguousarray(p_WE, dtype=np.float64)
+    _approach(chain.table, np.array(lower), np.array(upper), R, p, q, max_steps, damped, aim, left)
+    return left
 
 
 @kernel(parallel=True)
-def approach_poses(
+def _approach(
     table: Array,
     lower: Array,
     upper: Array,
@@ -149,25 +116,32 @@ def approach_poses(
     q: Array,
     max_steps: int,
     damped: bool,
-    limited: bool,
     aim: float,
     left: Array,
 ) -> None:
-    """`approach_pose` for many: q (M, n) towards R_goal (M, 3, 3), p_goal (M, 3); errors `left`."""
     M, n = q.shape
     for b in prange((M + _BLOCK - 1) // _BLOCK):
-        space = space_of(n)
+        R, p, turn, J = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((6, n))
+        error, step, A = np.empty(6), np.empty(n), np.empty((7, 6))
+        scratch = np.empty((n, SCRATCH_COLUMNS))
         for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
-            left[m] = approach_pose(
-                table,
-                lower,
-                upper,
-                R_goal[m],
-                p_goal[m],
-                q[m],
-                max_steps,
-                damped,
-                limited,
-                aim,
-                space,
-            )
+            pose_and_jacobian(table, q[m], R, p, J, scratch)
+            size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
+            for _ in range(max_steps):
+                if size < aim or not math.isfinite(size):
+                    break
+                damping = min(_LARGEST_DAMPING, size * size) if damped else 0.0
+                if not damped_step(J, error, damping, step, A):
+                    size = math.inf
+                    break
+                largest = 0.0
+                for j in range(n):
+                    largest = max(largest, abs(step[j]))
+                if largest < _SAME:
+                    break
+                scale = _LONGEST_STEP / largest if largest > _LONGEST_STEP else 1.0
+                for j in range(n):
+                    q[m, j] = min(max(q[m, j] + scale * step[j], lower[j]), upper[j])
+                pose_and_jacobian(table, q[m], R, p, J, scratch)
+                size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
+            left[m] = size

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.motion.damped_least_squares import approach_poses
+from wrenchsight.models.motion.damped_least_squares import approach
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.rigid_body.ties import whole_turns
 
@@ -58,9 +58,9 @@ def track_paths(
             # The joints go on as they went.
             found = previous[rows] + moved * (previous[rows] - before[rows])
             goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
-            good = _reach_all(chain, R_WE[rows], goal, found, _MAX_STEPS, damped=False)
+            left = approach(chain, R_WE[rows], goal, found, _MAX_STEPS, _REACHED, damped=False)
             step = np.abs(found - previous[rows])
-            reached[rows] = good & np.all(step <= max_joint_step, axis=1)
+            reached[rows] = (left < _ARRIVED) & np.all(step <= max_joint_step, axis=1)
             before, previous = previous, previous.copy()
             previous[rows] = q[rows, i] = found
             moved = 2.0 if i == side[0] and k % 2 == 1 else 1.0
@@ -82,7 +82,7 @@ def solve_poses(
         and angles may have made whole turns.
     """
     q = np.array(q_start, dtype=np.float64)
-    return q, _reach_all(chain, R_WE, p_WE, q, _FAR_STEPS, damped=True)
+    return q, approach(chain, R_WE, p_WE, q, _FAR_STEPS, _REACHED) < _ARRIVED
 
 
 def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) -> Array:
@@ -116,9 +116,9 @@ def correct_paths(
     p_WE = p_WM[:, np.newaxis] + along * n_W[:, np.newaxis]
     R = np.broadcast_to(R_WE[:, np.newaxis], (*q.shape[:2], 3, 3)).reshape(-1, 3, 3)
     flat = q.reshape(-1, q.shape[2])
-    reached = _reach_all(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, damped=False)
+    left = approach(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, _REACHED, damped=False)
     q[:] = flat.reshape(q.shape)
-    return np.asarray(reached.reshape(q.shape[:2]).all(axis=1))
+    return np.asarray((left < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
 
 
 def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
@@ -143,23 +143,3 @@ def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> 
     if q.shape[2] <= 6:
         return by_path, np.zeros_like(q)
     return by_path, by_q - np.einsum("nkpj,nkp->nkj", J, by_pose)
-
-
-def _reach_all(
-    chain: SerialChain,
-    R_WE: ArrayLike,
-    p_WE: ArrayLike,
-    q: Array,
-    max_steps: int,
-    *,
-    damped: bool,
-) -> Flags:
-    """Brings each q (N, n), in place, to its pose, whatever its limits; (N,) whether it arrives."""
-    left = np.empty(len(q))
-    no_limits = np.empty(0)
-    R = np.ascontiguousarray(R_WE, dtype=np.float64)
-    p = np.ascontiguousarray(p_WE, dtype=np.float64)
-    approach_poses(
-        chain.table, no_limits, no_limits, R, p, q, max_steps, damped, False, _REACHED, left
-    )
-    return left < _ARRIVED

@@ -10,7 +10,7 @@ where J_i = [w_i; v_i] is the column of joint i, at E in axes of W (a prismatic 
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -55,36 +55,52 @@ class ConditionNumber:
 
     With sigma_1 u_1 v_1^T and sigma_6 u_6 v_6^T the first and last terms of the singular value
     decomposition of J, G = (u_1 v_1^T - JCN u_6 v_6^T) / sigma_6. Where two singular values meet
-    at either end it has a kink, and this is one of its one-sided gradients. At a singular posture
-    it is 1e12, with a gradient of zero.
+    at either end it has a kink, and this is one of its one-sided gradients. A good path leads right
+    through such postures, and there a solver that follows gradients stops somewhere near the
+    optimum; exactly where depends on its start. With p-norms in the place of the extremes,
+
+        |s|_2p |1/s|_2p = (sum_i s_i^2p)^1/2p (sum_i s_i^-2p)^1/2p,
+
+    there is no kink. That lies above the condition number by a factor of at most 6^(1/p); G is it
+    times sum_i (w_i - c_i) / s_i u_i v_i^T, w_i = s_i^2p / sum s^2p, c_i = s_i^-2p / sum s^-2p.
+
+    At a singular posture either is 1e12, with a gradient of zero.
+
+    Args:
+        chain: an arm of six joints or more.
+        sharpness: p; without it the condition number itself.
 
     Raises:
         InputError: the arm has fewer than six joints.
+        ValueError: a sharpness below 1.
     """
 
     key = "jcn"
     label = "condition number of J"
 
-    def __init__(self, chain: SerialChain) -> None:
+    def __init__(self, chain: SerialChain, sharpness: float | None = None) -> None:
         check_joints(chain)
-        self._chain = chain
+        if sharpness is not None and not sharpness >= 1.0:
+            raise ValueError(f"sharpness must be 1 or more, not {sharpness}")
+        self._chain, self._sharpness = chain, sharpness
 
     def values(self, q: ArrayLike) -> Array:
         """The measure (...) at q (..., n)."""
-        return np.minimum(self._chain.condition_number(q), _UNREADABLE)
+        if self._sharpness is None:
+            return np.minimum(self._chain.condition_number(q), _UNREADABLE)
+        return self.values_and_gradients(q)[0]
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...) and its gradient (..., n) at q (..., n)."""
-        rows = _rows(self._chain, q)
-        values, gradients = np.empty(len(rows)), np.empty(rows.shape)
-        table = self._chain.table
+        table, sharpness = self._chain.table, self._sharpness
 
-        def run(part: slice) -> None:
-            _condition_number_rows(table, rows[part], values[part], gradients[part])
+        def run(rows: Array, values: Array, gradients: Array) -> None:
+            if sharpness is None:
+                _condition_number_rows(table, rows, values, gradients)
+            else:
+                _smooth_rows(table, float(sharpness), rows, values, gradients)
 
-        in_row_blocks(run, len(rows), _BLOCK)
-        shape = np.shape(q)
-        return values.reshape(shape[:-1]), gradients.reshape(shape)
+        return _of_rows(self._chain, q, run)
 
 
 class ForceSd:
@@ -147,34 +163,18 @@ class ForceSd:
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...), N, and its gradient (..., n) at q (..., n)."""
-        rows = _rows(self._chain, q)
-        values, gradients = np.empty(len(rows)), np.empty(rows.shape)
         own = self._reconstruction
         known = self._chain.table, own.table, own.torque_covariance, self._precision, self._inverse
 
-        def run(part: slice) -> None:
-            work = own.scratch()
-            _force_sd_rows(*known, work, rows[part], values[part], gradients[part])
+        def run(rows: Array, values: Array, gradients: Array) -> None:
+            _force_sd_rows(*known, own.scratch(), rows, values, gradients)
 
-        in_row_blocks(run, len(rows), _BLOCK)
-        shape = np.shape(q)
-        return values.reshape(shape[:-1]), gradients.reshape(shape)
+        return _of_rows(self._chain, q, run)
 
 
-@dataclass(frozen=True)
-class PathMeasure:
-    """The mean of a posture's measure over the postures of a path (eq. 27, over k + 1 points)."""
-
-    posture: PostureMeasure
-
-    def value(self, q: Array) -> float:
-        """Mean over q (k + 1, n)."""
-        return float(np.mean(self.posture.values(q)))
-
-    def value_and_gradient(self, q: Array) -> tuple[float, Array]:
-        """Mean over q (k + 1, n), and its gradient (k + 1, n)."""
-        values, gradients = self.posture.values_and_gradients(q)
-        return float(np.mean(values)), gradients / len(q)
+def smoothed(chain: SerialChain, measure: PostureMeasure, sharpness: float) -> PostureMeasure:
+    """A measure that has a gradient everywhere, in the place of one that has kinks."""
+    return ConditionNumber(chain, sharpness) if isinstance(measure, ConditionNumber) else measure
 
 
 def check_joints(chain: SerialChain, name: str = "robot") -> None:
@@ -203,11 +203,17 @@ def check_joints(chain: SerialChain, name: str = "robot") -> None:
         )
 
 
-def _rows(chain: SerialChain, q: ArrayLike) -> Array:
+def _of_rows(
+    chain: SerialChain, q: ArrayLike, run: Callable[[Array, Array, Array], None]
+) -> tuple[Array, Array]:
+    """Values (...) and gradients (..., n) that `run` writes for blocks of rows of q (..., n)."""
     array = np.asarray(q, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != chain.num_joints:
         raise ValueError(f"expected q of shape (..., {chain.num_joints}), got {array.shape}")
-    return np.ascontiguousarray(array).reshape(-1, chain.num_joints)
+    rows = np.ascontiguousarray(array).reshape(-1, chain.num_joints)
+    values, gradients = np.empty(len(rows)), np.empty(rows.shape)
+    in_row_blocks(lambda part: run(rows[part], values[part], gradients[part]), len(rows), _BLOCK)
+    return values.reshape(array.shape[:-1]), gradients.reshape(array.shape)
 
 
 @kernel
@@ -272,6 +278,45 @@ def _condition_number_rows(table: Array, q: Array, values: Array, gradients: Arr
     for k in range(q.shape[0]):
         pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
         values[k] = _condition_number_gradient(J, B, Q, G, gradients[k])
+
+
+@kernel(nogil=True)
+def _smooth_rows(table: Array, sharpness: float, q: Array, values: Array, gradients: Array) -> None:
+    n = q.shape[1]
+    scratch = np.empty((n, SCRATCH_COLUMNS))
+    J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
+    Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
+    squares, share = np.empty(6), np.empty(6)
+    for k in range(q.shape[0]):
+        pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
+        orthogonalise_rows(J, B, Q)
+        largest, smallest = 0.0, math.inf
+        for m in range(6):
+            squares[m] = 0.0
+            for j in range(n):
+                squares[m] += B[m, j] * B[m, j]
+            largest, smallest = max(largest, squares[m]), min(smallest, squares[m])
+        gradients[k] = 0.0
+        values[k] = _UNREADABLE
+        if not smallest > 0.0 or not math.sqrt(largest / smallest) < _UNREADABLE:
+            continue
+        # The extremes are divided out first: their 1e5th powers would overflow.
+        above, below = 0.0, 0.0
+        for m in range(6):
+            above += (squares[m] / largest) ** sharpness
+            below += (smallest / squares[m]) ** sharpness
+        value = math.sqrt(largest / smallest) * (above * below) ** (0.5 / sharpness)
+        values[k] = value
+        for m in range(6):
+            share[m] = (squares[m] / largest) ** sharpness / above
+            share[m] -= (smallest / squares[m]) ** sharpness / below
+        for i in range(6):
+            for j in range(n):
+                total = 0.0
+                for m in range(6):
+                    total += share[m] / squares[m] * Q[m, i] * B[m, j]
+                G[i, j] = value * total
+        contract(J, G, gradients[k])
 
 
 @kernel

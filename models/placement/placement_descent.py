@@ -14,45 +14,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.motion.path_postures import correct_paths, pull_back
 from wrenchsight.models.motion.posture_measures import PostureMeasure
-from wrenchsight.models.placement.placement_program import PlacementBounds
+from wrenchsight.models.placement.placement_program import (
+    PlacementBatch,
+    PlacementBounds,
+    PlacementClearance,
+)
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 _MEMORY = 8  # pairs that L-BFGS keeps
 _LONGEST = 0.15  # rad or m of the path in one step
 _SUFFICIENT = 1e-4  # share of the decrease that the slope predicts, which a step must reach
 _SHORTEST = 1e-5  # of the full step; below it a start is done
-
-
-@dataclass
-class PlacementBatch:
-    """Many placements: q (N, k + 1, n), n_W (N, 3), p_WM (N, 3), R_WE (N, 3, 3)."""
-
-    q: Array
-    n_W: Array
-    p_WM: Array
-    R_WE: Array
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    def __getitem__(self, index: "NDArray[np.intp] | Flags | slice") -> "PlacementBatch":
-        return PlacementBatch(self.q[index], self.n_W[index], self.p_WM[index], self.R_WE[index])
-
-    @classmethod
-    def joined(cls, batches: "list[PlacementBatch]") -> "PlacementBatch":
-        """All placements of several batches."""
-        return cls(
-            *(
-                np.concatenate([getattr(batch, name) for batch in batches])
-                for name in ("q", "n_W", "p_WM", "R_WE")
-            )
-        )
 
 
 @dataclass(frozen=True)
@@ -73,8 +50,7 @@ class PlacementDescent:
         penalty_weight: of what exceeds the bounds, in the cost; `run` sets its own.
 
     Args:
-        penalties: more penalties with gradient, (N,), by_q (N, k+1, n) and by_path (N, 9) in the
-            coordinates of `pull_back`; None for none.
+        clearance: distances to keep, if any.
     """
 
     def __init__(
@@ -83,17 +59,17 @@ class PlacementDescent:
         measure: PostureMeasure,
         bounds: PlacementBounds,
         path_length: float,
-        penalties: Callable[[PlacementBatch], tuple[Array, Array, Array]] | None = None,
+        clearance: PlacementClearance | None = None,
     ) -> None:
         self._chain, self._measure, self._bounds = chain, measure, bounds
         self.path_length = path_length
         self.penalty_weight = 1.0
-        self._penalties = penalties
+        self._clearance = clearance
 
     def of_length(self, path_length: float) -> "PlacementDescent":
         """The same for a path of another length, m."""
         return PlacementDescent(
-            self._chain, self._measure, self._bounds, path_length, self._penalties
+            self._chain, self._measure, self._bounds, path_length, self._clearance
         )
 
     def run(
@@ -216,8 +192,8 @@ class PlacementDescent:
             short = np.maximum(np.cos(bounds.tool_tilt) - cosine, 0.0)
             penalty += short**2
             by_path[:, :3] -= 2.0 * short[:, np.newaxis] * np.cross(z, bounds.tool_direction)
-        if self._penalties is not None:
-            more, more_by_q, more_by_path = self._penalties(batch)
+        if self._clearance is not None:
+            more, more_by_q, more_by_path = self._clearance.penalties(batch)
             penalty, by_q, by_path = penalty + more, by_q + more_by_q, by_path + more_by_path
         return penalty, by_q, by_path
 
@@ -238,30 +214,26 @@ class PlacementDescent:
         reached &= np.max(np.abs(new.q - old.q), axis=(1, 2)) < 1.0
         new.q[~reached] = old.q[~reached]
         point = self.evaluate(new)
-        cost = np.full(len(at.cost), np.inf)
-        cost[rows] = np.where(reached, point.cost, np.inf)
-        measure, gradient = at.measure.copy(), at.gradient.copy()
-        measure[rows], gradient[rows] = point.measure, point.gradient
-        whole = PlacementBatch(
-            at.batch.q.copy(), at.batch.n_W.copy(), at.batch.p_WM.copy(), at.batch.R_WE.copy()
+
+        def put(old: Array, new: Array) -> Array:
+            out = old.copy()
+            out[rows] = new
+            return out
+
+        return DescentPoint(
+            PlacementBatch(*(put(old, own) for old, own in zip(at.batch, new, strict=True))),
+            put(np.full(len(at.cost), np.inf), np.where(reached, point.cost, np.inf)),
+            put(at.measure, point.measure),
+            put(at.gradient, point.gradient),
         )
-        whole.q[rows], whole.n_W[rows] = new.q, new.n_W
-        whole.p_WM[rows], whole.R_WE[rows] = new.p_WM, new.R_WE
-        return DescentPoint(whole, cost, measure, gradient)
 
 
 def _choose(better: Flags, new: DescentPoint, old: DescentPoint) -> DescentPoint:
     def pick(a: Array, b: Array) -> Array:
         return np.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
 
-    batch = PlacementBatch(
-        pick(new.batch.q, old.batch.q),
-        pick(new.batch.n_W, old.batch.n_W),
-        pick(new.batch.p_WM, old.batch.p_WM),
-        pick(new.batch.R_WE, old.batch.R_WE),
-    )
     return DescentPoint(
-        batch,
+        PlacementBatch(*(pick(a, b) for a, b in zip(new.batch, old.batch, strict=True))),
         pick(new.cost, old.cost),
         pick(new.measure, old.measure),
         pick(new.gradient, old.gradient),

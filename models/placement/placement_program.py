@@ -15,18 +15,20 @@ as AutoDiffXd with their sparsity.
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.path_postures import correct_paths
-from wrenchsight.models.motion.posture_measures import PathMeasure
+from wrenchsight.models.motion.branches import all_branches
+from wrenchsight.models.motion.path_postures import correct_paths, track_paths
+from wrenchsight.models.motion.posture_measures import PostureMeasure
+from wrenchsight.models.rigid_body.autodiff import differentiable
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
 from wrenchsight.models.rigid_body.rotations import quaternion_of
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -55,6 +57,35 @@ class Placement:
     def R_WE(self) -> Array:
         """(3, 3) orientation of E in W."""
         return rotation_of(self.quaternion)
+
+
+@dataclass
+class PlacementBatch:
+    """Many placements: q (N, k + 1, n), n_W (N, 3), p_WM (N, 3), R_WE (N, 3, 3)."""
+
+    q: Array
+    n_W: Array
+    p_WM: Array
+    R_WE: Array
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter((self.q, self.n_W, self.p_WM, self.R_WE))
+
+    def __getitem__(self, index: "NDArray[np.intp] | Flags | slice") -> "PlacementBatch":
+        return PlacementBatch(*(array[index] for array in self))
+
+    @classmethod
+    def joined(cls, batches: "Sequence[PlacementBatch]") -> "PlacementBatch":
+        """All placements of several batches."""
+        return cls(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
+
+    def one(self, index: int) -> Placement:
+        """A placement of its own."""
+        quaternion = quaternion_from(self.R_WE[index])
+        return Placement(self.q[index], self.n_W[index], self.p_WM[index], quaternion)
 
 
 @dataclass(frozen=True)
@@ -113,16 +144,20 @@ class PlacementBounds:
 class PlacementClearance(Protocol):
     """Distances along a placement, for the program."""
 
-    def margins(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
-        """(k + 1,) smooth margins, 0 or more where the clearance is kept."""
-
     def margins_and_gradients(
         self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
     ) -> tuple[Array, Array]:
-        """Margins (k + 1,) and gradients (k + 1, n + 10) by q_i, n_W, p_WM, quaternion."""
+        """Smooth margins (k + 1,), 0 or more where the clearance is kept, and their gradients
+        (k + 1, n + 10) by q_i, n_W, p_WM, quaternion.
+        """
 
     def deficit(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> float:
         """By how much the worst of postures q (N, n) misses the distance to keep, m; or 0."""
+
+    def penalties(self, batch: PlacementBatch) -> tuple[Array, Array, Array]:
+        """Of what is not kept (N,), with gradients by q (N, k + 1, n) and by the path (N, 9), in
+        the coordinates of `pull_back`.
+        """
 
 
 @dataclass(frozen=True)
@@ -150,10 +185,11 @@ class PlacementProgram:
     Attributes:
         program: the MathematicalProgram.
         variables: its decision variables in the order of `pack`.
+        clearance: as given.
 
     Args:
         chain: the arm.
-        measure: the cost.
+        measure: the cost is its mean over the path (eq. 27, over k + 1 points).
         bounds: as stated.
         path_length: a, m.
         num_segments: k.
@@ -163,7 +199,7 @@ class PlacementProgram:
     def __init__(
         self,
         chain: SerialChain,
-        measure: PathMeasure,
+        measure: PostureMeasure,
         bounds: PlacementBounds,
         path_length: float,
         num_segments: int,
@@ -171,12 +207,12 @@ class PlacementProgram:
     ) -> None:
         self.chain, self.measure, self.bounds = chain, measure, bounds
         self.path_length, self.num_segments = path_length, num_segments
-        self._clearance = clearance
+        self.clearance = clearance
         self._evaluations = 0
         self.program, self.variables = self._build()
         self._order = self.program.FindDecisionVariableIndices(self.variables)
 
-    def with_measure(self, measure: PathMeasure) -> "PlacementProgram":
+    def with_measure(self, measure: PostureMeasure) -> "PlacementProgram":
         """The same program with another cost."""
         return PlacementProgram(
             self.chain,
@@ -184,7 +220,7 @@ class PlacementProgram:
             self.bounds,
             self.path_length,
             self.num_segments,
-            self._clearance,
+            self.clearance,
         )
 
     def _build(self) -> tuple[Any, NDArray[np.object_]]:
@@ -196,7 +232,7 @@ class PlacementProgram:
         Q = program.NewContinuousVariables(4, "Q")
         x = np.concatenate([q.ravel(), n_W, p_WM, Q])
         poses = program.AddConstraint(
-            self._pose_errors, np.zeros(6 * (k + 1)), np.zeros(6 * (k + 1)), x
+            differentiable(self.pose_errors), np.zeros(6 * (k + 1)), np.zeros(6 * (k + 1)), x
         )
         poses.evaluator().SetGradientSparsityPattern(self._pose_sparsity())
         for i in range(k + 1):
@@ -213,13 +249,15 @@ class PlacementProgram:
             program.AddQuadraticConstraint(2.0 * np.eye(size), np.zeros(size), 1.0, 1.0, unit)
         if bounds.in_surface:
             program.AddConstraint(
-                self._off_surface, np.zeros(1), np.zeros(1), np.concatenate([n_W, Q])
+                differentiable(_off_surface), np.zeros(1), np.zeros(1), np.concatenate([n_W, Q])
             )
         if bounds.tool_direction is not None:
-            low = math.cos(bounds.tool_tilt)
-            program.AddConstraint(self._uprightness, np.array([low]), np.array([np.inf]), Q)
-        if self._clearance is not None:
-            clear = program.AddConstraint(self._margins, np.zeros(k + 1), np.full(k + 1, np.inf), x)
+            cosine = np.array([math.cos(bounds.tool_tilt)])
+            program.AddConstraint(differentiable(self._uprightness), cosine, [np.inf], Q)
+        if self.clearance is not None:
+            clear = program.AddConstraint(
+                differentiable(self._margins), np.zeros(k + 1), np.full(k + 1, np.inf), x
+            )
             clear.evaluator().SetGradientSparsityPattern(
                 [
                     (i, column)
@@ -230,8 +268,13 @@ class PlacementProgram:
                     )
                 ]
             )
-        program.AddCost(self._cost, vars=q.ravel())
+        cost = differentiable(self._cost)
+        program.AddCost(lambda q: cost(q)[0], vars=q.ravel())
         return program, x
+
+    def cost(self, q: Array) -> float:
+        """The measure's mean over postures q (k + 1, n)."""
+        return float(np.mean(self.measure.values(q)))
 
     def pack(self, placement: Placement) -> Array:
         """The decision variables of a placement."""
@@ -256,8 +299,8 @@ class PlacementProgram:
         """The largest violation of a constraint, rad and m; the clearance's among them."""
         errors, _ = self.pose_errors(self.pack(placement))
         worst = max(self.bounds.violation(placement), float(np.max(np.abs(errors))))
-        if self._clearance is not None:
-            worst = max(worst, self._clearance.deficit(*self._split(self.pack(placement))))
+        if self.clearance is not None:
+            worst = max(worst, self.clearance.deficit(*self._split(self.pack(placement))))
         return worst
 
     def violation_between(self, fine: Placement) -> float:
@@ -267,8 +310,8 @@ class PlacementProgram:
         """
         bounds = self.bounds
         over = max(np.max(bounds.q_lower - fine.q), np.max(fine.q - bounds.q_upper), 0.0)
-        if self._clearance is not None:
-            deficit = self._clearance.deficit(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
+        if self.clearance is not None:
+            deficit = self.clearance.deficit(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
             over += 1.0 if deficit > 0.0 else 0.0
         return float(over)
 
@@ -295,7 +338,7 @@ class PlacementProgram:
                 "Major iterations limit": 250,
                 "Iterations limit": 20000,
             }
-            if self._clearance is not None:
+            if self.clearance is not None:
                 # Distances between curved shapes are found iteratively. Taken as exact, the last
                 # digits of their differences stop the solver short of a place that keeps them.
                 chosen["Function precision"] = 1e-9
@@ -334,7 +377,7 @@ class PlacementProgram:
         code = getattr(details, "info", getattr(details, "status", ""))
         return Solution(
             placement=placement,
-            cost=self.measure.value(placement.q),
+            cost=self.cost(placement.q),
             converged=bool(result.is_success()),
             status=f"{solver} {code}",
             evaluations=self._evaluations,
@@ -359,50 +402,27 @@ class PlacementProgram:
                 pattern += [(6 * i + 3 + axis, shared + 3 + axis)]
         return pattern
 
-    def _pose_errors(self, x: NDArray[Any]) -> Any:
-        if x.dtype != object:
-            return self.pose_errors(x)[0]
-        return _with_gradient(x, *self.pose_errors(_values(x)))
-
-    def _cost(self, q: NDArray[Any]) -> Any:
-        k, n = self.num_segments, self.chain.num_joints
-        if q.dtype != object:
-            return self.measure.value(q.reshape(k + 1, n))
-        values = _values(q)
+    def _cost(self, q: Array) -> tuple[Array, Array]:
         self._evaluations += 1
-        cost, gradient = self.measure.value_and_gradient(values.reshape(k + 1, n))
-        return _with_gradient(q, np.array([cost]), gradient.reshape(1, -1))[0]
+        rows = q.reshape(self.num_segments + 1, self.chain.num_joints)
+        values, gradients = self.measure.values_and_gradients(rows)
+        return np.array([np.mean(values)]), (gradients / len(rows)).reshape(1, -1)
 
-    def _off_surface(self, x: NDArray[Any]) -> Any:
-        values = _values(x) if x.dtype == object else x
-        n_W, Q = values[:3], values[3:]
-        z, dz = _z_axis(Q)
-        off = np.array([n_W @ z])
-        if x.dtype != object:
-            return off
-        return _with_gradient(x, off, np.concatenate([z, n_W @ dz])[np.newaxis])
-
-    def _uprightness(self, Q: NDArray[Any]) -> Any:
+    def _uprightness(self, Q: Array) -> tuple[Array, Array]:
         direction = self.bounds.tool_direction
         assert direction is not None
-        z, dz = _z_axis(_values(Q) if Q.dtype == object else Q)
-        along = np.array([z @ direction])
-        if Q.dtype != object:
-            return along
-        return _with_gradient(Q, along, (direction @ dz)[np.newaxis])
+        z, dz = _z_axis(Q)
+        return np.array([z @ direction]), (direction @ dz)[np.newaxis]
 
-    def _margins(self, x: NDArray[Any]) -> Any:
-        assert self._clearance is not None
-        if x.dtype != object:
-            return self._clearance.margins(*self._split(x))
-        values = _values(x)
+    def _margins(self, x: Array) -> tuple[Array, Array]:
+        assert self.clearance is not None
         k, n = self.num_segments, self.chain.num_joints
-        margins, by_block = self._clearance.margins_and_gradients(*self._split(values))
-        gradient = np.zeros((k + 1, len(values)))
+        margins, by_block = self.clearance.margins_and_gradients(*self._split(x))
+        gradient = np.zeros((k + 1, len(x)))
         for i in range(k + 1):
             gradient[i, i * n : (i + 1) * n] = by_block[i, :n]
         gradient[:, (k + 1) * n :] = by_block[:, n:]
-        return _with_gradient(x, margins, gradient)
+        return margins, gradient
 
 
 def rotation_of(quaternion: Array) -> Array:
@@ -433,16 +453,10 @@ def _z_axis(Q: Array) -> tuple[Array, Array]:
     return axis, gradient
 
 
-def _values(x: NDArray[Any]) -> Array:
-    return np.asarray(ExtractValue(x), dtype=np.float64).ravel()
-
-
-def _with_gradient(x: NDArray[Any], values: Array, gradient: Array) -> Any:
-    """Values with gradient by x as AutoDiffXd, by whatever x itself is differentiated by."""
-    seed = np.asarray(ExtractGradient(x))
-    if seed.shape[0] != seed.shape[1] or not np.array_equal(seed, np.eye(len(seed))):
-        gradient = gradient @ seed
-    return InitializeAutoDiff(values[:, np.newaxis], gradient)[:, 0]
+def _off_surface(x: Array) -> tuple[Array, Array]:
+    """n . z_E of x = [n; Q]."""
+    n_W, (z, dz) = x[:3], _z_axis(x[3:])
+    return np.array([n_W @ z]), np.concatenate([z, n_W @ dz])[np.newaxis]
 
 
 @kernel
@@ -499,6 +513,32 @@ def _pose_constraints(
             gradient[row + 3, column] = J[3, j]
             gradient[row + 4, column] = J[4, j]
             gradient[row + 5, column] = J[5, j]
+
+
+def on_all_branches(
+    robot: Robot,
+    n_W: Array,
+    p_WM: Array,
+    R_WE: Array,
+    path_length: float,
+    num_segments: int,
+    max_joint_step: float,
+) -> tuple[PlacementBatch, Flags, NDArray[np.intp]]:
+    """Paths from every posture in which E is at their midpoints; limits count at these only.
+
+    Args:
+        n_W, p_WM, R_WE: (N, 3), (N, 3) m, (N, 3, 3) of the paths.
+
+    Returns:
+        M placements, (M,) whether the whole path is reached, and (M,) the path that each is of.
+    """
+    q = all_branches(robot, R_WE, p_WM)
+    found = np.all(np.isfinite(q), axis=2)
+    row = np.nonzero(found)[0]
+    q, reached = track_paths(
+        robot.chain, q[found], n_W[row], path_length, num_segments, max_joint_step
+    )
+    return PlacementBatch(q, n_W[row], p_WM[row], R_WE[row]), reached, row
 
 
 def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:

@@ -5,7 +5,7 @@ stops where it meets one. Whatever starts from such an end (a simulation, a read
 digits from another start or on another machine. So
 
 1. the program is solved again from there, to a tighter tolerance, with the measure smoothed and the
-   smoothing taken back step by step (`wrenchsight.models.motion.smooth_condition_number`);
+   smoothing taken back step by step (`wrenchsight.models.motion.posture_measures`);
 2. of a family of placements that measure and constraints do not tell apart, one stands for all: the
    first joint is turned to the middle of its range at the path's midpoint, the last one too, wrist
    and elbow are those nearest to the middle of theirs, and the path runs towards the positive side
@@ -19,14 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.branches import all_branches
-from wrenchsight.models.motion.path_postures import track_paths
-from wrenchsight.models.motion.posture_measures import PathMeasure
-from wrenchsight.models.motion.smooth_condition_number import smoothed
+from wrenchsight.models.motion.posture_measures import smoothed
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
     Solution,
+    on_all_branches,
     quaternion_from,
 )
 from wrenchsight.models.rigid_body.ties import SAME, first_of_least
@@ -62,13 +60,13 @@ def finished(
     """
     exact, evaluations = refined(program, solution.placement)
     placement = corrected(exact)
-    if placement is None or program.measure.value(placement.q) > solution.cost * (1.0 + _NO_WORSE):
+    if placement is None or program.cost(placement.q) > solution.cost * (1.0 + _NO_WORSE):
         placement = solution.placement
     placement = corrected(standard_member(robot, program, placement)) or placement
     return replace(
         solution,
         placement=placement,
-        cost=program.measure.value(placement.q),
+        cost=program.cost(placement.q),
         evaluations=solution.evaluations + evaluations,
     )
 
@@ -82,16 +80,14 @@ def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement,
         The placement, and how often cost and gradient were evaluated.
     """
     evaluations = 0
-    posture = program.measure.posture
     for sharpness in SHARPNESS:
-        measure = smoothed(program.chain, posture, sharpness)
-        smooth = program.with_measure(PathMeasure(measure))
-        solution = smooth.solve(placement, options=_TIGHT)
+        measure = smoothed(program.chain, program.measure, sharpness)
+        solution = program.with_measure(measure).solve(placement, options=_TIGHT)
         evaluations += solution.evaluations
         if program.violation(solution.placement) > _ASTRAY:
             break
         placement = solution.placement
-        if measure is posture:
+        if measure is program.measure:
             break
     return placement, evaluations
 
@@ -149,25 +145,15 @@ def _at_midpoint(q: Array) -> Array:
 
 def _branches(robot: Robot, program: PlacementProgram, placement: Placement) -> list[Placement]:
     """The same path on every branch on which it can be followed."""
-    branches = all_branches(robot, placement.R_WE[np.newaxis], placement.p_WM[np.newaxis])[0]
-    branches = branches[np.all(np.isfinite(branches), axis=1)]
-    q, reached = track_paths(
-        robot.chain,
-        branches,
-        np.tile(placement.n_W, (len(branches), 1)),
-        program.path_length,
-        program.num_segments,
-        program.bounds.max_joint_step,
-    )
-    return [
-        Placement(one, placement.n_W, placement.p_WM, placement.quaternion) for one in q[reached]
-    ]
+    path = placement.n_W[np.newaxis], placement.p_WM[np.newaxis], placement.R_WE[np.newaxis]
+    size = program.path_length, program.num_segments, program.bounds.max_joint_step
+    found, reached, _ = on_all_branches(robot, *path, *size)
+    return [replace(placement, q=q) for q in found.q[reached]]
 
 
 def _equal(program: PlacementProgram, placement: Placement, other: Placement) -> bool:
     """Whether measure and constraints do not tell two placements apart, whichever way they run."""
     if program.violation(other) > max(_ALLOWED, program.violation(placement)):
         return False
-    values = program.measure.posture.values(placement.q)
-    others = program.measure.posture.values(other.q)
+    values, others = program.measure.values(placement.q), program.measure.values(other.q)
     return any(np.allclose(one, values, rtol=SAME, atol=0.0) for one in (others, others[::-1]))

@@ -34,16 +34,16 @@ from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.kernel import one_thread
-from wrenchsight.models.motion.branches import all_branches, is_closed_form
 from wrenchsight.models.motion.path_postures import solve_poses, track_paths, wrap_within
-from wrenchsight.models.placement.placement_descent import PlacementBatch, PlacementDescent
+from wrenchsight.models.placement.placement_descent import PlacementDescent
 from wrenchsight.models.placement.placement_program import (
     Placement,
+    PlacementBatch,
     PlacementProgram,
     Solution,
     between_points,
+    on_all_branches,
     on_path,
-    quaternion_from,
 )
 from wrenchsight.models.placement.placement_refinement import finished
 from wrenchsight.models.rigid_body.ties import in_order
@@ -113,7 +113,6 @@ class SearchResult:
         num_starts: descents and solves, each from a start of its own.
         num_unassigned: starts that came to none of the optima.
         evaluations: of a path's measure, all stages.
-        closed_form: whether all branches are known in closed form.
         interrupted: whether it was ended early.
         history: (seconds, cost) whenever a better path that keeps the limits was known.
     """
@@ -124,7 +123,6 @@ class SearchResult:
     num_starts: int = 0
     num_unassigned: int = 0
     evaluations: int = 0
-    closed_form: bool = True
     interrupted: bool = False
     history: list[tuple[float, float]] = field(default_factory=list)
 
@@ -143,7 +141,6 @@ class PlacementSearch:
     Args:
         robot: the arm.
         program: as the attribute.
-        descent: of the same.
         initial: the task's own guess as (n_W, p_WM, R_WE), tried on all branches; None for none.
     """
 
@@ -151,12 +148,13 @@ class PlacementSearch:
         self,
         robot: Robot,
         program: PlacementProgram,
-        descent: PlacementDescent,
         initial: tuple[Array, Array, Array] | None = None,
     ) -> None:
-        self._robot, self.program, self._descent = robot, program, descent
-        self._initial = initial
-        self._posture = program.measure.posture
+        self._robot, self.program, self._initial = robot, program, initial
+        self._posture = program.measure
+        self._descent = PlacementDescent(
+            robot.chain, program.measure, program.bounds, program.path_length, program.clearance
+        )
 
     def run(
         self,
@@ -176,7 +174,7 @@ class PlacementSearch:
         effort: SearchEffort,
         progress: Callable[[float, str], None],
     ) -> SearchResult:
-        result = SearchResult(closed_form=is_closed_form(self._robot))
+        result = SearchResult()
         clock = _Clock(result)
         ends: list[tuple[PlacementBatch, Array]] = []
         found: list[Solution] = []
@@ -225,7 +223,7 @@ class PlacementSearch:
         for index in in_order(values):
             if not np.isfinite(values[index]):
                 break
-            placement = self.corrected(_placement(batch, int(index)))
+            placement = self.corrected(batch.one(int(index)))
             if placement is not None:
                 return placement
         return None
@@ -277,10 +275,10 @@ class PlacementSearch:
         """Every branch of every midpoint pose that can be followed along the whole path."""
         if len(n_W) == 0:
             return self._empty()
-        q = all_branches(self._robot, R_WE, p_WM)
-        found = np.all(np.isfinite(q), axis=2)
-        row = np.nonzero(found)[0]
-        return self._track(q[found], n_W[row], p_WM[row], R_WE[row], result)
+        program = self.program
+        size = program.path_length, program.num_segments, program.bounds.max_joint_step
+        paths, reached, _ = on_all_branches(self._robot, n_W, p_WM, R_WE, *size)
+        return self._counted(paths, reached, result)
 
     def _track(
         self,
@@ -289,21 +287,21 @@ class PlacementSearch:
         p_WM: Array,
         R_WE: Array,
         result: SearchResult,
-        path_length: float | None = None,
+        path_length: float,
     ) -> PlacementBatch:
         program = self.program
-        q, reached = track_paths(
-            self._robot.chain,
-            q_mid,
-            n_W,
-            path_length or program.path_length,
-            program.num_segments,
-            program.bounds.max_joint_step,
-        )
-        if path_length is None or path_length == program.path_length:
-            result.num_candidates += len(q)
-            result.num_reached += int(np.sum(reached))
-        return PlacementBatch(q, n_W, p_WM, R_WE)[reached]
+        size = path_length, program.num_segments, program.bounds.max_joint_step
+        q, reached = track_paths(self._robot.chain, q_mid, n_W, *size)
+        paths = PlacementBatch(q, n_W, p_WM, R_WE)
+        if path_length != program.path_length:
+            return paths[reached]
+        return self._counted(paths, reached, result)
+
+    @staticmethod
+    def _counted(paths: PlacementBatch, reached: Flags, result: SearchResult) -> PlacementBatch:
+        result.num_candidates += len(reached)
+        result.num_reached += int(np.sum(reached))
+        return paths[reached]
 
     def grown(
         self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
@@ -437,13 +435,13 @@ class PlacementSearch:
         result: SearchResult,
         clock: "_Clock",
     ) -> Solution | None:
-        start = _placement(batch, index)
+        start = batch.one(index)
         solution = self.program.solve(start, solver)
         result.evaluations += solution.evaluations
         placement = self.corrected(solution.placement)
         if placement is None:
             return None
-        cost = self.program.measure.value(placement.q)
+        cost = self.program.cost(placement.q)
         clock.better(cost, placement)
         return replace(solution, placement=placement, cost=cost)
 
@@ -516,7 +514,7 @@ class _Clock:
         for index in np.argsort(values, kind="stable")[:_LOOKED_AT]:
             if not values[index] < self._cost:
                 return
-            placement = _placement(batch, int(index))
+            placement = batch.one(int(index))
             if violation(placement) < FEASIBLE:
                 self.better(float(values[index]), placement)
                 return
@@ -526,11 +524,6 @@ class _Clock:
         if cost < self._cost:
             self._cost, self.best = cost, placement
             self._result.history.append((time.perf_counter() - self._began, cost))
-
-
-def _placement(batch: PlacementBatch, index: int) -> Placement:
-    rotation = quaternion_from(batch.R_WE[index])
-    return Placement(batch.q[index], batch.n_W[index], batch.p_WM[index], rotation)
 
 
 def _joined(ends: list[tuple[PlacementBatch, Array]]) -> tuple[PlacementBatch, Array]:

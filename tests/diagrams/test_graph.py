@@ -11,8 +11,6 @@ from wrenchsight.diagrams.graph import graph_text, write_graph
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.systems.motor_current_torque_source import MotorCurrentTorqueSource
 
-needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
-
 
 @pytest.fixture
 def diagram():
@@ -35,18 +33,11 @@ def test_the_text_names_blocks_ports_and_classes(diagram):
     assert "<B>MotorCurrentTorqueSource</B>" in text
 
 
-def test_depth_closes_what_is_inside(diagram):
-    text = graph_text(diagram, max_depth=1)
-    assert "name=arm" in text
-    assert "name=drive" not in text
-
-
-@needs_dot
-@pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("png", b"\x89PNG")])
-def test_a_picture(diagram, tmp_path, ending, start):
-    path = write_graph(diagram, tmp_path / f"cell.{ending}")
-    assert path == tmp_path / f"cell.{ending}"
-    assert path.read_bytes().startswith(start)
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+def test_a_picture(diagram, tmp_path):
+    path = write_graph(diagram, tmp_path / "cell.svg")
+    assert path == tmp_path / "cell.svg"
+    assert path.read_bytes().startswith(b"<?xml")
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -57,9 +48,8 @@ def test_without_graphviz_the_text_is_written_instead(diagram, tmp_path, monkeyp
     assert path.read_text() == graph_text(diagram)
 
 
-@pytest.mark.parametrize("name", ["cell.gif", "cell", "missing/cell.svg"])
-def test_bad_input(diagram, tmp_path, name):
-    with pytest.raises(InputError, match=r"ending|does not exist") as error:
-        write_graph(diagram, tmp_path / name)
+def test_a_folder_that_does_not_exist(diagram, tmp_path):
+    with pytest.raises(InputError) as error:
+        write_graph(diagram, tmp_path / "missing" / "cell.svg")
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())

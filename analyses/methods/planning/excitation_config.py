@@ -1,12 +1,8 @@
 """The settings of `excite`: what kind of excitation is wanted."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass

@@ -20,14 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import one_thread
-from wrenchsight.models.motion.branches import all_branches
-from wrenchsight.models.motion.path_postures import track_paths
-from wrenchsight.models.placement.placement_descent import PlacementBatch
 from wrenchsight.models.placement.placement_program import (
     Placement,
-    PlacementClearance,
+    PlacementBatch,
     PlacementProgram,
-    quaternion_from,
+    on_all_branches,
 )
 from wrenchsight.models.placement.placement_search import Optimum, SearchResult
 from wrenchsight.models.rigid_body.ties import better, in_order
@@ -53,7 +50,6 @@ class SwarmConfig:
 def place_by_swarm(
     robot: Robot,
     program: PlacementProgram,
-    clearance: PlacementClearance | None = None,
     seed: int = 0,
     config: SwarmConfig | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
@@ -61,17 +57,17 @@ def place_by_swarm(
     """Places a path by PSO-GA; an interrupt (KeyboardInterrupt) ends it with the best so far.
 
     Args:
-        program: measure, bounds and path; only these are used of it.
-        clearance: a placement that misses its distance counts as not reached.
+        program: measure, bounds, path and clearance; only these are used of it. A placement that
+            misses the clearance's distance counts as not reached.
     """
     config = config or SwarmConfig()
-    cost = ParticleCost(robot, program, clearance)
+    cost = ParticleCost(robot, program)
     rng = np.random.default_rng(seed)
     lower, upper = cost.lower, cost.upper
     count = config.num_particles
     x = rng.uniform(lower, upper, (count, len(lower)))
     v = np.zeros_like(x)
-    result = SearchResult(closed_form=True, num_starts=count)
+    result = SearchResult(num_starts=count)
     began = time.perf_counter()
     best_x, best_cost = x.copy(), np.full(count, np.inf)
     leader: tuple[float, Placement | None] = (math.inf, None)
@@ -103,7 +99,7 @@ def place_by_swarm(
     except KeyboardInterrupt:
         result.interrupted = True
     if leader[1] is not None:
-        values = program.measure.posture.values(leader[1].q)
+        values = program.measure.values(leader[1].q)
         result.optima = [
             Optimum(
                 leader[1], float(np.mean(values)), values, int(np.sum(best_cost < UNREACHED)), ""
@@ -139,10 +135,8 @@ def _breed(
 class ParticleCost:
     """Cost of particles (N, 10): n, m, theta, r."""
 
-    def __init__(
-        self, robot: Robot, program: PlacementProgram, clearance: PlacementClearance | None
-    ) -> None:
-        self._robot, self._program, self._clearance = robot, program, clearance
+    def __init__(self, robot: Robot, program: PlacementProgram) -> None:
+        self._robot, self._program = robot, program
         bounds = program.bounds
         one = np.ones(3)
         self.lower = np.concatenate([-one, bounds.p_lower, [bounds.angle_lower], -one])
@@ -157,42 +151,26 @@ class ParticleCost:
             z = R_WE[:, :, 2]
             n_W = n_W - np.einsum("nc,nc->n", n_W, z)[:, np.newaxis] * z
             n_W /= np.maximum(np.linalg.norm(n_W, axis=1), 1e-9)[:, np.newaxis]
-        branches = all_branches(self._robot, R_WE, x[:, 3:6])
-        row, column = np.nonzero(np.all(np.isfinite(branches), axis=2))
+        size = program.path_length, program.num_segments, bounds.max_joint_step
+        batch, reached, row = on_all_branches(self._robot, n_W, x[:, 3:6], R_WE, *size)
         costs = np.full(len(x), UNREACHED)
         chosen = np.zeros(len(x), dtype=int)
-        q, reached = track_paths(
-            self._robot.chain,
-            branches[row, column],
-            n_W[row],
-            program.path_length,
-            program.num_segments,
-            bounds.max_joint_step,
-        )
+        q = batch.q
         reached &= np.all((q >= bounds.q_lower) & (q <= bounds.q_upper), axis=(1, 2))
         values = np.full(len(q), UNREACHED)
         if np.any(reached):
-            mean = np.mean(program.measure.posture.values(q[reached]), axis=1)
+            mean = np.mean(program.measure.values(q[reached]), axis=1)
             values[reached] = np.minimum(mean, UNREACHED)
-        batch = PlacementBatch(q, n_W[row], x[row, 3:6], R_WE[row])
         for index in in_order(values):
             if not better(values[index], costs[row[index]]):
                 continue
-            if self._clearance is not None and self._collides(batch, int(index)):
+            if self._collides(batch, int(index)):
                 continue
             costs[row[index]], chosen[row[index]] = values[index], index
-        return costs, lambda particle: _placement(batch, int(chosen[particle]))
+        return costs, lambda particle: batch.one(int(chosen[particle]))
 
     def _collides(self, batch: PlacementBatch, index: int) -> bool:
-        assert self._clearance is not None
-        result = _placement(batch, index)
-        return self._clearance.deficit(result.q, result.n_W, result.p_WM, result.quaternion) > 0.0
-
-
-def _placement(batch: PlacementBatch, index: int) -> Placement:
-    return Placement(
-        batch.q[index].copy(),
-        batch.n_W[index].copy(),
-        batch.p_WM[index].copy(),
-        quaternion_from(batch.R_WE[index]),
-    )
+        if self._program.clearance is None:
+            return False
+        one = batch.one(index)
+        return self._program.clearance.deficit(one.q, one.n_W, one.p_WM, one.quaternion) > 0.0

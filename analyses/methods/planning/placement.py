@@ -28,21 +28,18 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, liv
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.motion.branches import all_branches, is_closed_form
-from wrenchsight.models.motion.path_postures import track_paths
+from wrenchsight.models.motion.branches import is_closed_form
 from wrenchsight.models.motion.posture_measures import (
     ConditionNumber,
     ForceSd,
-    PathMeasure,
     PostureMeasure,
 )
-from wrenchsight.models.placement.placement_descent import PlacementDescent
 from wrenchsight.models.placement.placement_program import (
     SOLVERS,
     Placement,
     PlacementProgram,
     between_points,
-    quaternion_from,
+    on_all_branches,
 )
 from wrenchsight.models.placement.placement_search import (
     FEASIBLE,
@@ -107,7 +104,7 @@ def place(
     _check_choice("--solver", solver, PLACE_SOLVERS)
     check_task(task, source, robot)
     notices = []
-    measure, said = _measure(robot, objective, model, method)
+    measure, said = measure_of(robot, objective, model, method)
     notices += said
     cell = None
     if task.clearance is not None:
@@ -120,22 +117,15 @@ def place(
         )
     bounds = task.bounds(robot)
     program = PlacementProgram(
-        robot.chain, PathMeasure(measure), bounds, task.path_length, task.num_segments, cell
+        robot.chain, measure, bounds, task.path_length, task.num_segments, cell
     )
     began = time.perf_counter()
     if solver == "pso-ga":
-        result = place_by_swarm(robot, program, cell, seed, swarm, progress)
+        result = place_by_swarm(robot, program, seed, swarm, progress)
     else:
-        descent = PlacementDescent(
-            robot.chain,
-            measure,
-            bounds,
-            task.path_length,
-            None if cell is None else cell.penalties,
-        )
         guess = task.initial_path()
         initial = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
-        search = PlacementSearch(robot, program, descent, initial)
+        search = PlacementSearch(robot, program, initial)
         result = search.run(seed, solver, effort or _effort(robot, cell), progress)
     seconds = time.perf_counter() - began
     if result.best is None:
@@ -281,9 +271,10 @@ def _check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
         raise InputError(option, "", f'"{value}" is not known', remedy)
 
 
-def _measure(
-    robot: Robot, objective: str, model: IdentifiedModel | None, method: str
+def measure_of(
+    robot: Robot, objective: str, model: IdentifiedModel | None, method: str = "bayesian"
 ) -> tuple[PostureMeasure, list[str]]:
+    """The measure of an objective, and what the user should know of it; see `place`."""
     if objective == "jcn":
         return ConditionNumber(robot.chain), []
     notices = []
@@ -335,17 +326,11 @@ def _initial_profile(
     path = task.initial_path()
     if path is None or task.initial is None:
         return None
-    branches = all_branches(robot, path.R_WE[np.newaxis], path.p_WM[np.newaxis])[0]
-    if len(branches) == 0:
-        return None
-    q, reached = track_paths(
-        robot.chain,
-        branches,
-        np.tile(path.n_W, (len(branches), 1)),
-        path.path_length,
-        path.num_segments,
-        math.pi / 2,
+    found, reached, _ = on_all_branches(
+        *(robot, path.n_W[np.newaxis], path.p_WM[np.newaxis], path.R_WE[np.newaxis]),
+        *(path.path_length, path.num_segments, math.pi / 2),
     )
+    q = found.q
     bounds = task.bounds(robot)
     within = np.all(
         (q >= bounds.q_lower - FEASIBLE) & (q <= bounds.q_upper + FEASIBLE), axis=(1, 2)
@@ -354,12 +339,13 @@ def _initial_profile(
     if len(good) == 0:
         return None
     if task.initial.posture is not None:
-        off = np.max(np.abs(branches[good] - np.array(task.initial.posture)), axis=1)
+        k = path.num_segments
+        middle = 0.5 * (q[:, k // 2] + q[:, (k + 1) // 2])
+        off = np.max(np.abs(middle[good] - task.initial.posture), axis=1)
         chosen = good[int(first_of_least(off))]
     else:
         chosen = good[int(first_of_least(np.mean(measure.values(q[good]), axis=1)))]
-    placement = Placement(q[chosen], path.n_W, path.p_WM, quaternion_from(path.R_WE))
-    return _profile(task, robot, measure, cell, placement)
+    return _profile(task, robot, measure, cell, found.one(chosen))
 
 
 def _explain_nothing(

@@ -19,22 +19,17 @@ from wrenchsight.analyses.methods.planning.free_redundancy import (
     clear_of_all,
     surroundings,
 )
+from wrenchsight.analyses.methods.planning.placement import OBJECTIVES, measure_of
 from wrenchsight.analyses.methods.planning.redundancy_task import PatchPathConfig, RedundancyTask
 from wrenchsight.diagrams.distances.clearance import ClosestPair
 from wrenchsight.diagrams.pages.path_page import TriangleMesh
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.motion.branches import is_closed_form
 from wrenchsight.models.motion.joint_ranges import narrowed_limits
-from wrenchsight.models.motion.posture_measures import (
-    ConditionNumber,
-    ForceSd,
-    PostureMeasure,
-    check_joints,
-)
+from wrenchsight.models.motion.posture_measures import PostureMeasure, check_joints
 from wrenchsight.models.motion.redundancy import (
     Candidates,
     RedundancyProblem,
@@ -51,7 +46,6 @@ from wrenchsight.models.motion.workpieces import Surface, mesh
 from wrenchsight.models.rigid_body.ties import better, beyond_rounding, first_of_least
 from wrenchsight.models.robot.robot import Robot
 
-OBJECTIVES = ("jcn", "force-sd")
 ROUNDING = 1e-9  # m and rad, of position and normal
 
 
@@ -388,11 +382,7 @@ def _surface(patch: PatchPathConfig, name: str) -> Surface:
 
 
 def _measure(robot: Robot, config: RedundancyTask, folder: Path) -> PostureMeasure:
-    if config.objective == "jcn":
-        return ConditionNumber(robot.chain)
-    if config.model is not None:
+    model = None
+    if config.objective != "jcn" and config.model is not None:
         model = IdentifiedModel.load(folder / config.model, robot)
-    else:
-        model = IdentifiedModel.nominal(robot)
-    prior = WrenchReconstructionConfig().with_prior(*live_prior(robot.payload))
-    return ForceSd(robot.chain, model.residual_covariance, prior)
+    return measure_of(robot, config.objective, model)[0]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from wrenchsight.models.files.configuration import REQUIRED
-from wrenchsight.models.motion.workpiece_shapes import BladeShapeConfig, PlateShapeConfig
+from wrenchsight.models.motion.workpieces import BladeShapeConfig, PlateShapeConfig
 from wrenchsight.models.robot.robot_config import PoseConfig
 
 

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
@@ -49,9 +48,6 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import with_friction, with_truth_named
 
-if TYPE_CHECKING:
-    pass
-
 ProgressCallback = Callable[[float, str], None]
 
 _STRETCH = 0.1  # s between two reports of progress
@@ -64,18 +60,8 @@ _JUDGED = 500  # readings that this rests on
 
 
 def simulate_scenario(
-    scenario_name: str,
+    settings: SimulateSettings,
     out: Path,
-    robot_name: str | Path | None = None,
-    model_path: Path | None = None,
-    *,
-    motion_path: Path | None = None,
-    truth: str = "own",
-    seed: int | None = None,
-    duration: float | None = None,
-    quick: bool = False,
-    record: bool = True,
-    graph: bool = False,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> SimulationResult:
     """The command `simulate`: runs a scenario and writes what happened into `out`.
@@ -83,77 +69,43 @@ def simulate_scenario(
     Writes metrics.json, config.yaml, scenario.yaml (which runs again), figures/wrench.png, log.csv
     (for `estimate`), recording.html, and with `graph` the drawing of the diagram.
 
-    Args:
-        scenario_name: of a bundled scenario; or FILE.yaml, or FILE.yaml:NAME.
-        robot_name: in the place of the scenario's robot.
-        model_path: a model.yaml; without it see `known_model`.
-        motion_path: a trajectory.yaml of `excite`, in the place of the scenario's motion and for
-            its duration; in the default scenario nothing then touches the arm.
-        truth: of the arm, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
-        seed, duration: in the place of the scenario's.
-        quick: at most a second.
-        record: whether to write recording.html.
-
     Raises:
         InputError: as `load_scenario`, `Robot.load`, `with_truth_named`, `IdentifiedModel.load`,
             `result_folder`; what does not fit together.
     """
     with result_folder(out, "simulate") as folder:
-        result = _simulate_into(
-            folder,
-            scenario_name,
-            robot_name,
-            model_path,
-            motion_path,
-            truth,
-            seed,
-            duration,
-            quick,
-            record,
-            graph,
-            progress,
-        )
+        result = _simulate_into(folder, settings, progress)
     files = tuple(out / path.relative_to(folder.path) for path in result.files)
     return replace(result, files=files)
 
 
 def _simulate_into(
-    folder: OutputFolder,
-    scenario_name: str,
-    robot_name: str | Path | None,
-    model_path: Path | None,
-    motion_path: Path | None,
-    truth: str,
-    seed: int | None,
-    duration: float | None,
-    quick: bool,
-    record: bool,
-    graph: bool,
-    progress: ProgressCallback,
+    folder: OutputFolder, settings: SimulateSettings, progress: ProgressCallback
 ) -> SimulationResult:
+    scenario_name, seed, duration = settings.scenario, settings.seed, settings.duration_s
     file_name, _, name_in_file = scenario_name.rpartition(":")
     scenario = load_scenario(file_name or scenario_name, name_in_file if file_name else None)
     name = name_in_file if file_name else Path(scenario_name).stem
     scenario = replace(
         scenario,
-        robot=scenario.robot if robot_name is None else str(robot_name),
+        robot=scenario.robot if settings.robot is None else settings.robot,
         seed=scenario.seed if seed is None else seed,
         duration=scenario.duration if duration is None else duration,
     )
-    if motion_path is not None:
-        scenario = _in_motion(scenario, motion_path, duration)
+    if settings.motion is not None:
+        scenario = _in_motion(scenario, Path(settings.motion), duration)
         if scenario_name == SimulateSettings.scenario:
             scenario = replace(scenario, wrench=[], force_torque_sensor=None)
-    if quick and scenario.machining is not None:
+    if settings.quick and scenario.machining is not None:
         # The phases before and after the feed are kept: only then is anything touched.
         machining = replace(scenario.machining, one_way=_QUICK_DURATION)
         scenario = replace(scenario, machining=machining)
-    elif quick:
+    elif settings.quick:
         scenario = replace(scenario, duration=min(scenario.duration, _QUICK_DURATION))
-    robot = with_truth_named(Robot.load(scenario.robot), truth)
-    model = None if model_path is None else IdentifiedModel.load(Path(model_path), robot)
+    robot = with_truth_named(Robot.load(scenario.robot), settings.truth)
+    model = None if settings.model is None else IdentifiedModel.load(Path(settings.model), robot)
     notices: tuple[str, ...] = ()
-    if robot_name is not None and robot.config.tool is None and scenario.force_torque_sensor:
+    if settings.robot is not None and robot.config.tool is None and scenario.force_torque_sensor:
         scenario = replace(scenario, force_torque_sensor=None)
         notices = (f"{robot.name} has no tool to put the scenario's force/torque sensor under",)
     check_scenario(scenario, scenario_name)
@@ -162,8 +114,8 @@ def _simulate_into(
             scenario,
             robot,
             model,
-            page=folder / "recording.html" if record else None,
-            graph=folder / "diagram.svg" if graph else None,
+            page=folder / "recording.html" if settings.record else None,
+            graph=folder / "diagram.svg" if settings.graph else None,
             title=name,
             progress=progress,
         )
@@ -178,17 +130,12 @@ def _simulate_into(
     files.append(folder.write_figure("wrench", result.figure()))
     text = yaml_dump_typed(scenario, child_name=name)
     files.append(folder.write_text("scenario.yaml", text))
-    settings = SimulateSettings(
-        scenario=scenario_name,
+    settings = replace(
+        settings,
         robot=scenario.robot,
-        motion=None if motion_path is None else str(motion_path),
-        model=None if model_path is None else str(model_path),
-        truth=truth,
         seed=scenario.seed,
         duration_s=scenario.duration,
-        quick=quick,
-        record=record,
-        graph=graph,
+        publish=None,
     )
     files.append(folder.write_settings("config.yaml", settings))
     files.append(folder.write_json("metrics.json", result.metrics()))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from package_meshes import PackageMeshes
 
+from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.robot.robot import Robot
 
@@ -23,14 +24,14 @@ def ur5(wheel_robot: Callable[[str], Robot]) -> Robot:
 def test_hulls_are_never_farther_apart_than_their_meshes(ur5: Robot) -> None:
     meshes = PackageMeshes(ur5)
     assert meshes.by_construction == set()
-    clearance = Clearance(ur5, floor=None)
+    clearance, shapes = Clearance(ur5, floor=None), ArmShapes(ur5)
     assert ur5.unusable_collisions == ()
     assert clearance.has_shapes
     rng = np.random.default_rng(0)
     compared = num_collisions = 0
     for q in rng.uniform(-2.5, 2.5, (200, 6)):
         # Without the pairs that the home posture excuses: what is required counts, not they.
-        hulls = min((pair.distance for pair in clearance._pairs(q, 0.1)), default=0.1)
+        hulls = min((pair.distance for pair in shapes.pairs(q, 0.1)), default=0.1)
         true = meshes.smallest(q)
         assert hulls <= max(true, 0.0) + 1e-5 or hulls >= 0.1
         compared += 0.0 < true < 0.1

@@ -9,8 +9,7 @@ from pydrake.systems.analysis import Simulator
 
 import wrenchsight.diagrams.closed_loop
 from wrenchsight.diagrams.closed_loop import make_closed_loop
-from wrenchsight.diagrams.distances.clearance import workpiece_clearance, workpiece_distances
-from wrenchsight.diagrams.distances.links_apart import KEPT, links_apart
+from wrenchsight.diagrams.distances.links_apart import links_apart
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.robot_cell import make_robot_cell
 from wrenchsight.diagrams.scenario import PlateConfig, load_scenario
@@ -49,15 +48,6 @@ def wide(scenario):
     return replace(scenario, workpiece=replace(scenario.workpiece, size=size))
 
 
-def test_the_nearest_link_is_as_near_as_the_search_for_clearance_has_it(sts, polishing, plan):
-    q = plan.trajectory.q[::200]
-    distances, tool = workpiece_distances(sts, polishing.workpiece, q)
-    assert tool == TOOL
-    links = [distance for link, distance in distances.items() if link != TOOL]
-    assert min(links) == workpiece_clearance(sts, polishing.workpiece, q)
-    assert distances[TOOL] < 1e-3
-
-
 def test_all_links_keep_apart_from_the_bundled_plate_but_the_tool(sts, polishing, plan):
     apart = links_apart(polishing, sts, plan)
     assert TOOL not in apart
@@ -66,10 +56,8 @@ def test_all_links_keep_apart_from_the_bundled_plate_but_the_tool(sts, polishing
 
 def test_a_plate_that_links_stand_in_keeps_their_shapes(sts, polishing, plan):
     apart = links_apart(wide(polishing), sts, plan)
-    distances, _ = workpiece_distances(sts, wide(polishing).workpiece, plan.trajectory.q[::200])
-    inside = {link for link, distance in distances.items() if distance < KEPT}
-    assert len(inside) > 3
-    assert not inside & apart
+    assert apart.isdisjoint({"link_1", "link_2", "link_3", TOOL})
+    assert {"link_5", "link_6"} <= apart
 
 
 @pytest.mark.parametrize("varied", [{"floor": True}, {"wrench": [WrenchStep(0.1, 0.2, [3, 0, 0])]}])

@@ -12,23 +12,19 @@ def friction(v):
     return np.tanh(v / 0.004) * (5.0 + 3.0 * np.exp(-((v / 0.1) ** 2))) + 4.0 * v, 0.7
 
 
-@pytest.mark.parametrize("joint", range(6))
-def test_passes_have_opposite_velocity_and_acceleration(sts, joint):
-    speeds, accelerations = [0.01, 0.2], [0.0, 1.5, -1.5]
-    motion = reversal_motion(sts, joint, sts.home, speeds, accelerations)
-    q, v, vdot = motion.trajectory.sample(motion.crossings)  # (K, 2, n)
-    assert len(motion.crossings) == 2 * 2 * 3
+def test_passes_have_opposite_velocities_and_no_acceleration(sts):
+    speeds, way = np.array([0.01, 0.2]), np.array([1.0, -0.5, 0.0, 1.0, 1.0, 1.0])
+    motion = reversal_motion(sts, way, sts.home, speeds, period=1.5)
+    start = 1.5 * (2.0 * np.arange(2) + 1.0)
+    q, v, vdot = motion.sample(start[:, None] + [0.0, 0.75, 1.5])  # (K, 3, n)
     np.testing.assert_allclose(q, np.broadcast_to(sts.home, q.shape), atol=1e-9)
-    np.testing.assert_allclose(v[:, 0], -v[:, 1], atol=1e-9)
-    np.testing.assert_allclose(vdot[:, 0], -vdot[:, 1], atol=1e-9)
-    np.testing.assert_allclose(np.abs(v[:, 0, joint]), motion.speed, atol=1e-9)
-    np.testing.assert_allclose(vdot[:, 0, joint], motion.acceleration, atol=1e-9)
-    rest = np.delete(v, joint, axis=2)
-    np.testing.assert_array_equal(rest, 0.0)
+    expected = speeds[:, None, None] * np.array([1.0, -1.0, 1.0])[:, None] * way
+    np.testing.assert_allclose(v, expected, atol=1e-9)
+    np.testing.assert_allclose(vdot, 0.0, atol=1e-9)
 
 
 def test_the_plan_starts_and_ends_at_rest_and_is_smooth(sts):
-    motion = reversal_motion(sts, 2, sts.home, [0.05, 0.3]).trajectory
+    motion = reversal_motion(sts, np.eye(6)[2], sts.home, [0.05, 0.3])
     np.testing.assert_allclose(motion.v[[0, -1]], 0.0, atol=1e-12)
     difference = np.gradient(motion.q[:, 2], motion.t)
     np.testing.assert_allclose(difference[1:-1], motion.v[1:-1, 2], atol=1e-4)
@@ -37,11 +33,10 @@ def test_the_plan_starts_and_ends_at_rest_and_is_smooth(sts):
 
 
 def test_friction_comes_back_from_planned_passes(sts):
-    """All joints together; with accelerations, which eq. 19 takes off by M vdot."""
+    """All joints together."""
     way = np.array([1.0, -1, 1, -1, 1, -1])
-    motion = reversal_motion(sts, way, sts.home, [0.02, 0.1, 0.4], [0.0, 2.0])
-    t, q = motion.trajectory.t, motion.trajectory.q
-    v, vdot = motion.trajectory.v, motion.trajectory.vdot
+    motion = reversal_motion(sts, way, sts.home, [0.02, 0.1, 0.4])
+    t, q, v, vdot = motion.t, motion.q, motion.v, motion.vdot
     odd, offset = friction(v)
     tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
     for joint in range(6):
@@ -69,7 +64,6 @@ def test_friction_comes_back_from_a_log(sts):
     # Speeds of the two passes differ where the amplitude steps; friction is not linear.
     np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
     np.testing.assert_allclose(found.asymmetric, offset, atol=0.05)
-    assert found.asymmetric_share == pytest.approx(0.7 / 7.0, rel=0.3)
     heavier = sts.chain.with_inertial_parameters(
         1.3 * sts.chain.inertial_parameters, 1.3 * sts.chain.reflected_inertia
     )
@@ -97,4 +91,4 @@ def test_a_log_that_never_turns_has_no_pairs(sts):
 )
 def test_bad_plans_are_one_line(sts, posture, speeds, message):
     with pytest.raises(InputError, match=message):
-        reversal_motion(sts, 0, posture, speeds)
+        reversal_motion(sts, np.eye(6)[0], posture, speeds)

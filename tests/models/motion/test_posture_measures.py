@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, smoothed
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -127,17 +127,6 @@ def test_a_singular_posture_has_a_large_finite_value(sts: Robot) -> None:
     assert np.all(np.isfinite(gradient))
 
 
-def test_the_path_measure_is_the_mean_over_all_points(sts: Robot) -> None:
-    chain = sts.chain
-    q = np.random.default_rng(4).uniform(-1.0, 1.0, (21, 6))
-    measure = ConditionNumber(chain)
-    mean, gradient = PathMeasure(measure).value_and_gradient(q)
-    values, gradients = measure.values_and_gradients(q)
-    assert mean == pytest.approx(np.mean(values), rel=1e-14)
-    np.testing.assert_allclose(gradient, gradients / 21.0)
-    assert PathMeasure(measure).value(q) == pytest.approx(mean, rel=1e-12)
-
-
 @pytest.mark.parametrize("method", ["damped", "truncated"])
 def test_methods_that_state_less_the_less_they_read_are_refused(sts: Robot, method: str) -> None:
     chain = sts.chain
@@ -156,3 +145,88 @@ def test_what_does_not_suit_the_arm_is_refused(sts: Robot) -> None:
         ConditionNumber(random_chain(5))
     with pytest.raises(ValueError, match="expected q of shape"):
         ConditionNumber(chain).values_and_gradients(np.zeros(5))
+
+
+@pytest.fixture(scope="module")
+def arm(sts):
+    return sts.chain
+
+
+@pytest.fixture(scope="module")
+def postures(arm):
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (60, 6))
+    return q[np.linalg.cond(arm.jacobian(q)) < 300.0]  # where finite differences can follow
+
+
+@pytest.fixture(scope="module")
+def kink(arm):
+    """A posture in whose neighbourhood the two smallest singular values meet."""
+    q = np.array([0.0, -2.42, 3.70, 0.0, -2.85, 0.0])
+
+    def gap(q3):
+        s = np.linalg.svd(arm.jacobian(np.array([*q[:2], q3, *q[3:]])), compute_uv=False)
+        return s[4] - s[5]
+
+    # With the wrist in the arm's plane the values cross, they do not avoid each other.
+    grid = np.linspace(3.5, 3.8, 20001)
+    q[2] = grid[np.argmin([gap(q3) for q3 in grid])]
+    assert gap(q[2]) < 1e-4
+    return q
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 10.0, 1e3, 1e5])
+def test_the_smooth_one_is_numpys_p_norms_and_a_bound(arm, postures, sharpness):
+    s = np.linalg.svd(arm.jacobian(postures), compute_uv=False)
+    p = 2.0 * sharpness
+    # Relative to the extremes, or the powers overflow.
+    above = np.sum((s / s[:, :1]) ** p, axis=1) ** (1.0 / p)
+    below = np.sum((s[:, -1:] / s) ** p, axis=1) ** (1.0 / p)
+    condition = s[:, 0] / s[:, -1]
+    values = ConditionNumber(arm, sharpness).values(postures)
+    np.testing.assert_allclose(values, condition * above * below, rtol=1e-9)
+    assert np.all(values >= condition * (1.0 - 1e-12))
+    assert np.all(values <= condition * 6.0 ** (1.0 / sharpness) * (1.0 + 1e-12))
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 30.0, 1e3])
+def test_the_smooth_ones_gradient_is_that_of_differences(arm, postures, kink, sharpness):
+    measure = ConditionNumber(arm, sharpness)
+    q = np.vstack([postures, kink])
+    values, gradients = measure.values_and_gradients(q)
+    h = 1e-6
+    expected = np.stack(
+        [(measure.values(q + h * d) - measure.values(q - h * d)) / (2.0 * h) for d in np.eye(6)],
+        axis=1,
+    )
+    # At the kink the curvature grows with the sharpness: an error of h^2 sharpness^2 or so.
+    scale = values + np.max(np.abs(gradients), axis=1)
+    assert np.max(np.abs(gradients - expected) / scale[:, np.newaxis]) < 1e-5
+    np.testing.assert_array_equal(measure.values(q), values)
+    np.testing.assert_array_equal(measure.values(q.reshape(-1, 1, 6)), values[:, np.newaxis])
+
+
+def test_the_smooth_one_sharp_and_away_from_kinks_it_is_the_condition_number(arm, postures):
+    s = np.linalg.svd(arm.jacobian(postures), compute_uv=False)
+    clear = (s[:, 0] > 1.01 * s[:, 1]) & (s[:, 4] > 1.01 * s[:, 5])
+    assert clear.sum() > 20
+    values, gradients = ConditionNumber(arm, 1e5).values_and_gradients(postures[clear])
+    plain, by_q = ConditionNumber(arm).values_and_gradients(postures[clear])
+    np.testing.assert_allclose(values, plain, rtol=1e-12)
+    np.testing.assert_allclose(gradients, by_q, rtol=1e-9, atol=1e-9)
+
+
+def test_singular_postures_and_wrong_sharpness(arm):
+    values, gradients = ConditionNumber(arm, 10.0).values_and_gradients(
+        np.array([0.3, 0.2, -0.4, 0.5, 0.0, 0.1])  # axes 4 and 6 in one line
+    )
+    assert values == 1e12
+    np.testing.assert_array_equal(gradients, 0.0)
+    with pytest.raises(ValueError, match="sharpness"):
+        ConditionNumber(arm, 0.5)
+
+
+def test_only_what_has_kinks_is_smoothed(arm):
+    plain = ConditionNumber(arm)
+    assert smoothed(arm, plain, 10.0).values(np.full(6, 0.5)) > plain.values(np.full(6, 0.5))
+    force_sd = ForceSd(arm, np.eye(6), WrenchReconstructionConfig(method="force_only"))
+    assert smoothed(arm, force_sd, 10.0) is force_sd

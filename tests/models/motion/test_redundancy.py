@@ -21,7 +21,7 @@ from wrenchsight.models.motion.redundancy import (
     task,
 )
 from wrenchsight.models.motion.surface_path import SurfacePath
-from wrenchsight.models.motion.workpieces import BladeSection, Plate
+from wrenchsight.models.motion.workpieces import BladeShapeConfig, Plate
 from wrenchsight.models.robot.robot import Robot
 
 INCLINED = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5)])
@@ -29,7 +29,12 @@ INCLINED = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 
 def make_problem(robot: Robot, num_samples: int = 31, **changes: object) -> RedundancyProblem:
     path = SurfacePath.on_surface(
-        BladeSection(), (0.75, 0.15), (0.75, 0.85), num_samples, None, np.array([0.45, -0.25, 0.25])
+        BladeShapeConfig().surface(),
+        (0.75, 0.15),
+        (0.75, 0.85),
+        num_samples,
+        None,
+        np.array([0.45, -0.25, 0.25]),
     )
     problem = RedundancyProblem(
         robot=robot,

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.motion.path_postures import correct_paths, track_paths
 from wrenchsight.models.motion.posture_measures import ConditionNumber
-from wrenchsight.models.placement.placement_descent import PlacementBatch, PlacementDescent
-from wrenchsight.models.placement.placement_program import PlacementBounds
+from wrenchsight.models.placement.placement_descent import PlacementDescent
+from wrenchsight.models.placement.placement_program import PlacementBatch, PlacementBounds
 from wrenchsight.models.robot.robot import Robot
 
 LENGTH = 0.6

@@ -7,7 +7,7 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.motion.path_postures import track_paths
-from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.motion.posture_measures import ConditionNumber
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementBounds,
@@ -32,8 +32,7 @@ def bounds(sts: Robot) -> PlacementBounds:
 
 
 def program_of(robot: Robot, bounds: PlacementBounds, segments: int = 20) -> PlacementProgram:
-    measure = PathMeasure(ConditionNumber(robot.chain))
-    return PlacementProgram(robot.chain, measure, bounds, 1.0, segments)
+    return PlacementProgram(robot.chain, ConditionNumber(robot.chain), bounds, 1.0, segments)
 
 
 def start(robot: Robot, segments: int = 20) -> Placement:

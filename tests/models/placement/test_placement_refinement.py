@@ -7,7 +7,7 @@ import pytest
 
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.motion.path_postures import track_paths
-from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd, PathMeasure
+from wrenchsight.models.motion.posture_measures import ConditionNumber, ForceSd
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
@@ -37,7 +37,7 @@ def bounds(robot):
 
 @pytest.fixture(scope="module")
 def program(robot, bounds):
-    measure = PathMeasure(ConditionNumber(robot.chain))
+    measure = ConditionNumber(robot.chain)
     return PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
 
 
@@ -59,7 +59,7 @@ def corrected(robot, program):
 
 
 def optimum(robot, program, placement):
-    start = Solution(placement, program.measure.value(placement.q), False, "", 0)
+    start = Solution(placement, program.cost(placement.q), False, "", 0)
     return finished(robot, program, start, corrected(robot, program))
 
 
@@ -103,7 +103,7 @@ def test_it_is_an_optimum(robot, program, best):
                 robot.chain, posture[None], direction[None], LENGTH, SEGMENTS, 1.0
             )
             if reached.all():
-                assert program.measure.value(path[0]) > best.cost * (1.0 - 1e-9)
+                assert program.cost(path[0]) > best.cost * (1.0 - 1e-9)
 
 
 def test_the_smoothing_costs_nothing_that_is_printed(robot, program, best):
@@ -144,7 +144,7 @@ def test_one_member_stands_for_a_family(robot, program, best, kind):
 def test_what_a_constraint_forbids_is_not_turned(robot, bounds, best):
     turned = family(robot, best.placement)["turned"]
     around = dataclasses.replace(bounds, p_lower=turned.p_WM - 0.01, p_upper=turned.p_WM + 0.01)
-    measure = PathMeasure(ConditionNumber(robot.chain))
+    measure = ConditionNumber(robot.chain)
     narrow = PlacementProgram(robot.chain, measure, around, LENGTH, SEGMENTS)
     found = standard_member(robot, narrow, turned)
     assert narrow.violation(found) < 1e-9
@@ -156,21 +156,19 @@ def test_what_the_measure_sees_is_not_turned(robot, bounds, best):
     """A stated covariance of a force is the same for a turned base; the tool's turn is not seen."""
     config = WrenchReconstructionConfig(method="force_only")
     covariance = np.diag([4.0, 3.0, 2.0, 1.0, 0.5, 0.2])
-    measure = PathMeasure(ForceSd(robot.chain, covariance, config))
+    measure = ForceSd(robot.chain, covariance, config)
     program = PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
     turned = family(robot, best.placement)["turned"]
     found = standard_member(robot, program, turned)
     assert found.q[SEGMENTS // 2, 0] == pytest.approx(0.0, abs=1e-9)
-    np.testing.assert_allclose(
-        measure.posture.values(found.q), measure.posture.values(turned.q), rtol=1e-8
-    )
+    np.testing.assert_allclose(measure.values(found.q), measure.values(turned.q), rtol=1e-8)
 
 
 def test_a_measure_without_kinks_is_solved_once(robot, bounds):
     config = WrenchReconstructionConfig(method="force_only")
-    measure = PathMeasure(ForceSd(robot.chain, np.eye(6), config))
+    measure = ForceSd(robot.chain, np.eye(6), config)
     program = PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
     start = placed(robot, NEAR)
     found, evaluations = refined(program, start)
     assert 0 < evaluations < 500
-    assert measure.value(found.q) <= measure.value(start.q)
+    assert program.cost(found.q) <= program.cost(start.q)

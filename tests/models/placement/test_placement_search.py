@@ -3,8 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
-from wrenchsight.models.placement.placement_descent import PlacementDescent
+from wrenchsight.models.motion.posture_measures import ConditionNumber
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementProgram,
@@ -32,15 +31,11 @@ def task() -> PlacementTask:
 
 
 def search_of(robot: Robot, task: PlacementTask, guided: bool = True) -> PlacementSearch:
-    measure = ConditionNumber(robot.chain)
-    bounds = task.bounds(robot)
-    program = PlacementProgram(
-        robot.chain, PathMeasure(measure), bounds, task.path_length, task.num_segments
-    )
-    descent = PlacementDescent(robot.chain, measure, bounds, task.path_length)
+    measure, size = ConditionNumber(robot.chain), (task.path_length, task.num_segments)
+    program = PlacementProgram(robot.chain, measure, task.bounds(robot), *size)
     path = task.initial_path() if guided else None
     initial = None if path is None else (path.n_W, path.p_WM, path.R_WE)
-    return PlacementSearch(robot, program, descent, initial)
+    return PlacementSearch(robot, program, initial)
 
 
 @pytest.mark.parametrize("seed", [None, 3, 4, 11])
@@ -142,7 +137,7 @@ def test_without_a_solve_the_best_path_that_keeps_its_branch_between_points_is_t
     def jumps(placement: Placement) -> Placement | None:
         if len(refused) == 3:
             return corrected(placement)
-        refused.append(search.program.measure.value(placement.q))
+        refused.append(search.program.cost(placement.q))
         return None
 
     monkeypatch.setattr(search, "corrected", jumps)

@@ -148,14 +148,12 @@ def reversal_recordings(
         ways = np.where(np.arange(robot.num_joints) % 2 == 0, 1.0, -1.0)
     directions = np.broadcast_to(np.asarray(ways, dtype=np.float64), postures.shape)
     for k, (posture, way) in enumerate(zip(postures, directions, strict=True)):
-        motion = reversal_motion(robot, way, posture, speeds, (0.0,), period)
+        motion = reversal_motion(robot, way, posture, speeds, period)
 
         def part(share: float, what: str, k: int = k) -> None:
             progress((k + share) / len(postures), what)
 
-        log = simulate_motion(
-            robot, motion.trajectory, seed + k, f"reversals {k + 1}", progress=part
-        )
+        log = simulate_motion(robot, motion, seed + k, f"reversals {k + 1}", progress=part)
         recordings.append(log.recording)
     return recordings
 

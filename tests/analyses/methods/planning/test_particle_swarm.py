@@ -10,7 +10,7 @@ from wrenchsight.analyses.methods.planning.particle_swarm import (
     place_by_swarm,
 )
 from wrenchsight.models.motion.path_postures import track_paths
-from wrenchsight.models.motion.posture_measures import ConditionNumber, PathMeasure
+from wrenchsight.models.motion.posture_measures import ConditionNumber
 from wrenchsight.models.placement.placement_program import PlacementProgram
 from wrenchsight.models.placement.placement_task import PlacementTask, load_task
 from wrenchsight.models.robot.robot import Robot
@@ -24,12 +24,12 @@ def task() -> PlacementTask:
 
 
 def program_of(robot: Robot, task: PlacementTask) -> PlacementProgram:
-    measure = PathMeasure(ConditionNumber(robot.chain))
+    measure = ConditionNumber(robot.chain)
     return PlacementProgram(robot.chain, measure, task.bounds(robot), task.path_length, 20)
 
 
 def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> None:
-    cost = ParticleCost(sts, program_of(sts, task), None)
+    cost = ParticleCost(sts, program_of(sts, task))
     # The article's initial path: n, m, theta and r, of any length.
     axis = np.array([1.0, 0.0, 1.0])
     initial = np.concatenate([[0.0, 0.5, 0.0], [0.5, 0.0, 0.45], [np.pi], axis])

@@ -17,7 +17,7 @@ from wrenchsight.analyses.methods.planning.redundancy_task import (
     RedundancyClearance,
     RedundancyTask,
 )
-from wrenchsight.diagrams.distances.clearance import Clearance, workpiece_clearance
+from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.diagrams.scenario import BladeConfig
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.bundled_files import task_file
@@ -25,7 +25,7 @@ from wrenchsight.models.files.configuration import load_configuration, save_conf
 from wrenchsight.models.motion.posture_measures import ConditionNumber
 from wrenchsight.models.motion.redundancy import RedundancyProblem
 from wrenchsight.models.motion.surface_path import SurfacePath
-from wrenchsight.models.motion.workpieces import BladeSection
+from wrenchsight.models.motion.workpieces import BladeShapeConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 
@@ -47,7 +47,7 @@ def pinocchio_jcn(robot: Robot, q: Array) -> Array:
 
 def test_a_cam_file_gives_what_its_surface_gives(sts: Robot, tmp_path: Path) -> None:
     """The whole command, from a CSV of the blade's own points; checked with pinocchio."""
-    blade = BladeSection()
+    blade = BladeShapeConfig().surface()
     path = SurfacePath.on_surface(blade, (0.75, 0.15), (0.75, 0.85), 31)
     with (tmp_path / "cam.csv").open("w", newline="") as file:
         writer = csv.writer(file)
@@ -159,9 +159,14 @@ def test_where_the_optimum_is_too_near_the_best_free_way_stands_beside_it(sts: R
     )
     result = find_redundancy(sts, config)
     assert result.free is not None
-    piece = BladeConfig(pose=config.workpiece)
-    assert workpiece_clearance(sts, piece, result.optimised.q) < 0.03
-    assert workpiece_clearance(sts, piece, result.free.q) >= 0.03
+    beside = Clearance(sts, 0.03, None, BladeConfig(pose=config.workpiece))
+
+    def slack_beside_the_piece(q: Array) -> float:
+        pairs = [pair for row in q for _, pair in beside.slacks(row)]
+        return min(pair.slack for pair in pairs if "workpiece" in (pair.first, pair.second))
+
+    assert slack_beside_the_piece(result.optimised.q) < 0.0
+    assert slack_beside_the_piece(result.free.q) >= 0.0
     metrics = result.metrics()
     assert metrics["free"]["mean_jcn"] >= metrics["optimised"]["mean_jcn"]
     assert metrics["free"]["mean_jcn"] < metrics["initial"]["mean_jcn"]
@@ -187,7 +192,7 @@ def test_a_way_through_the_workpiece_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_tool_comes_and_goes_along_the_normal_as_far_as_asked(sts: Robot) -> None:
-    path = SurfacePath.on_surface(BladeSection(), (0.75, 0.15), (0.75, 0.85), 3)
+    path = SurfacePath.on_surface(BladeShapeConfig().surface(), (0.75, 0.15), (0.75, 0.85), 3)
     q = np.array([0.0, -0.26, -0.567, 0.0, 0.827, 0.0]) + 0.1 * np.arange(3)[:, np.newaxis]
     measure = ConditionNumber(sts.chain)
     limits = sts.position_lower, sts.position_upper

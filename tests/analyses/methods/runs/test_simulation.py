@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
 from wrenchsight.analyses.methods.runs.simulation import known_model, simulate, simulate_scenario
 from wrenchsight.analyses.output.result_marker import visible_files
 from wrenchsight.diagrams.distances.clearance import ClosestPair
@@ -22,14 +23,18 @@ from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 
+def run(out, **settings):
+    """The command without its page."""
+    return simulate_scenario(SimulateSettings(record=False, **settings), out)
+
+
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """One run of a bundled scenario, shortened, with everything that it writes."""
     out = tmp_path_factory.mktemp("simulation") / "out"
     steps = []
-    result = simulate_scenario(
-        "Default", out, duration=0.5, graph=True, progress=lambda f, what: steps.append((f, what))
-    )
+    settings = SimulateSettings(duration_s=0.5, graph=True)
+    result = simulate_scenario(settings, out, lambda f, what: steps.append((f, what)))
     return result, out, steps
 
 
@@ -87,7 +92,7 @@ def test_what_was_simulated_can_be_estimated_from_its_log(written):
 
 def test_its_scenario_file_runs_again_to_the_same_metrics(written, tmp_path):
     _, out, _ = written
-    simulate_scenario(f"{out / 'scenario.yaml'}:Default", tmp_path, record=False)
+    run(tmp_path, scenario=f"{out / 'scenario.yaml'}:Default")
     again = (tmp_path / "metrics.json").read_bytes()
     assert again == (out / "metrics.json").read_bytes()
     assert not (tmp_path / "recording.html").exists()
@@ -127,13 +132,9 @@ def test_impedance_run_has_its_signals(sts):
 def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
     model = replace(IdentifiedModel.nominal(ur10e), residual_covariance=np.diag(np.full(6, 0.01)))
     model.save(tmp_path / "model.yaml")
-    result = simulate_scenario(
-        "ConstantWrench",
-        tmp_path / "out",
-        robot_name="ur10e",
-        model_path=tmp_path / "model.yaml",
-        duration=0.6,
-        record=False,
+    model = str(tmp_path / "model.yaml")
+    result = run(
+        tmp_path / "out", scenario="ConstantWrench", robot="ur10e", model=model, duration_s=0.6
     )
     assert result.robot.name == "ur10e"
     assert not any("--model" in notice for notice in result.notices)
@@ -141,22 +142,22 @@ def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
 
 
 def test_a_robot_without_a_tool_does_without_the_sensor(tmp_path):
-    result = simulate_scenario("Default", tmp_path, "ur10e", duration=0.1, record=False)
+    result = run(tmp_path, robot="ur10e", duration_s=0.1)
     assert result.ft_wrench is None
     assert any("no tool" in notice for notice in result.notices)
     with pytest.raises(InputError, match="feeds back a sensor"):
-        simulate_scenario("OneOfEverything", tmp_path, "ur10e", duration=0.1, record=False)
+        run(tmp_path, scenario="OneOfEverything", robot="ur10e", duration_s=0.1)
 
 
 def test_quick_is_short(tmp_path):
-    result = simulate_scenario("ConstantWrench", tmp_path, quick=True, record=False)
+    result = run(tmp_path, scenario="ConstantWrench", quick=True)
     assert result.t[-1] == pytest.approx(1.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["Polishing", "GrindingSensorless"])
 def test_a_machining_scenario_runs_to_its_end(tmp_path, name):
-    result = simulate_scenario(name, tmp_path / "out", quick=True, record=False)
+    result = run(tmp_path / "out", scenario=name, quick=True)
     assert result.fault == Fault.NONE
     assert result.phase[-1] == Phase.DONE
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["machining"]
@@ -204,7 +205,7 @@ def test_a_motion_that_diverges_is_one_line(sts):
 
 def test_unknown_scenario_leaves_nothing(tmp_path):
     with pytest.raises(InputError, match="there is no scenario"):
-        simulate_scenario("Everything", tmp_path / "out")
+        run(tmp_path / "out", scenario="Everything")
     assert not (tmp_path / "out").exists()
 
 
@@ -260,9 +261,7 @@ def test_the_motion_that_excite_found_is_run_and_nothing_touches_the_arm(sts, tm
     motion = FourierTrajectory(1.0, sts.home, np.array(sine), np.array(cosine))
     path = tmp_path / "trajectory.yaml"
     save_configuration(motion.coefficients(sts.name), path)
-    result = simulate_scenario(
-        "Default", tmp_path / "out", sts.name, motion_path=path, duration=0.3, record=False
-    )
+    result = run(tmp_path / "out", robot=sts.name, motion=str(path), duration_s=0.3)
     assert result.scenario.wrench == [] and result.scenario.workpiece is None
     assert np.abs(result.wrench_true).max() == 0.0
     planned = motion.sample(result.t)[0]
@@ -271,4 +270,4 @@ def test_the_motion_that_excite_found_is_run_and_nothing_touches_the_arm(sts, tm
     np.testing.assert_allclose(result.q, planned, atol=0.03)
     save_configuration(motion.coefficients("another"), path)
     with pytest.raises(InputError, match="made for 'another', not for 'sts_sre4_600'"):
-        simulate_scenario("Default", tmp_path / "b", sts.name, motion_path=path, record=False)
+        run(tmp_path / "b", robot=sts.name, motion=str(path))
