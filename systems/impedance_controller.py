@@ -5,14 +5,13 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     InputPort,
     LeafSystem,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array, Record
@@ -22,6 +21,7 @@ from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
+from wrenchsight.systems.tuned_parameters import declare_cached
 
 _NO_WRENCH = np.zeros(6)
 
@@ -173,11 +173,7 @@ class ImpedanceController(LeafSystem):
         if self._has_force:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # The gains change only with the parameters, not at every tick.
-        self._law = self.DeclareCacheEntry(
-            "law",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_law),
-            {self.all_parameters_ticket()},
-        )
+        self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
         prerequisites = {
             self._terms.ticket(),
             self._pose_reference.ticket(),
@@ -210,7 +206,7 @@ class ImpedanceController(LeafSystem):
     def _presses(self, context: Context) -> bool:
         return self._has_force and _is_on(self._force_active, context)
 
-    def _calc_law(self, context: Context, value: Value) -> None:
+    def _calc_law(self, context: Context) -> Record:
         law = self._default_law.copy()
         law["stiffness"], law["damping"] = (
             context.get_numeric_parameter(i).CopyToVector().reshape(6, 6)
@@ -218,7 +214,7 @@ class ImpedanceController(LeafSystem):
         )
         gains = context.get_numeric_parameter(self._force_gains).CopyToVector()
         law["proportional"], law["integral"], law["integral_limit"] = gains
-        value.set_value(law)
+        return law
 
     @property
     def law(self) -> Record:

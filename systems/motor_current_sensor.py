@@ -4,7 +4,6 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -12,13 +11,13 @@ from pydrake.systems.framework import (
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.systems.gaussian_noise_source import GaussianNoiseSource, tick_of
+from wrenchsight.systems.tuned_parameters import declare_cached
 
 
 class MotorCurrentSensor(LeafSystem):
@@ -82,10 +81,8 @@ class MotorCurrentSensor(LeafSystem):
             for value in values.values()
         ]
         # Read when they change, not at every tick.
-        self._table = self.DeclareCacheEntry(
-            "parameters",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_table),
-            {self.all_parameters_ticket()},
+        self._table = declare_cached(
+            self, "parameters", self._calc_table, {self.all_parameters_ticket()}
         )
         self._current_true = self.DeclareVectorInputPort("current_true", n)
         self._noise = self.DeclareVectorInputPort("noise", n)
@@ -114,9 +111,9 @@ class MotorCurrentSensor(LeafSystem):
         """Period of the update, s."""
         return self._time_step
 
-    def _calc_table(self, context: Context, value: Value) -> None:
+    def _calc_table(self, context: Context) -> Array:
         rows = [context.get_numeric_parameter(index).value() for index in self._parameters]
-        value.set_value(np.stack(rows))
+        return np.stack(rows)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         noise = self._own_noise

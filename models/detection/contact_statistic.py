@@ -137,6 +137,27 @@ class TorqueWhite(NamedTuple):
     misfit: Array
 
 
+class ArmSamples(NamedTuple):
+    """What an estimator knows of N samples, or of one without the first axis.
+
+    Attributes:
+        error: of the torque.
+        v: (N, n) rad/s.
+        transmitted: (N, n) N m; counts for the sample after.
+        momentum: (N, n) kg m^2/s, of the model.
+        tau_ext: (N, n) N m.
+        fresh: (N,) whether tau_ext is of this sample; otherwise contact and misfit stay as they
+            were.
+    """
+
+    error: TorqueError
+    v: Array
+    transmitted: Array
+    momentum: Array
+    tau_ext: Array
+    fresh: Flags
+
+
 def state_rows(num_joints: int) -> int:
     """Rows of the state, (rows, n)."""
     return _SINGLE - (-NUM_SINGLE // num_joints)
@@ -185,12 +206,7 @@ def misfit_square(
 def detect_tick(
     tables: tuple[Array, Array, Array, Array],
     state: Array,
-    error: TorqueError,
-    v: Array,
-    transmitted: Array,
-    momentum: Array,
-    tau_ext: Array,
-    fresh: bool,
+    own: ArmSamples,
     out: Array,
     work: Array,
 ) -> None:
@@ -200,17 +216,13 @@ def detect_tick(
         tables: of the torque error; `joints` (NUM_JOINT_ROWS, n), `settings` (NUM_SETTINGS,) and
             U (n, n) of ContactDetector.
         state: (state_rows, n), changed.
-        error: of the sample.
-        v: (n,) rad/s.
-        transmitted: (n,) N m; counts for the sample after.
-        momentum: (n,) kg m^2/s, of the model.
-        tau_ext: (n,) N m.
-        fresh: whether tau_ext is of this sample; otherwise contact and misfit stay as they were.
+        own: the sample.
         out: (NUM_OUT,), written.
         work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 1 is left with z, row 3
             with the change in N m.
     """
     table, joints, settings, white = tables
+    error, v, tau_ext = own.error, own.v, own.tau_ext
     n = v.shape[0]
     single = state[_SINGLE:].reshape(-1)
     load, s = work[2, :n], work[0, :n]
@@ -222,9 +234,9 @@ def detect_tick(
     out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
     keep = np.exp(-settings[PERIOD] / WINDOW)
     _change_variance(table, joints, keep, state, error.rows, v, load, single, s, work[4])
-    _take_jolts(joints, settings, state, momentum, load, transmitted)
+    _take_jolts(joints, settings, state, own.momentum, load, own.transmitted)
     single[_RESTING] += settings[PERIOD]
-    finite = fresh
+    finite = own.fresh
     for j in range(n):
         if not abs(v[j]) < REST_SPEED:
             single[_RESTING] = 0.0
@@ -476,12 +488,7 @@ def _link(power: Array, level: float) -> float:
 def detect_log(
     tables: tuple[Array, Array, Array, Array],
     state: Array,
-    error: TorqueError,
-    v: Array,
-    transmitted: Array,
-    momentum: Array,
-    tau_ext: Array,
-    fresh: Flags,
+    samples: ArmSamples,
     out: Array,
     white: TorqueWhite,
 ) -> None:
@@ -490,23 +497,22 @@ def detect_log(
     `white` is written, for what learns: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) of
     every sample; without rows it is not.
     """
+    error, v, transmitted, momentum, tau_ext, fresh = samples
     n, slow = v.shape[1], 0.0
     gain = 1.0 - np.exp(-tables[2][PERIOD] / MISFIT_WINDOW)
     work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
     for k in range(v.shape[0]):
-        own = TorqueError(
+        known = TorqueError(
             error.sd[k], error.stiction[k], error.drift[k], error.J_seen[k], error.rows[k]
         )
-        detect_tick(
-            *(tables, state, own, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k]),
-            *(out[k], work),
-        )
+        own = ArmSamples(known, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k])
+        detect_tick(tables, state, own, out[k], work)
         if white.misfit.shape[0] > 0:
             copy_to(white.z[k], work[1, :n])
             copy_to(white.mean[k], state[_MEAN])
             copy_to(white.change[k], work[3, :n])
             if np.isfinite(tau_ext[k]).all():
-                D = _unexplained(tables[2], tables[3], own.J_seen, tau_ext[k], work)
+                D = _unexplained(tables[2], tables[3], known.J_seen, tau_ext[k], work)
                 slow += gain * (D - slow)
             white.misfit[k] = np.sqrt(slow)
 

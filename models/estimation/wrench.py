@@ -54,6 +54,8 @@ from wrenchsight.models.estimation.wrench_kernels import (
     METHODS,
     NUM_SETTINGS,
     WORK_ROWS,
+    TorqueSample,
+    WrenchOut,
     reconstruct_log,
 )
 from wrenchsight.models.observers.observer import WrenchPrior
@@ -246,8 +248,7 @@ class WrenchReconstruction:
                 f"J must be (..., 6, {n}) and tau_ext (..., {n}), not {J.shape} and {tau_ext.shape}"
             )
         rows = int(np.prod(lead))
-        wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
-        quality = np.empty((rows, 2))
+        out = WrenchOut(np.empty((rows, 6)), np.empty((rows, 6, 6)), np.empty((rows, 2)))
         now = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
         held = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
@@ -255,12 +256,12 @@ class WrenchReconstruction:
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
         now, J = contiguous(now.reshape(-1, 6, n), J.reshape(rows, 6, n))
         tau, sd, held = contiguous(*(x.reshape(rows, n) for x in (tau_ext, sd, held)))
-        reconstruct_log(self.table, now, J, tau, sd, held, wrench, covariance, quality)
+        reconstruct_log(self.table, now, TorqueSample(J, tau, sd, held), out)
         return WrenchEstimate(
-            wrench.reshape(*lead, 6),
-            covariance.reshape(*lead, 6, 6),
-            quality[:, 0].reshape(lead),
-            (quality[:, 1] == 1.0).reshape(lead),
+            out.wrench.reshape(*lead, 6),
+            out.covariance.reshape(*lead, 6, 6),
+            out.quality[:, 0].reshape(lead),
+            (out.quality[:, 1] == 1.0).reshape(lead),
         )
 
 
