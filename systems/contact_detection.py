@@ -20,8 +20,8 @@ from wrenchsight.models.estimation.torque_error_stage import (
     torque_error_views,
 )
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick
-from wrenchsight.systems.tuned_parameters import declare_cached
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
 """Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""

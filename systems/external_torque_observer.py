@@ -15,8 +15,8 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_EXT, TAU_J, Observer
 from wrenchsight.models.observers.signals import signals_size, write_signals
+from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
-from wrenchsight.systems.tuned_parameters import TunedParameters, declare_cached
 
 _NOTHING = np.empty(0)
 
@@ -92,11 +92,11 @@ class ExternalTorqueObserver(LeafSystem):
             prerequisites.add(self._torque_error.ticket())
         if observer.reads_present_torque:
             prerequisites.add(self._tau_J.ticket())
-        self.DeclareVectorOutputPort("tau_ext", n, self._calc_tau_ext, prerequisites)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
+        parts = {"tau_ext": n, "valid": 1}
+        declare_parts(self, self._reading.Eval, parts, prerequisites)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
             self._wrench = self.DeclareVectorOutputPort(
@@ -153,12 +153,6 @@ class ExternalTorqueObserver(LeafSystem):
             np.array(memory).reshape(self._state_shape),
             *(signals, J, wrench[:6], wrench[6:].reshape(6, 6)),
         )
-
-    def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[: self._n])
-
-    def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[self._n])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         reading = self._reading.Eval(context)

@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
-from wrenchsight.systems.tuned_parameters import TunedParameters, declare_cached
+from wrenchsight.systems.declarations import TunedParameters, declare_cached
 
 
 class FrictionLawSystem(LeafSystem):

@@ -20,8 +20,8 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.systems.declarations import declare_cached, declare_parts
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
-from wrenchsight.systems.tuned_parameters import declare_cached
 
 _NO_WRENCH = np.zeros(6)
 
@@ -185,11 +185,11 @@ class ImpedanceController(LeafSystem):
             self._law.ticket(),
             self.xd_ticket(),
         }
-        self.DeclareVectorOutputPort("tau_command", n, self._calc_tau_command, prerequisites)
-        self.DeclareVectorOutputPort("pose_error", 6, self._calc_pose_error, prerequisites)
         self._action = self.DeclareVectorOutputPort(
             "action", sum(self.sizes(n)), self._calc_action, prerequisites
         )
+        parts = {"tau_command": n, "pose_error": 6}
+        declare_parts(self, self._action.Eval, parts, prerequisites)
 
     @staticmethod
     def sizes(num_joints: int) -> tuple[int, int, int]:
@@ -241,12 +241,6 @@ class ImpedanceController(LeafSystem):
             context.get_discrete_state(0).GetAtIndex(0),
             output.get_mutable_value(),
         )
-
-    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._action.Eval(context)[: self._n])
-
-    def _calc_pose_error(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._action.Eval(context)[self._n : -1])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._action.Eval(context)[-1:])

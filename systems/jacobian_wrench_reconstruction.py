@@ -21,11 +21,11 @@ from wrenchsight.models.estimation.wrench_reading import (
 )
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.observers.sample_check import BEYOND
+from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
-from wrenchsight.systems.tuned_parameters import TunedParameters, declare_cached
 
 _NOTHING = np.empty(0)
-_WRENCH, _COVARIANCE, _CONDITION, _VALID = slice(6), slice(6, 42), 42, 43
+_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
 
 
 class JacobianWrenchReconstruction(LeafSystem):
@@ -110,7 +110,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         tickets = {port.ticket() for port in ports} | {self._tables.ticket()}
         self._last: LastTick | None = None
         self._initial = reading.initial_state()
-        self.reading_sizes = [6, 36, 1, 1]
+        self.reading_sizes = list(_PARTS.values())
         """Of wrench, covariance, condition number and valid, and of the rest, in `reading`."""
         if time_step > 0.0:
             self.reading_sizes.append(len(self._initial))
@@ -119,14 +119,11 @@ class JacobianWrenchReconstruction(LeafSystem):
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # Nothing in it outlives a call.
         self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
-        self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, tickets)
-        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, tickets)
-        self.DeclareVectorOutputPort("condition_number", 1, self._calc_condition_number, tickets)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, tickets)
         # Kept: the reading and the state after it, so that the update need not read again.
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, tickets
         )
+        declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
     def _calc_tables(self, context: Context) -> tuple[Tables, Array]:
         """Of the reading; and the torque error where none is connected."""
@@ -173,15 +170,3 @@ class JacobianWrenchReconstruction(LeafSystem):
         reading = self._reading.Eval(context)
         memory, _ = self._last.take(context, discrete_state, reading)
         memory[:] = reading[READING:]
-
-    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[_WRENCH])
-
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[_COVARIANCE])
-
-    def _calc_condition_number(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[_CONDITION])
-
-    def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[_VALID])

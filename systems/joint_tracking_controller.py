@@ -22,7 +22,7 @@ from wrenchsight.models.control.joint_tracking import (
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
-from wrenchsight.systems.tuned_parameters import declare_cached
+from wrenchsight.systems.declarations import declare_cached
 
 LAWS = ("computed_torque", "feedforward_pd")
 

@@ -20,8 +20,8 @@ from wrenchsight.models.estimation.torque_error_stage import (
 )
 from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick
-from wrenchsight.systems.tuned_parameters import declare_cached
 
 
 class TorqueErrorSystem(LeafSystem):

@@ -28,8 +28,8 @@ from wrenchsight.models.estimation.tick import (
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.observers.sample_check import check_current
+from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
-from wrenchsight.systems.tuned_parameters import TunedParameters, declare_cached
 
 
 class WrenchEstimatorSystem(LeafSystem):
@@ -111,19 +111,8 @@ class WrenchEstimatorSystem(LeafSystem):
         self._reading = self.DeclareVectorOutputPort(
             "reading", self._size, self._calc_reading, prerequisites
         )
-        start = 0
-        for name, size in tick_sizes(n).items():
-            if name in ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault"):
-                part = slice(start, start + size)
-                self.DeclareVectorOutputPort(
-                    name,
-                    size,
-                    lambda context, output, part=part: output.SetFromVector(
-                        self._reading.Eval(context)[part]
-                    ),
-                    prerequisites,
-                )
-            start += size
+        sizes = dict(list(tick_sizes(n).items())[:6])  # tau_ext to fault
+        declare_parts(self, self._reading.Eval, sizes, prerequisites)
         drives = self._last.tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_checked_current, drives

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sample_models import torque_sds
 
+from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.torque_error_model import (
@@ -268,14 +269,13 @@ def test_an_average_over_a_window() -> None:
 def test_the_drift_is_the_part_of_the_variance_that_it_adds() -> None:
     """Who takes its square off, as smoothing does, has what is left without it; cubic included."""
     friction, (q, v, load) = law(), motion()
-    drift, (sd, plain) = np.empty((len(q), N)), np.zeros((2, len(q), N))  # no posture error
-    for share, out in ((0.3, sd), (0.0, plain)):
-        own = model(drift=share)
-        table, state = own.table(friction, STEP, 20.0), own.initial_state()
-        for k in range(len(q)):
-            signed = drift[k] if share else np.empty(N)
-            torque_sd_tick(table, state, q[k], v[k], out[k], np.empty(N), signed)
-            take_transmitted(state, load[k], np.zeros(N))
+    J = np.zeros((len(q), 6, N))
+    (sd, _, drift, *_), (plain, *_) = (
+        stage.run(stage.initial_state(), q, v, load, J)
+        for stage in (
+            TorqueErrorStage(model(drift=share), friction, 20.0, STEP, None) for share in (0.3, 0.0)
+        )
+    )
     np.testing.assert_allclose(np.sqrt(sd**2 - drift**2), plain, rtol=1e-9)
     assert (drift * v >= 0.0).all()
     at = np.abs(v[:, 0]).argmax()

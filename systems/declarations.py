@@ -1,4 +1,4 @@
-"""Numeric parameters of a block, by name, and what is computed when they change."""
+"""What blocks declare alike: parameters by name, what follows from them, ports of one vector."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -63,3 +63,21 @@ def declare_cached(
 
     producer = ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=write)
     return block.DeclareCacheEntry(name, producer, tickets)
+
+
+def declare_parts(
+    block: LeafSystem,
+    whole: Callable[[Context], Array],
+    sizes: Mapping[str, int],
+    tickets: set[DependencyTicket],
+) -> None:
+    """Declares output ports that are parts of one vector, from its first entry on."""
+    start = 0
+    for name, size in sizes.items():
+        part = slice(start, start + size)
+
+        def write(context: Context, output: BasicVector, part: slice = part) -> None:
+            output.SetFromVector(whole(context)[part])
+
+        block.DeclareVectorOutputPort(name, size, write, tickets)
+        start += size
