@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Sine
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
@@ -62,23 +62,6 @@ def test_noise_and_resolution():
         np.testing.assert_allclose(reading(sensor, context, [1.0, 1.0]), expected, atol=1e-15)
 
 
-def test_bandwidth_is_that_of_a_first_order_lag():
-    """Against the frequency response of the sampled lag, exact for a current held over the tick."""
-    bandwidth, omega = 20.0, 2.0 * np.pi * 20.0
-    sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth)
-    duration = 0.6
-    true, current = record(sensor, Sine(1.0, omega, 0.0, 1), duration)
-    t = np.arange(len(true))[300:] * TIME_STEP  # e^-38 of the transient is left
-    basis = np.column_stack([np.sin(omega * t), np.cos(omega * t)])
-    (inphase, quadrature), *_ = np.linalg.lstsq(basis, current[300:, 0])
-    a = np.exp(-omega * TIME_STEP)
-    response = (1.0 - a) / (1.0 - a * np.exp(-1j * omega * TIME_STEP))
-    np.testing.assert_allclose(inphase + 1j * quadrature, response, rtol=0.0, atol=1e-10)
-    # The tick-end reading leads the continuous lag by half a tick, and by nothing else.
-    continuous = np.exp(0.5j * omega * TIME_STEP) / (1.0 + 1j)
-    assert abs(response / continuous - 1.0) < 2e-3
-
-
 def test_noise_has_its_standard_deviation_and_repeats_by_seed():
     def run(seed):
         sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.02], seed=seed)
@@ -99,11 +82,6 @@ def test_parameters_change_through_the_context():
         context.get_mutable_numeric_parameter(index).SetFromVector([value])
     expected = 1.1 + 0.25 * draws(4, 0, 1)
     np.testing.assert_allclose(reading(sensor, context, [1.1]), expected, atol=1e-15)
-
-
-def test_sign():
-    sensor = MotorCurrentSensor(1, TIME_STEP, 50.0, 0.01, 0.1)
-    assert reading(sensor, sensor.CreateDefaultContext(), [2.0])[0] > 0.0
 
 
 def test_a_broken_current_is_reported_and_forgotten():
