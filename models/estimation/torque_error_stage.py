@@ -89,7 +89,6 @@ class TorqueErrorStage:
     ) -> None:
         self.error = error
         self.num_joints = n = error.num_joints
-        self._friction, self._K_0 = friction, K_0
         self._time_step, self._resolution, self._chain = time_step, resolution, chain
         self.rates = np.broadcast_to(np.asarray(error.K_0 if K_0 is None else K_0, float), (n,))
         self.table = error.table(friction, time_step, self.rates, resolution, chain)

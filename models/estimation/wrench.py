@@ -42,7 +42,7 @@ environment on the robot; J is (6, n) with rows [angular; linear] at E in axes o
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,21 +88,15 @@ class WrenchReconstructionConfig:
 
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
         """Returns it with these sds (N, N m) for those that were None."""
-        if self.prior_force_sd is not None and self.prior_moment_sd is not None:
-            return self
-        return replace(
-            self,
-            prior_force_sd=force_sd if self.prior_force_sd is None else self.prior_force_sd,
-            prior_moment_sd=moment_sd if self.prior_moment_sd is None else self.prior_moment_sd,
-        )
+        return self._filled(prior_force_sd=force_sd, prior_moment_sd=moment_sd)
 
     def with_live(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
-        """Returns a copy in which what `valid` rests on, where it was None, is this (N, N m)."""
-        return replace(
-            self,
-            live_force_sd=force_sd if self.live_force_sd is None else self.live_force_sd,
-            live_moment_sd=moment_sd if self.live_moment_sd is None else self.live_moment_sd,
-        )
+        """Returns it in which what `valid` rests on, where it was None, is this (N, N m)."""
+        return self._filled(live_force_sd=force_sd, live_moment_sd=moment_sd)
+
+    def _filled(self, **sds: float) -> "WrenchReconstructionConfig":
+        missing: dict[str, Any] = {k: sd for k, sd in sds.items() if getattr(self, k) is None}
+        return replace(self, **missing) if missing else self
 
 
 class WrenchEstimate(NamedTuple):
