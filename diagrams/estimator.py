@@ -1,8 +1,11 @@
 """The wrench estimator as a Diagram, to be dropped into any other."""
 
+from collections.abc import Mapping, Sequence
+
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
+    LeafSystem,
     OutputPort,
     PortDataType,
 )
@@ -102,9 +105,9 @@ def _staged(
 ) -> Diagram:
     """The estimator as a block a stage."""
     builder = DiagramBuilder()
+    period = estimator.observer.time_step
     terms = builder.AddNamedSystem("terms", RigidBodyTermsSystem(estimator.chain))
     motor = builder.AddNamedSystem("motor", MotorCurrentTorqueSource.of(estimator.robot))
-    period = estimator.observer.time_step
     friction = builder.AddNamedSystem("friction", _friction_system(estimator.friction, period))
     observer = builder.AddNamedSystem("observer", _observer_system(estimator.observer))
     reconstruction = builder.AddNamedSystem(
@@ -116,83 +119,50 @@ def _staged(
     reading = builder.AddNamedSystem("reading", Demultiplexer(reconstruction.reading_sizes))
     builder.Connect(observer.GetOutputPort("reading"), observed.get_input_port())
     builder.Connect(reconstruction.GetOutputPort("reading"), reading.get_input_port())
-    tau_ext, tau_ext_valid = (observed.get_output_port(i) for i in range(2))
-    for output, target, input_port in (
-        (terms.GetOutputPort("terms"), observer, "terms"),
-        (motor.GetOutputPort("tau_J"), observer, "tau_J"),
-        (friction.GetOutputPort("tau_f"), observer, "tau_f"),
-        (terms.GetOutputPort("terms"), reconstruction, "terms"),
-        (tau_ext, reconstruction, "tau_ext"),
-        (tau_ext_valid, reconstruction, "tau_ext_valid"),
-    ):
-        builder.Connect(output, target.GetInputPort(input_port))
-    error: TorqueErrorSystem | None = None
+    blocks: list[LeafSystem] = [terms, motor, friction, observer]
+    sources = _checked_inputs(builder, estimator) | {
+        "terms": terms.GetOutputPort("terms"),
+        "tau_J": motor.GetOutputPort("tau_J"),
+        "tau_f": friction.GetOutputPort("tau_f"),
+        "law": friction.GetOutputPort("law"),
+        "pole": observer.GetOutputPort("pole"),
+        "tau_ext": observed.get_output_port(0),
+        "tau_ext_valid": observed.get_output_port(1),
+    }
+    if estimator.observed_size:
+        sources["observed"] = observer.GetOutputPort("wrench")
+    read = dict(sources)
     if estimator.learnt or observer.uses_sd or detection is not None:  # else nobody asks for it
         error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
-        _connect_torque_error(builder, error, terms, motor, friction, observer)
-    if estimator.observed_size:
-        builder.Connect(observer.GetOutputPort("wrench"), reconstruction.GetInputPort("observed"))
-
-    position, velocity, current, fault = _checked_inputs(builder, estimator)
-    builder.Connect(fault, reconstruction.GetInputPort("fault"))
-    builder.Connect(position, terms.GetInputPort("q"))
-    builder.Connect(velocity, terms.GetInputPort("v"))
-    builder.Connect(current, motor.GetInputPort("current"))
-    if error is not None:
-        builder.Connect(position, error.GetInputPort("q"))
-        builder.Connect(velocity, error.GetInputPort("v"))
-    if error is not None and estimator.learnt:
-        builder.Connect(error.get_output_port(), reconstruction.GetInputPort("torque_error"))
-        builder.Connect(observer.GetOutputPort("pole"), reconstruction.GetInputPort("pole"))
-    builder.Connect(velocity, friction.GetInputPort("v"))
-    if estimator.model.friction.state_rows > 0:
-        builder.Connect(position, friction.GetInputPort("q"))
-        builder.Connect(motor.GetOutputPort("tau_J"), friction.GetInputPort("tau_J"))
-    builder.ExportOutput(tau_ext, "tau_ext")
+        sources["torque_error"] = error.get_output_port()
+        blocks.append(error)
+    _connect(builder, blocks, sources)
+    if estimator.learnt:
+        read["torque_error"] = sources["torque_error"]
+    else:  # of one covariance, and without a lag
+        del read["pole"]
+    _connect(builder, [reconstruction], read)
+    builder.ExportOutput(sources["tau_ext"], "tau_ext")
     for i, name_of_part in enumerate(("wrench", "covariance", "condition_number", "valid")):
         builder.ExportOutput(reading.get_output_port(i), name_of_part)
-    builder.ExportOutput(terms.GetOutputPort("terms"), "terms")
-    builder.ExportOutput(fault, "fault")
-    if error is not None and detection is not None:
-        _detect(
-            builder,
-            ContactDetector.of(estimator, detection),
-            {
-                "v": velocity,
-                "terms": terms.GetOutputPort("terms"),
-                "torque_error": error.get_output_port(),
-                "tau_ext": tau_ext,
-                "tau_ext_valid": tau_ext_valid,
-                "tau_J": motor.GetOutputPort("tau_J"),
-                "tau_f": friction.GetOutputPort("tau_f"),
-                "pole": observer.GetOutputPort("pole"),
-                "law": friction.GetOutputPort("law"),
-            },
-        )
+    builder.ExportOutput(sources["terms"], "terms")
+    builder.ExportOutput(sources["fault"], "fault")
+    if detection is not None:
+        _detect(builder, ContactDetector.of(estimator, detection), sources)
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
 
 
-def _connect_torque_error(
-    builder: DiagramBuilder,
-    error: TorqueErrorSystem,
-    terms: RigidBodyTermsSystem,
-    motor: MotorCurrentTorqueSource,
-    friction: FrictionLawSystem,
-    observer: ExternalTorqueObserver,
+def _connect(
+    builder: DiagramBuilder, blocks: Sequence[LeafSystem], sources: Mapping[str, OutputPort]
 ) -> None:
-    """Wires what the torque's error depends on, but for q and v, and the observer where it asks."""
-    for output, input_port in (
-        (terms.GetOutputPort("terms"), "terms"),
-        (motor.GetOutputPort("tau_J"), "tau_J"),
-        (friction.GetOutputPort("tau_f"), "tau_f"),
-        (friction.GetOutputPort("law"), "law"),
-        (observer.GetOutputPort("pole"), "pole"),
-    ):
-        builder.Connect(output, error.GetInputPort(input_port))
-    if observer.uses_sd:
-        builder.Connect(error.get_output_port(), observer.GetInputPort("torque_error"))
+    """Connects the inputs of blocks to the sources of their names; others are left open."""
+    for block in blocks:
+        for k in range(block.num_input_ports()):
+            port = block.get_input_port(k)
+            if port.get_name() in sources:
+                builder.Connect(sources[port.get_name()], port)
 
 
 def _friction_system(law: FrictionLaw, time_step: float) -> FrictionLawSystem:
@@ -211,9 +181,7 @@ def _observer_system(observer: Observer) -> ExternalTorqueObserver:
     return ExternalTorqueObserver(observer)
 
 
-def _checked_inputs(
-    builder: DiagramBuilder, estimator: WrenchEstimator
-) -> tuple[OutputPort, OutputPort, OutputPort, OutputPort]:
+def _checked_inputs(builder: DiagramBuilder, estimator: WrenchEstimator) -> dict[str, OutputPort]:
     """Exports q, v and current; returns them as they may be used, and `fault`."""
     n = estimator.num_joints
     check = SampleCheckSystem(estimator.check, n, estimator.observer.time_step)
@@ -223,18 +191,15 @@ def _checked_inputs(
     motion = builder.AddNamedSystem("motion", Demultiplexer(check.motion_sizes))
     builder.Connect(check.GetOutputPort("motion"), motion.get_input_port())
     fault, _, q, v = (motion.get_output_port(k) for k in range(4))
-    return q, v, check.GetOutputPort("checked_current"), fault
+    return {"q": q, "v": v, "current": check.GetOutputPort("checked_current"), "fault": fault}
 
 
 def _detect(
-    builder: DiagramBuilder,
-    detector: ContactDetector,
-    sources: dict[str, OutputPort],
+    builder: DiagramBuilder, detector: ContactDetector, sources: Mapping[str, OutputPort]
 ) -> None:
     """Adds the detector and exports what it says, signal by signal."""
     own = builder.AddNamedSystem("detection", ContactDetection(detector))
-    for port, source in sources.items():
-        builder.Connect(source, own.GetInputPort(port))
+    _connect(builder, [own], sources)
     parts = builder.AddNamedSystem("detected", Demultiplexer([1] * len(DETECTION)))
     builder.Connect(own.GetOutputPort("detection"), parts.get_input_port())
     for k, signal in enumerate(DETECTION):
@@ -262,10 +227,7 @@ def _fused(
     builder.ExportOutput(block.GetOutputPort("fault"), "fault")
     if detection is not None:
         robot = estimator.robot
-        motor = builder.AddNamedSystem(
-            "detection_motor",
-            MotorCurrentTorqueSource.of(robot),
-        )
+        motor = builder.AddNamedSystem("detection_motor", MotorCurrentTorqueSource.of(robot))
         n, sizes = estimator.num_joints, tick_sizes(estimator.num_joints)
         split = {name: size for name, size in sizes.items() if name not in signals}
         split_signals = {f"signals {row}": n for row in range(TORQUE_SD)}

@@ -28,7 +28,7 @@ from wrenchsight.systems.joint_tracking_controller import (
     JointTrackingConfig,
     JointTrackingController,
 )
-from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
 
 # Stiff enough that the arm hardly moves under the wrench, slow enough for a 1 ms drive.
 _HOLD = JointTrackingConfig(law="computed_torque", kp=[1e4], kd=[200.0])
@@ -115,8 +115,7 @@ def make_held_arm(
         wrench.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
     )
 
-    sensor = _current_sensor(robot, time_step, current_noise)
-    add_motor_current_sensor(builder, sensor, seed)
+    sensor = builder.AddSystem(_current_sensor(robot, time_step, current_noise, seed))
     watching = {
         name: add_estimator(
             builder,
@@ -156,10 +155,12 @@ def make_held_arm(
     return HeldArm(diagram=diagram, time_step=time_step, **held)
 
 
-def _current_sensor(robot: Robot, time_step: float, noise: bool) -> MotorCurrentSensor:
+def _current_sensor(robot: Robot, time_step: float, noise: bool, seed: int) -> MotorCurrentSensor:
     """The drives' own, or one without bandwidth, noise and resolution."""
-    drives = (robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution)
-    sensor = MotorCurrentSensor(robot.num_joints, time_step, *(drives if noise else ()))
+    drives = robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution
+    sensor = MotorCurrentSensor(robot.num_joints, time_step)
+    if noise:
+        sensor = MotorCurrentSensor(robot.num_joints, time_step, *drives, seed=seed)
     sensor.set_name("current_sensor")
     return sensor
 

@@ -3,23 +3,24 @@
 from typing import cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
+from wrenchsight.models.detection.contact_statistic import ArmSamples
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
     TorqueError,
     torque_error_views,
 )
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
@@ -73,10 +74,8 @@ class ContactDetection(LeafSystem):
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
-        self._tuned = self.DeclareCacheEntry(
-            "detector",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_detector),
-            {self._pole.ticket(), self._law.ticket()},
+        self._tuned = declare_cached(
+            self, "detector", self._calc_detector, {self._pole.ticket(), self._law.ticket()}
         )
         self._last = LastTick(self, initial, detector.time_step, len(DETECTION))
         self.DeclarePeriodicDiscreteUpdateEvent(detector.time_step, 0.0, self._update)
@@ -88,17 +87,16 @@ class ContactDetection(LeafSystem):
             "detection", len(DETECTION), self._calc, tickets | {self._tuned.ticket()}
         )
 
-    def _calc_detector(self, context: Context, value: Value) -> None:
+    def _calc_detector(self, context: Context) -> ContactDetector:
         pole = self._pole.Eval(context)
         K_0 = pole if (pole >= 0.0).all() else None
-        value.set_value(self._detector.retuned(self._law.Eval(context), K_0))
+        return self._detector.retuned(self._law.Eval(context), K_0)
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         error = torque_error_views(self._torque_error.Eval(context), self._shape[1])
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
-        return detector.judge(
-            state,
+        sample = ArmSamples(
             TorqueError(*(part[np.newaxis] for part in error)),
             self._v.Eval(context)[np.newaxis],
             transmitted,
@@ -106,6 +104,7 @@ class ContactDetection(LeafSystem):
             self._tau_ext.Eval(context)[np.newaxis],
             self._tau_ext_valid.Eval(context) == 1.0,
         )
+        return detector.judge(state, sample)
 
     def _transmitted(self, context: Context) -> Array:
         torque: Array = self._tau_J.Eval(context) - self._tau_f.Eval(context)

@@ -3,20 +3,19 @@
 from typing import ClassVar
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     LeafSystem,
-    NumericParameterIndex,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_EXT, TAU_J, Observer
 from wrenchsight.models.observers.signals import signals_size, write_signals
+from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
 
 _NOTHING = np.empty(0)
@@ -67,11 +66,8 @@ class ExternalTorqueObserver(LeafSystem):
         LeafSystem.__init__(self)
         self._observer = observer
         self._n = n = observer.num_joints
-        self._parameters = {
-            name: NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value.ravel())))
-            for name, value in observer.parameters.items()
-        }
-        self._shapes = {name: value.shape for name, value in observer.parameters.items()}
+        self._parameters = TunedParameters(self, observer.parameters)
+        parameters = self._parameters.tickets
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_J = self.DeclareVectorInputPort("tau_J", n)
         self._tau_f = self.DeclareVectorInputPort("tau_f", n)
@@ -82,14 +78,8 @@ class ExternalTorqueObserver(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(observer.time_step, 0.0, self._update)
 
         # The constants change only with the parameters, not at every tick.
-        tickets = {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
-        parameters = tickets or {self.nothing_ticket()}
-        self._table = self.DeclareCacheEntry(
-            "observer table",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(observer.table), calc=self._calc_table
-            ),
-            parameters,
+        self._table = declare_cached(
+            self, "observer table", lambda context: self._tuned(context).table, parameters
         )
         self._has_wrench = observer.kernels.wrench is not None
         self._last = LastTick(self, state, observer.time_step, n + 1 + 42 * self._has_wrench)
@@ -102,11 +92,11 @@ class ExternalTorqueObserver(LeafSystem):
             prerequisites.add(self._torque_error.ticket())
         if observer.reads_present_torque:
             prerequisites.add(self._tau_J.ticket())
-        self.DeclareVectorOutputPort("tau_ext", n, self._calc_tau_ext, prerequisites)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, prerequisites
         )
+        parts = {"tau_ext": n, "valid": 1}
+        declare_parts(self, self._reading.Eval, parts, prerequisites)
         self.DeclareVectorOutputPort("pole", n, self._calc_pole, parameters)
         if self._has_wrench:
             self._wrench = self.DeclareVectorOutputPort(
@@ -120,14 +110,7 @@ class ExternalTorqueObserver(LeafSystem):
 
     def _tuned(self, context: Context) -> Observer:
         """The observer with the parameters of a context."""
-        values = {
-            name: context.get_numeric_parameter(index).value().reshape(self._shapes[name])
-            for name, index in self._parameters.items()
-        }
-        return self._observer.with_parameters(values)
-
-    def _calc_table(self, context: Context, value: Value) -> None:
-        value.set_value(self._tuned(context).table)
+        return self._observer.with_parameters(self._parameters.at(context))
 
     def _calc_pole(self, context: Context, output: BasicVector) -> None:
         pole = self._tuned(context).pole
@@ -170,12 +153,6 @@ class ExternalTorqueObserver(LeafSystem):
             np.array(memory).reshape(self._state_shape),
             *(signals, J, wrench[:6], wrench[6:].reshape(6, 6)),
         )
-
-    def _calc_tau_ext(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[: self._n])
-
-    def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[self._n])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         reading = self._reading.Eval(context)

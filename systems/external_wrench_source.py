@@ -14,7 +14,7 @@ from wrenchsight.models.control.wrench_script import WrenchScript
 class ExternalWrenchSource(LeafSystem):
     """Applies a scripted wrench to the tool at E: the hand, the load, the test signal.
 
-        wrench_true(t) = gain script(t)
+        wrench_true(t) = script(t)
 
                  +----------------------+
                  |                      | --> spatial_forces
@@ -26,7 +26,6 @@ class ExternalWrenchSource(LeafSystem):
                 wrench_true     (6,) F_E_W, environment on robot at E, axes of W, rotation first:
                                 N m, N
     State:      none
-    Parameter:  gain            (1,) -, scales the whole script
 
     Args:
         script: the wrench as a function of time.
@@ -39,25 +38,18 @@ class ExternalWrenchSource(LeafSystem):
         self._script = script
         self._body_index = body_index
         self._p_BE = np.array(p_BE, dtype=np.float64)
-        self._gain = self.DeclareNumericParameter(BasicVector([1.0]))
-        wrench_true = self.DeclareVectorOutputPort(
-            "wrench_true",
-            6,
-            self._calc_wrench_true,
-            {self.time_ticket(), self.all_parameters_ticket()},
+        self._wrench_true = self.DeclareVectorOutputPort(
+            "wrench_true", 6, self._calc_wrench_true, {self.time_ticket()}
         )
-        self._wrench_true = wrench_true
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             Value[list[ExternallyAppliedSpatialForce]],
             self._calc_spatial_forces,
-            {self.time_ticket(), self.all_parameters_ticket()},
+            {self.time_ticket()},
         )
 
     def _calc_wrench_true(self, context: Context, output: BasicVector) -> None:
-        wrench = self._script.sample(context.get_time())
-        wrench *= context.get_numeric_parameter(self._gain).GetAtIndex(0)
-        output.SetFromVector(wrench)
+        output.SetFromVector(self._script.sample(context.get_time()))
 
     def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
         applied = ExternallyAppliedSpatialForce()

@@ -26,7 +26,7 @@ from wrenchsight.models.signals.tool_wrench import (
     measure_contact_wrench,
     tool_table,
 )
-from wrenchsight.systems.gaussian_noise_source import tick_of
+from wrenchsight.systems.last_tick import tick_of
 
 
 @dataclass
@@ -53,14 +53,11 @@ class ForceTorqueSensor(LeafSystem):
       reaction_forces  -->   |                   |
       terms            -->   |                   |
       vdot             -->   | ForceTorqueSensor | --> wrench
-      noise            -->   |                   |
                              +-------------------+
 
     Inputs:      reaction_forces  list[SpatialForce] (abstract) of the plant
                  terms            RigidBodyTerms (abstract) of the true robot: J, R_WE, V_WE, v at E
                  vdot             (n,) true joint acceleration, rad/s^2
-                 noise            (6,) unit Gaussian; optional: without it there is no noise but
-                                  the sensor's own, by its seed
     Output:      wrench           (6,) F_E_W, environment on robot at E, axes of W, rotation first,
                                   N m, N; from the state alone, so that a controller may feed it
                                   back: one tick late
@@ -74,8 +71,7 @@ class ForceTorqueSensor(LeafSystem):
         config: noise and filter.
         num_joints: n.
         time_step: s, period of the sampling.
-        seed: of noise that the sensor draws by itself, that of a GaussianNoiseSource of this seed,
-            in one call into Python less a tick; None: there is none.
+        seed: of the noise, as MotorCurrentSensor's; None: there is none.
 
     Raises:
         InputError: a filter that cannot be made, or a negative noise.
@@ -92,7 +88,7 @@ class ForceTorqueSensor(LeafSystem):
         seed: int | None = None,
     ) -> None:
         LeafSystem.__init__(self)
-        self._own_noise, self._seed, self._time_step = np.zeros(6), seed, time_step
+        self._noise, self._seed, self._time_step = np.zeros(6), seed, time_step
         if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
             raise InputError("force/torque sensor", "noise", "a standard deviation is negative")
         self._weld = int(tool_weld)
@@ -106,7 +102,6 @@ class ForceTorqueSensor(LeafSystem):
         )
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._vdot = self.DeclareVectorInputPort("vdot", num_joints)
-        self._noise = self.DeclareVectorInputPort("noise", 6)
         filtered = DiscreteStateIndex(self.DeclareDiscreteState(6))
         self.DeclareDiscreteState(6 * self._filter.order)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
@@ -130,11 +125,8 @@ class ForceTorqueSensor(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        noise = self._own_noise
         if self._seed is not None:
-            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), noise)
-        elif self._noise.HasValue(context):
-            noise = self._noise.Eval(context)
+            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), self._noise)
         measure_contact_wrench(
             ToolSensor(
                 *(self._tool, self._filter.A, self._filter.B, self._filter.C),
@@ -146,7 +138,7 @@ class ForceTorqueSensor(LeafSystem):
             terms.v,
             self._vdot.Eval(context),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
-            noise,
+            self._noise,
             discrete_state.get_mutable_value(0),
             discrete_state.get_mutable_value(1),
         )

@@ -1,23 +1,34 @@
 """A friction law as a block, whatever its kind."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
-    NumericParameterIndex,
-    ValueProducer,
 )
 
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.systems.declarations import TunedParameters, declare_cached
 
 
 class FrictionLawSystem(LeafSystem):
     """Predicts the friction torque of every joint by the law that it is given.
+
+    The article's semi-parametric law (Lu et al., eq. 12; `models.friction.velocity_friction`) and
+    the one with memory (`models.friction.presliding_friction`) are
+
+        tau_f = network(v) + bias + slope v             |v| ≤ v_crit
+                coulomb sgn(v) + viscous v + offset     |v| > v_crit
+
+        tau_f = velocity_law(v) + cubic v³ + (coulomb + stribeck exp(-(v / v_s)²) + load |L|) z
+        z     = Σ_k weight_k z_k,    z_k ← clip(z_k + Δq / displacement_k, -1, 1)
+
+    with L the torque that the gear transmitted at the tick before, tau_J - tau_f.
 
                  +-------------------+
       q     -->  |                   | --> tau_f
@@ -33,11 +44,15 @@ class FrictionLawSystem(LeafSystem):
                         M vdot + C v + G + tau_f = tau_J + tau_ext; direct feedthrough of q and v,
                         not of tau_J
                  law    FrictionLaw (abstract) with the parameters as they are now
-    State:       of the law, row by row, updated every `time_step`; none without memory
-    Parameters:  of the law, in its order
+    State:       of the law, row by row, updated every `time_step`; none without memory. With:
+                 (2 + K, n) position at the last tick, transmitted torque, K slips z_k; relaxed
+                 before the first tick
+    Parameters:  of the law, in its order: coulomb N m, viscous N m s/rad, offset N m and v_crit
+                 rad/s, (n,) each; with memory slip (n, 10 + 2 K), row by row, the columns of
+                 `models.friction.slip_elements`. Networks are fixed
 
     Position or velocity that is not finite gives a torque that is not finite, which the observer
-    flags; the law keeps what it knew.
+    flags; the law keeps what it knew, and the displacement over the gap counts afterwards.
 
     Args:
         law: of `wrenchsight.models.friction`.
@@ -55,17 +70,10 @@ class FrictionLawSystem(LeafSystem):
         self._rows = law.state_rows
         if self._rows > 0 and not time_step > 0.0:
             raise ValueError(f"friction: time_step must be positive, not {time_step}")
-        self._parameters = {
-            name: NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value.ravel())))
-            for name, value in law.parameters.items()
-        }
-        self._shapes = {name: value.shape for name, value in law.parameters.items()}
+        self._parameters = TunedParameters(self, law.parameters)
         # The law's constants change only with the parameters, not at every tick.
-        parameters = {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
-        self._tables = self.DeclareCacheEntry(
-            "friction tables",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
-            parameters or {self.nothing_ticket()},
+        self._tables = declare_cached(
+            self, "friction tables", self._calc_tables, self._parameters.tickets
         )
         if self._rows > 0:
             self._q = self.DeclareVectorInputPort("q", n)
@@ -82,20 +90,16 @@ class FrictionLawSystem(LeafSystem):
             "law",
             lambda: AbstractValue.Make(object()),
             lambda context, value: value.set_value(self._tuned(context)),
-            parameters or {self.nothing_ticket()},
+            self._parameters.tickets,
         )
 
     def _tuned(self, context: Context) -> FrictionLaw:
         """The law with the parameters of a context."""
-        values = {
-            name: np.array(context.get_numeric_parameter(index).value().reshape(self._shapes[name]))
-            for name, index in self._parameters.items()
-        }
-        return self._law.with_parameters(values)
+        return self._law.with_parameters(self._parameters.at(context))
 
-    def _calc_tables(self, context: Context, value: Value) -> None:
+    def _calc_tables(self, context: Context) -> tuple[Array, Array]:
         law = self._tuned(context)
-        value.set_value((law.velocity_law.table, law.slip_table))
+        return law.velocity_law.table, law.slip_table
 
     def _calc_tau_f(self, context: Context, output: BasicVector) -> None:
         velocity_table, slip_table = self._tables.EvalAbstract(context).get_value()

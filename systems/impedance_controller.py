@@ -5,14 +5,13 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     InputPort,
     LeafSystem,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array, Record
@@ -21,6 +20,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
+from wrenchsight.systems.declarations import declare_cached, declare_parts
 from wrenchsight.systems.pose_reference import POSE_REFERENCE_SIZE
 
 _NO_WRENCH = np.zeros(6)
@@ -173,11 +173,7 @@ class ImpedanceController(LeafSystem):
         if self._has_force:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # The gains change only with the parameters, not at every tick.
-        self._law = self.DeclareCacheEntry(
-            "law",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_law),
-            {self.all_parameters_ticket()},
-        )
+        self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
         prerequisites = {
             self._terms.ticket(),
             self._pose_reference.ticket(),
@@ -189,11 +185,11 @@ class ImpedanceController(LeafSystem):
             self._law.ticket(),
             self.xd_ticket(),
         }
-        self.DeclareVectorOutputPort("tau_command", n, self._calc_tau_command, prerequisites)
-        self.DeclareVectorOutputPort("pose_error", 6, self._calc_pose_error, prerequisites)
         self._action = self.DeclareVectorOutputPort(
             "action", sum(self.sizes(n)), self._calc_action, prerequisites
         )
+        parts = {"tau_command": n, "pose_error": 6}
+        declare_parts(self, self._action.Eval, parts, prerequisites)
 
     @staticmethod
     def sizes(num_joints: int) -> tuple[int, int, int]:
@@ -210,7 +206,7 @@ class ImpedanceController(LeafSystem):
     def _presses(self, context: Context) -> bool:
         return self._has_force and _is_on(self._force_active, context)
 
-    def _calc_law(self, context: Context, value: Value) -> None:
+    def _calc_law(self, context: Context) -> Record:
         law = self._default_law.copy()
         law["stiffness"], law["damping"] = (
             context.get_numeric_parameter(i).CopyToVector().reshape(6, 6)
@@ -218,7 +214,7 @@ class ImpedanceController(LeafSystem):
         )
         gains = context.get_numeric_parameter(self._force_gains).CopyToVector()
         law["proportional"], law["integral"], law["integral_limit"] = gains
-        value.set_value(law)
+        return law
 
     @property
     def law(self) -> Record:
@@ -245,12 +241,6 @@ class ImpedanceController(LeafSystem):
             context.get_discrete_state(0).GetAtIndex(0),
             output.get_mutable_value(),
         )
-
-    def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._action.Eval(context)[: self._n])
-
-    def _calc_pose_error(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._action.Eval(context)[self._n : -1])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._action.Eval(context)[-1:])

@@ -1,32 +1,31 @@
 """External joint torque to the wrench at the tool."""
 
-from dataclasses import replace
-
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     LeafSystem,
-    NumericParameterIndex,
-    ValueProducer,
 )
 
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
     READING,
     READING_WORK_ROWS,
+    Tables,
     WrenchReading,
     read_sample,
 )
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.observers.sample_check import BEYOND
+from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
 
 _NOTHING = np.empty(0)
-_WRENCH, _COVARIANCE, _CONDITION, _VALID = slice(6), slice(6, 42), 42, 43
+_PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
 
 
 class JacobianWrenchReconstruction(LeafSystem):
@@ -95,22 +94,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         LeafSystem.__init__(self)
         self._wrench_reading = reading
         self._n = n = reading.num_joints
-        config = reading.config
-        prior = [
-            np.inf if sd is None else sd for sd in (config.prior_force_sd, config.prior_moment_sd)
-        ]
-        values = {"prior_sd": np.array(prior)}
-        error = reading.error
-        if isinstance(error, ConstantTorqueError):
-            values["torque_covariance"] = error.covariance.ravel()
-        values |= {
-            "damping": np.array([config.damping]),
-            "truncation": np.array([config.truncation]),
-        }
-        self._parameters = {
-            name: NumericParameterIndex(self.DeclareNumericParameter(BasicVector(value)))
-            for name, value in values.items()
-        }
+        self._parameters = TunedParameters(self, reading.parameters)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._tau_ext = self.DeclareVectorInputPort("tau_ext", n)
         self._tau_ext_valid = self.DeclareVectorInputPort("tau_ext_valid", 1)
@@ -119,18 +103,14 @@ class JacobianWrenchReconstruction(LeafSystem):
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
         self._pole = self.DeclareVectorInputPort("pole", n)
         # The whitening and the prior change only with the parameters, not at every tick.
-        tuned = {self.numeric_parameter_ticket(index) for index in self._parameters.values()}
-        self._tables = self.DeclareCacheEntry(
-            "reconstruction tables",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
-            tuned | {self._pole.ticket()},
-        )
+        tuned = self._parameters.tickets | {self._pole.ticket()}
+        self._tables = declare_cached(self, "reconstruction tables", self._calc_tables, tuned)
         ports = [self._terms, self._tau_ext, self._tau_ext_valid, self._fault]
         ports += [self._observed, self._torque_error]
         tickets = {port.ticket() for port in ports} | {self._tables.ticket()}
         self._last: LastTick | None = None
         self._initial = reading.initial_state()
-        self.reading_sizes = [6, 36, 1, 1]
+        self.reading_sizes = list(_PARTS.values())
         """Of wrench, covariance, condition number and valid, and of the rest, in `reading`."""
         if time_step > 0.0:
             self.reading_sizes.append(len(self._initial))
@@ -139,38 +119,22 @@ class JacobianWrenchReconstruction(LeafSystem):
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # Nothing in it outlives a call.
         self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
-        self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench, tickets)
-        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, tickets)
-        self.DeclareVectorOutputPort("condition_number", 1, self._calc_condition_number, tickets)
-        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, tickets)
         # Kept: the reading and the state after it, so that the update need not read again.
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, tickets
         )
+        declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
-    def _calc_tables(self, context: Context, value: Value) -> None:
-        values = {
-            name: context.get_numeric_parameter(index).value()
-            for name, index in self._parameters.items()
-        }
-        reading = self._wrench_reading
-        config = replace(
-            reading.config,
-            prior_force_sd=float(values["prior_sd"][0]),
-            prior_moment_sd=float(values["prior_sd"][1]),
-            damping=float(values["damping"][0]),
-            truncation=float(values["truncation"][0]),
-        )
-        covariance, K_0 = values.get("torque_covariance"), None
-        if covariance is not None:
-            covariance = covariance.reshape(self._n, self._n)
-        else:
+    def _calc_tables(self, context: Context) -> tuple[Tables, Array]:
+        """Of the reading; and the torque error where none is connected."""
+        K_0 = None
+        if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
             K_0 = pole if (pole >= 0.0).all() else None
-        reading = reading.retuned(config, K_0, covariance)
+        reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
         constant = np.zeros(ERROR_ROWS * self._n)
         constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
-        value.set_value((reading.tables, constant))
+        return reading.tables, constant
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         out = output.get_mutable_value()
@@ -206,15 +170,3 @@ class JacobianWrenchReconstruction(LeafSystem):
         reading = self._reading.Eval(context)
         memory, _ = self._last.take(context, discrete_state, reading)
         memory[:] = reading[READING:]
-
-    def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[_WRENCH])
-
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reading.Eval(context)[_COVARIANCE])
-
-    def _calc_condition_number(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[_CONDITION])
-
-    def _calc_valid(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._reading.Eval(context)[_VALID])

@@ -6,16 +6,15 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.control.joint_tracking import (
     advance_integral,
     tracking_law,
@@ -23,6 +22,7 @@ from wrenchsight.models.control.joint_tracking import (
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.systems.declarations import declare_cached
 
 LAWS = ("computed_torque", "feedforward_pd")
 
@@ -104,11 +104,7 @@ class JointTrackingController(LeafSystem):
             time_step=time_step,
         )
         # The gains change only with the parameters, not at every tick.
-        self._law = self.DeclareCacheEntry(
-            "law",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_law),
-            {self.all_parameters_ticket()},
-        )
+        self._law = declare_cached(self, "law", self._calc_law, {self.all_parameters_ticket()})
         if self._integrates:
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self.DeclareVectorOutputPort(
@@ -123,9 +119,9 @@ class JointTrackingController(LeafSystem):
             },
         )
 
-    def _calc_law(self, context: Context, value: Value) -> None:
+    def _calc_law(self, context: Context) -> Record:
         gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
-        value.set_value(self._make_law(gains=gains))
+        return self._make_law(gains=gains)
 
     def _write_torque(self, context: Context, tau: Array) -> None:
         """Into tau (n,), N m."""

@@ -14,6 +14,12 @@ from wrenchsight.models.arrays import Array
 _TIMES = 2  # last entries: when the last tick was, when the next one is
 
 
+def tick_of(t: float, time_step: float) -> int:
+    """The number of the tick that begins at t or before, s."""
+    # A thousandth of a tick absorbs the rounding of t = k time_step.
+    return int(t / time_step + 1e-3)
+
+
 class LastTick:
     """The discrete state of a block, which also holds its last tick's time and what it put out.
 

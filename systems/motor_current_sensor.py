@@ -4,40 +4,35 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
     NumericParameterIndex,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
-from wrenchsight.systems.gaussian_noise_source import GaussianNoiseSource, tick_of
+from wrenchsight.systems.declarations import declare_cached
+from wrenchsight.systems.last_tick import tick_of
 
 
 class MotorCurrentSensor(LeafSystem):
     """Measures the motor current with the drive's bandwidth, noise and resolution.
 
         lagged_k = a lagged_{k-1} + (1 - a) current_true_k,   a = exp(-2π bandwidth time_step)
-        current  = ⌊(lagged + noise_sd noise) / resolution⌉ resolution
+        current  = ⌊(lagged + noise_sd noise) / resolution⌉ resolution,   noise = N(seed, tick)
 
     The current of a drive is held over a tick and read as it is at the tick's end: with unlimited
     bandwidth, no noise and no resolution, current = current_true, without delay.
 
                         +--------------------+
-      current_true -->  |                    |
-      noise        -->  | MotorCurrentSensor | --> current
+      current_true -->  | MotorCurrentSensor | --> current
                         +--------------------+
 
-    Inputs:      current_true  (n,) A, the current in the motor, held over the tick
-                 noise         (n,) -, unit Gaussian draws, new at every tick; optional: without it
-                               there is no noise but the sensor's own, by its seed
+    Input:       current_true  (n,) A, the current in the motor, held over the tick
     Output:      current       (n,) A, as the drive reports it; direct feedthrough
     State:       (n,) lagged, A; NaN before the first update: the lag starts at rest at the first
                  current
@@ -51,8 +46,8 @@ class MotorCurrentSensor(LeafSystem):
         num_joints: n.
         time_step: s, period of the update.
         bandwidth, noise_sd, resolution: (n,) or one value for all.
-        seed: of noise that the sensor draws by itself, that of a GaussianNoiseSource of this seed,
-            in one call into Python less a tick; None: there is none.
+        seed: of the noise, 0 to 2^53 - 1: the same seed gives the same run, wherever it starts;
+            None: there is none.
 
     Raises:
         ValueError: a parameter is negative or NaN, or bandwidth is zero.
@@ -70,7 +65,7 @@ class MotorCurrentSensor(LeafSystem):
         LeafSystem.__init__(self)
         n = num_joints
         self._n = n
-        self._own_noise, self._seed = np.zeros(n), seed
+        self._noise, self._seed = np.zeros(n), seed
         self._time_step = time_step
         parameters = {"bandwidth": bandwidth, "noise_sd": noise_sd, "resolution": resolution}
         values = {key: np.broadcast_to(np.asarray(x, float), n) for key, x in parameters.items()}
@@ -82,13 +77,10 @@ class MotorCurrentSensor(LeafSystem):
             for value in values.values()
         ]
         # Read when they change, not at every tick.
-        self._table = self.DeclareCacheEntry(
-            "parameters",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_table),
-            {self.all_parameters_ticket()},
+        self._table = declare_cached(
+            self, "parameters", self._calc_table, {self.all_parameters_ticket()}
         )
         self._current_true = self.DeclareVectorInputPort("current_true", n)
-        self._noise = self.DeclareVectorInputPort("noise", n)
         state = self.DeclareDiscreteState(np.full(n, np.nan))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self.DeclareVectorOutputPort(
@@ -97,7 +89,6 @@ class MotorCurrentSensor(LeafSystem):
             self._calc_current,
             {
                 self._current_true.ticket(),
-                self._noise.ticket(),
                 self.discrete_state_ticket(state),
                 self._table.ticket(),
                 *([] if seed is None else [self.time_ticket()]),
@@ -114,21 +105,18 @@ class MotorCurrentSensor(LeafSystem):
         """Period of the update, s."""
         return self._time_step
 
-    def _calc_table(self, context: Context, value: Value) -> None:
+    def _calc_table(self, context: Context) -> Array:
         rows = [context.get_numeric_parameter(index).value() for index in self._parameters]
-        value.set_value(np.stack(rows))
+        return np.stack(rows)
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        noise = self._own_noise
         if self._seed is not None:
-            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), noise)
-        elif self._noise.HasValue(context):
-            noise = self._noise.Eval(context)
+            gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), self._noise)
         measure_current(
             cast(Array, self._table.Eval(context)),
             self._time_step,
             self._current_true.Eval(context),
-            noise,
+            self._noise,
             context.get_discrete_state(0).value(),
             output.get_mutable_value(),
         )
@@ -140,14 +128,3 @@ class MotorCurrentSensor(LeafSystem):
             self._current_true.Eval(context),
             discrete_state.get_mutable_value(),
         )
-
-
-def add_motor_current_sensor(
-    builder: DiagramBuilder, sensor: MotorCurrentSensor, seed: int = 0
-) -> MotorCurrentSensor:
-    """Adds `sensor` with a noise source of its own: the same seed gives the same run."""
-    builder.AddSystem(sensor)
-    source = builder.AddSystem(GaussianNoiseSource(sensor.num_joints, sensor.time_step, seed))
-    source.set_name(f"{sensor.get_name()}_noise")
-    builder.Connect(source.GetOutputPort("noise"), sensor.GetInputPort("noise"))
-    return sensor

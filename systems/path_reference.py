@@ -15,7 +15,6 @@ class PathReference(LeafSystem):
     Output:     reference  (3n,) q_d, v_d, vdot_d at the time of the Context: rad, rad/s, rad/s^2;
                            at rest before the trajectory's first time and after its last
     State:      none
-    Parameter:  delay      (1,) s, by which the trajectory is played later
 
     Args:
         trajectory: times, positions, velocities, accelerations.
@@ -24,12 +23,8 @@ class PathReference(LeafSystem):
     def __init__(self, trajectory: JointTrajectory) -> None:
         LeafSystem.__init__(self)
         self._trajectory = trajectory
-        self._delay = self.DeclareNumericParameter(BasicVector([0.0]))
         self.DeclareVectorOutputPort(
-            "reference",
-            3 * trajectory.num_joints,
-            self._calc_reference,
-            {self.time_ticket(), self.all_parameters_ticket()},
+            "reference", 3 * trajectory.num_joints, self._calc_reference, {self.time_ticket()}
         )
 
     @property
@@ -38,5 +33,4 @@ class PathReference(LeafSystem):
         return self._trajectory
 
     def _calc_reference(self, context: Context, output: BasicVector) -> None:
-        delay = context.get_numeric_parameter(self._delay).GetAtIndex(0)
-        output.SetFromVector(self._trajectory.reference(context.get_time() - delay))
+        output.SetFromVector(self._trajectory.reference(context.get_time()))

@@ -3,16 +3,15 @@
 from typing import cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
-from wrenchsight.models.arrays import contiguous
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
     STAGE_ROWS,
@@ -21,6 +20,7 @@ from wrenchsight.models.estimation.torque_error_stage import (
 )
 from wrenchsight.models.identification.torque_error_model import take_transmitted
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick
 
 
@@ -65,18 +65,14 @@ class TorqueErrorSystem(LeafSystem):
         self._law = self.DeclareAbstractInputPort("law", AbstractValue.Make(object()))
         self._last = LastTick(self, stage.initial_state(), time_step, ERROR_ROWS * n)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        self._tables = self.DeclareCacheEntry(
-            "torque error tables",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tables),
-            {self._pole.ticket(), self._law.ticket()},
+        self._tables = declare_cached(
+            self, "tables", self._calc_tables, {self._pole.ticket(), self._law.ticket()}
         )
         ports = self._q, self._v, self._terms
         tickets = {port.ticket() for port in ports} | self._last.tickets
         # The error and the state after it, so that the update need not compute them again.
-        self._tick = self.DeclareCacheEntry(
-            "torque error and state",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tick),
-            tickets | {self._tables.ticket()},
+        self._tick = declare_cached(
+            self, "torque error and state", self._calc_tick, tickets | {self._tables.ticket()}
         )
         self._error = self.DeclareVectorOutputPort(
             "torque_error",
@@ -85,19 +81,19 @@ class TorqueErrorSystem(LeafSystem):
             self._last.tickets | {self._tick.ticket()},
         )
 
-    def _calc_tables(self, context: Context, value: Value) -> None:
+    def _calc_tables(self, context: Context) -> tuple[Array, Array]:
         pole = self._pole.Eval(context)
         stage = self._stage.retuned(self._law.Eval(context), pole if (pole >= 0.0).all() else None)
-        value.set_value((stage.table, stage.poles))
+        return stage.table, stage.poles
 
-    def _calc_tick(self, context: Context, value: Value) -> None:
+    def _calc_tick(self, context: Context) -> tuple[Array, Array]:
         state = np.array(self._last.at(context)[0]).reshape(STAGE_ROWS, self._n)
         error = np.empty(ERROR_ROWS * self._n)
         J = cast(RigidBodyTerms, self._terms.Eval(context)).J
         table, poles = self._tables.EvalAbstract(context).get_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         torque_error_sample(table, poles, state, q, v, contiguous(J)[0], error)
-        value.set_value((error, state))
+        return error, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
         if (kept := self._last.at(context)[1]) is not None:

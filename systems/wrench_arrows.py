@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from wrenchsight.models.arrays import Array
 
@@ -41,7 +41,6 @@ class WrenchArrows(LeafSystem):
     Output:     none; at its frames it sets the arrows /forces/<name>, and while Meshcat records,
                 records them
     State:      none
-    Parameter:  metres_per_newton  (1,) length of the arrows
 
     Args:
         meshcat: to draw into.
@@ -59,7 +58,7 @@ class WrenchArrows(LeafSystem):
     ) -> None:
         LeafSystem.__init__(self)
         self._meshcat = meshcat
-        self._scale = self.DeclareNumericParameter(BasicVector([metres_per_newton]))
+        self._scale = metres_per_newton
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._wrenches = {name: self.DeclareVectorInputPort(name, 6) for name in styles}
         for name, style in styles.items():
@@ -74,10 +73,9 @@ class WrenchArrows(LeafSystem):
 
     def _draw(self, context: Context) -> EventStatus:
         p_WE = self._terms.Eval(context).p_WE
-        scale = context.get_numeric_parameter(self._scale).GetAtIndex(0)
         t = context.get_time()
         for name, port in self._wrenches.items():
-            self._place(f"{PATH}/{name}", p_WE, scale * port.Eval(context)[3:], t)
+            self._place(f"{PATH}/{name}", p_WE, self._scale * port.Eval(context)[3:], t)
         return EventStatus.Succeeded()
 
     def _place(self, path: str, p_WE: Array, arrow: Array, t: float) -> None:

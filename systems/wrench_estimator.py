@@ -1,7 +1,5 @@
 """The whole estimator in one block."""
 
-from dataclasses import replace
-
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
@@ -9,8 +7,6 @@ from pydrake.systems.framework import (
     Context,
     DiscreteValues,
     LeafSystem,
-    NumericParameterIndex,
-    ValueProducer,
 )
 
 from wrenchsight.models.arrays import Array
@@ -30,9 +26,10 @@ from wrenchsight.models.estimation.tick import (
     tick_output,
     tick_update,
 )
+from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
-from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.observers.sample_check import check_current
+from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
 
 
@@ -83,21 +80,22 @@ class WrenchEstimatorSystem(LeafSystem):
         # A law without memory is taken at the speeds that were planned.
         self._planned = taught and estimator.friction.state_rows == 0
         self._law = estimator.friction
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self.parameters: dict[str, NumericParameterIndex] = {}
-        self._declare_parameters()
+        self._parameters = TunedParameters(
+            self,
+            {"motor.torque_per_ampere": estimator.robot.torque_per_ampere}
+            | _named("friction.", self._law.parameters)
+            | _named("observer.", estimator.observer.parameters)
+            | _named("reconstruction.", estimator.reading.parameters),
+        )
+        self.parameters = self._parameters.indices
+        parameters = self._parameters.tickets
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
         )
         self._initial = estimator.initial_state()
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
-        parameters = {self.numeric_parameter_ticket(index) for index in self.parameters.values()}
-        # Constants, friction law and pole: they change only with the parameters.
-        self._tuned = self.DeclareCacheEntry(
-            "constants, law and pole",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._calc_tuned),
-            parameters,
-        )
+        # They change only with the parameters.
+        self._tuned = declare_cached(self, "constants, law and pole", self._calc_tuned, parameters)
         self._size = sum(self.reading_sizes)
         # Kept: `reading`, the checked current.
         period = estimator.observer.time_step
@@ -114,19 +112,8 @@ class WrenchEstimatorSystem(LeafSystem):
         self._reading = self.DeclareVectorOutputPort(
             "reading", self._size, self._calc_reading, prerequisites
         )
-        start = 0
-        for name, size in tick_sizes(n).items():
-            if name in ("tau_ext", "wrench", "covariance", "condition_number", "valid", "fault"):
-                part = slice(start, start + size)
-                self.DeclareVectorOutputPort(
-                    name,
-                    size,
-                    lambda context, output, part=part: output.SetFromVector(
-                        self._reading.Eval(context)[part]
-                    ),
-                    prerequisites,
-                )
-            start += size
+        sizes = dict(list(tick_sizes(n).items())[:6])  # tau_ext to fault
+        declare_parts(self, self._reading.Eval, sizes, prerequisites)
         drives = self._last.tickets | {self._current.ticket()}
         self._checked_current = self.DeclareVectorOutputPort(
             "checked_current", n, self._calc_checked_current, drives
@@ -169,35 +156,8 @@ class WrenchEstimatorSystem(LeafSystem):
         """Of `tick_sizes`, and of the number of the reading, in `reading`."""
         return [*self.tick_sizes, 1]
 
-    def _declare_parameters(self) -> None:
-        estimator = self._estimator
-        config, error = estimator.reading.config, estimator.reading.error
-        prior = (config.prior_force_sd, config.prior_moment_sd)
-        reading = {
-            "reconstruction.prior_sd": np.array([np.inf if sd is None else sd for sd in prior]),
-            "reconstruction.damping": np.array([config.damping]),
-            "reconstruction.truncation": np.array([config.truncation]),
-        }
-        if isinstance(error, ConstantTorqueError):
-            reading["reconstruction.torque_covariance"] = error.covariance
-        values: dict[str, Array] = {
-            "motor.torque_per_ampere": estimator.robot.torque_per_ampere,
-            **{f"friction.{name}": value for name, value in self._law.parameters.items()},
-            **{f"observer.{name}": value for name, value in estimator.observer.parameters.items()},
-            **reading,
-        }
-        for name, value in values.items():
-            self._shapes[name] = value.shape
-            self.parameters[name] = NumericParameterIndex(
-                self.DeclareNumericParameter(BasicVector(value.ravel()))
-            )
-
-    def _calc_tuned(self, context: Context, value: Value) -> None:
-        estimator = self._estimator
-        values = {
-            name: np.array(context.get_numeric_parameter(index).value()).reshape(self._shapes[name])
-            for name, index in self.parameters.items()
-        }
+    def _calc_tuned(self, context: Context) -> tuple[Packed, FrictionLaw, Array | None]:
+        estimator, values = self._estimator, self._parameters.at(context)
 
         def own(part: str) -> dict[str, Array]:
             return {
@@ -206,20 +166,11 @@ class WrenchEstimatorSystem(LeafSystem):
                 if name.startswith(part)
             }
 
-        wrench = own("reconstruction.")
-        config = replace(
-            estimator.reading.config,
-            prior_force_sd=float(wrench["prior_sd"][0]),
-            prior_moment_sd=float(wrench["prior_sd"][1]),
-            damping=float(wrench["damping"][0]),
-            truncation=float(wrench["truncation"][0]),
-        )
         observer = estimator.observer.with_parameters(own("observer."))
-        covariance = wrench.get("torque_covariance")
-        reading = estimator.reading.retuned(config, observer.pole, covariance)
+        reading = estimator.reading.with_parameters(own("reconstruction."), observer.pole)
         law = self._law.with_parameters(own("friction."))
         gain = values["motor.torque_per_ampere"]
-        value.set_value((estimator.packed_with(gain, law, observer, reading), law, observer.pole))
+        return estimator.packed_with(gain, law, observer, reading), law, observer.pole
 
     def _calc_pole(self, context: Context, output: BasicVector) -> None:
         pole = self._tuned.EvalAbstract(context).get_value()[2]
@@ -321,3 +272,8 @@ class WrenchEstimatorSystem(LeafSystem):
 
     def _calc_terms(self, context: Context, output: Value) -> None:
         output.set_value(self._estimator.chain.terms(self._q.Eval(context), self._v.Eval(context)))
+
+
+def _named(part: str, values: dict[str, Array]) -> dict[str, Array]:
+    """The parameters of a part, by the names that they have in the diagram."""
+    return {part + name: value for name, value in values.items()}

@@ -6,7 +6,7 @@ period; means of these over blocks go to the filter of `models.contact.contact_f
 that the model states of each joint's torque.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
-class _Samples:
+class _Samples(NamedTuple):
     """N samples that wait for the filter, or for what comes after them.
 
     Attributes:
@@ -37,17 +37,12 @@ class _Samples:
         known: (N,) whether the sample and the one before were measured.
     """
 
-    def __init__(
-        self,
-        batch: EstimateBatch,
-        wrench_map: Array,
-        tau_ext: Array,
-        J: Array,
-        speed: Array,
-        known: Flags,
-    ) -> None:
-        self.batch, self.wrench_map, self.tau_ext = batch, wrench_map, tau_ext
-        self.J, self.speed, self.known = J, speed, known
+    batch: EstimateBatch
+    wrench_map: Array
+    tau_ext: Array
+    J: Array
+    speed: Array
+    known: Flags
 
     def block(self, rows: slice) -> Block:
         """These samples as one block."""
@@ -64,17 +59,13 @@ class _Samples:
 
     def rows(self, rows: slice) -> "_Samples":
         """Some of them."""
-        own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
-        return _Samples(self.batch.rows(rows), *(signal[rows] for signal in own))
+        own: Any = (signal[rows] for signal in self[1:])
+        return _Samples(self.batch.rows(rows), *own)
 
     def joined(self, after: "_Samples") -> "_Samples":
         """These and the ones after."""
-        own: Any = (self.wrench_map, self.tau_ext, self.J, self.speed, self.known)
-        other: Any = (after.wrench_map, after.tau_ext, after.J, after.speed, after.known)
-        return _Samples(
-            EstimateBatch.joined([self.batch, after.batch]),
-            *(np.concatenate(pair) for pair in zip(own, other, strict=True)),
-        )
+        own: Any = (np.concatenate(pair) for pair in zip(self[1:], after[1:], strict=True))
+        return _Samples(EstimateBatch.joined([self.batch, after.batch]), *own)
 
 
 class ContactReader:

@@ -40,6 +40,7 @@ from wrenchsight.models.detection.contact_statistic import (
     UNKNOWN_MOMENT,
     USUAL_JOLT,
     WINDOW,
+    ArmSamples,
     TorqueWhite,
     detect_log,
     state_rows,
@@ -246,82 +247,42 @@ class ContactDetector:
 
     def initial_state(self) -> Array:
         """Returns the (rows, n) state before the first sample."""
-        return initial_state(self.num_joints)
+        state = np.zeros((state_rows(self.num_joints), self.num_joints))
+        state[:NUM_UNKNOWN] = np.nan
+        return state
 
-    def run(
-        self,
-        state: Array,
-        batch: EstimateBatch,
-    ) -> Detection:
+    def run(self, state: Array, batch: EstimateBatch) -> Detection:
         """Takes what the estimator read of N samples; `state` of `initial_state` is changed."""
-        return Detection.of(
-            self.judge(
-                *(state, batch.torque_error, batch.v, batch.transmitted, batch.momentum),
-                *(batch.tau_ext, batch.fresh),
-            )
+        samples = ArmSamples(
+            *(batch.torque_error, batch.v, batch.transmitted, batch.momentum),
+            *(batch.tau_ext, batch.fresh),
         )
+        return Detection.of(self.judge(state, samples))
 
-    def judge(
-        self,
-        state: Array,
-        error: TorqueError,
-        v: Array,
-        transmitted: Array,
-        momentum: Array,
-        tau_ext: Array,
-        fresh: Flags,
-    ) -> Array:
-        """(N, NUM_OUT) as `detect_tick` writes it; arguments of N samples as there."""
+    def judge(self, state: Array, samples: ArmSamples) -> Array:
+        """(N, NUM_OUT) as `detect_tick` writes it."""
         nothing = np.empty((0, self.num_joints))
         white = TorqueWhite(nothing, nothing, nothing, np.empty(0))
-        return self._log(
-            self.settings, state, error, v, transmitted, momentum, tau_ext, fresh, white
-        )
+        return self._log(self.settings, state, samples, white)
 
-    def whiten(
-        self,
-        state: Array,
-        error: TorqueError,
-        v: Array,
-        transmitted: Array,
-        momentum: Array,
-        tau_ext: Array,
-    ) -> tuple[TorqueWhite, Array]:
+    def whiten(self, state: Array, samples: ArmSamples) -> tuple[TorqueWhite, Array]:
         """What `detect_log` leaves for what learns, and `judge` where no level is ever reached."""
         settings = self.settings.copy()
         settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
-        z, mean, change = np.empty((3, *v.shape))
-        white = TorqueWhite(z, mean, change, np.empty(len(v)))
-        fresh = np.ones(len(v), bool)
-        out = self._log(settings, state, error, v, transmitted, momentum, tau_ext, fresh, white)
-        return white, out
+        z, mean, change = np.empty((3, *samples.v.shape))
+        white = TorqueWhite(z, mean, change, np.empty(len(samples.v)))
+        return white, self._log(settings, state, samples, white)
 
-    def _log(
-        self,
-        settings: Array,
-        state: Array,
-        error: TorqueError,
-        v: Array,
-        transmitted: Array,
-        momentum: Array,
-        tau_ext: Array,
-        fresh: Flags,
-        white: TorqueWhite,
-    ) -> Array:
-        out = np.empty((len(v), NUM_OUT))
+    def _log(self, settings: Array, state: Array, samples: ArmSamples, white: TorqueWhite) -> Array:
+        out = np.empty((len(samples.v), NUM_OUT))
         table, joints, upper = self._tables
-        tables = table, joints, settings, upper
-        own, fresh = TorqueError(*contiguous(*error)), np.asarray(fresh, bool)
-        v, transmitted, momentum, tau_ext = contiguous(v, transmitted, momentum, tau_ext)
-        detect_log(tables, state, own, v, transmitted, momentum, tau_ext, fresh, out, white)
+        error, fresh = TorqueError(*contiguous(*samples.error)), np.asarray(samples.fresh, bool)
+        v, transmitted, momentum, tau_ext = contiguous(
+            samples.v, samples.transmitted, samples.momentum, samples.tau_ext
+        )
+        own = ArmSamples(error, v, transmitted, momentum, tau_ext, fresh)
+        detect_log((table, joints, settings, upper), state, own, out, white)
         return out
-
-
-def initial_state(num_joints: int) -> Array:
-    """Returns the (rows, n) state of `contact_statistic` before the first sample."""
-    state = np.zeros((state_rows(num_joints), num_joints))
-    state[:NUM_UNKNOWN] = np.nan
-    return state
 
 
 def upper_whitening(R: Array) -> Array:

@@ -6,25 +6,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array, contiguous
-from wrenchsight.models.detection.contact_detector import ContactDetector, initial_state
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.contact_statistic import (
     CHANGE_LENGTH,
     MEAN_LENGTH,
     POWER_LENGTH,
     SAMPLE_LENGTH,
+    ArmSamples,
     jolts,
 )
 from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.contact_noise import ContactNoise
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_fit import HeldOutReading, most_likely
-from wrenchsight.models.identification.torque_error_model import (
-    NUM_FEATURES,
-    TorqueErrorModel,
-    initial_torque_error_state,
-    torque_error_features,
+from wrenchsight.models.identification.torque_error_fit import (
+    HeldOutReading,
+    features_along,
+    most_likely,
 )
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import fit_exceedances
@@ -65,7 +64,10 @@ def fit_contact_noise(
     scale = np.sqrt(np.mean(np.vstack(mean) ** 2, axis=0) / squares)
     noise.mean_scale = np.maximum(scale, 1e-3).tolist()
     features = np.concatenate(
-        [_features(model.torque_error, own)[rows] for own, rows in zip(readings, used, strict=True)]
+        [
+            features_along(model.torque_error, own)[rows]
+            for own, rows in zip(readings, used, strict=True)
+        ]
     )
     usual = np.asarray(noise.usual_jolt)
     jolted = np.vstack(seen)
@@ -78,16 +80,6 @@ def fit_contact_noise(
     noise.misfit = fit_exceedances(misfit, time_step)
     noise.change = fit_exceedances([own[:, CHANGE_LENGTH] ** 2 for own in lengths], time_step)
     return noise
-
-
-def _features(error: TorqueErrorModel, own: HeldOutReading) -> Array:
-    """(N, n, NUM_FEATURES) of what a variance is made of."""
-    features = np.empty((*own.q.shape, NUM_FEATURES))
-    q, v, load = contiguous(own.q, own.v, own.transmitted)
-    table = error.table(own.friction, own.time_step, own.K_0, own.resolution)
-    state = initial_torque_error_state(error.num_joints)
-    torque_error_features(table, state, q, v, load, features)
-    return features
 
 
 def _change_sd(features: Array, jolted: Array, usual: Array, change: Array) -> Array:
@@ -133,10 +125,10 @@ def _white(
         detector = ContactDetector(stage, model.contact_noise, chain, config, own.time_step)
         J = chain.jacobian(own.q)
         errors = stage.run(stage.initial_state(), own.q, own.v, own.transmitted, J)
-        white, lengths = detector.whiten(
-            *(initial_state(detector.num_joints), errors, own.v, own.transmitted),
-            *(momentum, own.tau_ext),
+        samples = ArmSamples(
+            *(errors, own.v, own.transmitted, momentum, own.tau_ext), np.ones(len(own.v), bool)
         )
+        white, lengths = detector.whiten(detector.initial_state(), samples)
         for kept, part in zip(found, (*white, lengths), strict=True):
             kept.append(part[rows])
     return found

@@ -89,7 +89,7 @@ from wrenchsight.models.identification.torque_error_model import (
 )
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_lower
-from wrenchsight.models.views import copy_to
+from wrenchsight.models.views import borrowed, copy_to
 
 WINDOW = 0.3  # s
 MISFIT_WINDOW = 0.1  # s
@@ -135,6 +135,27 @@ class TorqueWhite(NamedTuple):
     mean: Array
     change: Array
     misfit: Array
+
+
+class ArmSamples(NamedTuple):
+    """What an estimator knows of N samples, or of one without the first axis.
+
+    Attributes:
+        error: of the torque.
+        v: (N, n) rad/s.
+        transmitted: (N, n) N m; counts for the sample after.
+        momentum: (N, n) kg m^2/s, of the model.
+        tau_ext: (N, n) N m.
+        fresh: (N,) whether tau_ext is of this sample; otherwise contact and misfit stay as they
+            were.
+    """
+
+    error: TorqueError
+    v: Array
+    transmitted: Array
+    momentum: Array
+    tau_ext: Array
+    fresh: Flags
 
 
 def state_rows(num_joints: int) -> int:
@@ -185,12 +206,7 @@ def misfit_square(
 def detect_tick(
     tables: tuple[Array, Array, Array, Array],
     state: Array,
-    error: TorqueError,
-    v: Array,
-    transmitted: Array,
-    momentum: Array,
-    tau_ext: Array,
-    fresh: bool,
+    own: ArmSamples,
     out: Array,
     work: Array,
 ) -> None:
@@ -200,31 +216,27 @@ def detect_tick(
         tables: of the torque error; `joints` (NUM_JOINT_ROWS, n), `settings` (NUM_SETTINGS,) and
             U (n, n) of ContactDetector.
         state: (state_rows, n), changed.
-        error: of the sample.
-        v: (n,) rad/s.
-        transmitted: (n,) N m; counts for the sample after.
-        momentum: (n,) kg m^2/s, of the model.
-        tau_ext: (n,) N m.
-        fresh: whether tau_ext is of this sample; otherwise contact and misfit stay as they were.
+        own: the sample.
         out: (NUM_OUT,), written.
         work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 1 is left with z, row 3
             with the change in N m.
     """
-    table, joints, settings, white = tables
-    n = v.shape[0]
+    _, joints, settings, white = tables
+    error, v, tau_ext = own.error, own.v, own.tau_ext
+    n, keep = v.shape[0], np.exp(-settings[PERIOD] / WINDOW)
     single = state[_SINGLE:].reshape(-1)
-    load, s = work[2, :n], work[0, :n]
+    detector = _Detector(tables, keep, state, single)
+    load = work[2, :n]
     beyond = False
     for j in range(n):
         load[j] = error.rows[TRANSMITTED_ROW, j]
         beyond = beyond or abs(v[j]) > joints[FITTED_SPEED, j]
         beyond = beyond or abs(load[j]) > joints[FITTED_LOAD, j]
     out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
-    keep = np.exp(-settings[PERIOD] / WINDOW)
-    _change_variance(table, joints, keep, state, error.rows, v, load, single, s, work[4])
-    _take_jolts(joints, settings, state, momentum, load, transmitted)
+    _change_variance(detector, error.rows, v, load, work)
+    _take_jolts(detector, own.momentum, load, own.transmitted)
     single[_RESTING] += settings[PERIOD]
-    finite = fresh
+    finite = own.fresh
     for j in range(n):
         if not abs(v[j]) < REST_SPEED:
             single[_RESTING] = 0.0
@@ -232,9 +244,9 @@ def detect_tick(
     out[REST] = 1.0 if single[_RESTING] >= REST_TIME else 0.0
     lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if finite:
-        _whiten(joints, settings, keep, state, single, error, tau_ext, work)
-        lengths = _lengths(white, joints, keep, state, work)
-        _decide(settings, state, single, lengths, work)
+        _whiten(detector, error, tau_ext, work)
+        lengths = _lengths(detector, work)
+        _decide(detector, lengths, work)
     out[SAMPLE_LENGTH], out[MEAN_LENGTH] = lengths.sample, lengths.mean
     out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
     out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
@@ -246,6 +258,17 @@ def detect_tick(
     if single[_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
         out[MISFIT] = 1.0
         out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
+
+
+class _Detector(NamedTuple):
+    """What the parts of a tick share: tables and state as `detect_tick`, the share that LP keeps of
+    a sample, and the state's single numbers.
+    """
+
+    tables: tuple[Array, Array, Array, Array]
+    keep: float
+    state: Array
+    single: Array
 
 
 class _Lengths(NamedTuple):
@@ -260,19 +283,10 @@ class _Lengths(NamedTuple):
 
 
 @kernel
-def _change_variance(
-    table: Array,
-    joints: Array,
-    keep: float,
-    state: Array,
-    rows: Array,
-    v: Array,
-    load: Array,
-    single: Array,
-    s: Array,
-    parts: Array,
-) -> None:
-    """Writes s'^2 (n,), the variance of a change without its jolt."""
+def _change_variance(own: _Detector, rows: Array, v: Array, load: Array, work: Array) -> None:
+    """Writes s'^2 (n,), the variance of a change without its jolt, into row 0 of `work`."""
+    (table, joints, _, _), keep, state, single = own
+    s, parts = work[0], work[4]
     for j in range(v.shape[0]):
         variance_parts(table, rows, j, v[j], load[j], parts)
         s[j] = 0.0
@@ -292,15 +306,9 @@ def _change_variance(
 
 
 @kernel
-def _take_jolts(
-    joints: Array,
-    settings: Array,
-    state: Array,
-    momentum: Array,
-    load: Array,
-    transmitted: Array,
-) -> None:
+def _take_jolts(own: _Detector, momentum: Array, load: Array, transmitted: Array) -> None:
     """Takes jumps of momentum and of motor torque into the jolt's square."""
+    (_, joints, settings, _), _, state, _ = own
     for j in range(momentum.shape[0]):
         if not np.isfinite(momentum[j]):
             continue
@@ -321,19 +329,11 @@ def _take_jolts(
 
 
 @kernel
-def _whiten(
-    joints: Array,
-    settings: Array,
-    keep: float,
-    state: Array,
-    single: Array,
-    error: TorqueError,
-    tau_ext: Array,
-    work: Array,
-) -> None:
+def _whiten(own: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> None:
     """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`, whose
     row 0 holds s'^2 before; takes the sample into both local scales and LP(z).
     """
+    (_, joints, settings, _), keep, state, single = own
     n, T = tau_ext.shape[0], settings[PERIOD]
     s, z, y, change = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
     single[_SEEN] += T
@@ -382,8 +382,9 @@ def _whiten(
 
 
 @kernel
-def _lengths(white: Array, joints: Array, keep: float, state: Array, work: Array) -> _Lengths:
+def _lengths(own: _Detector, work: Array) -> _Lengths:
     """The norms of what `_whiten` wrote; row 2 of `work` is left with y = U z."""
+    (_, joints, _, white), keep, state, _ = own
     n = white.shape[0]
     z, y = work[1, :n], work[2, :n]
     sample = power = mean = plain_mean = along = changed = 0.0
@@ -411,8 +412,9 @@ def _lengths(white: Array, joints: Array, keep: float, state: Array, work: Array
 
 
 @kernel
-def _decide(settings: Array, state: Array, single: Array, lengths: _Lengths, work: Array) -> None:
+def _decide(own: _Detector, lengths: _Lengths, work: Array) -> None:
     """Begins and ends contact."""
+    (_, _, settings, _), _, state, single = own
     T, touched = settings[PERIOD], single[_CONTACT] == 1.0
     single[_ANEW] -= T
     # The mean does not outlast a contact, nor begin one before it is a mean again.
@@ -476,12 +478,7 @@ def _link(power: Array, level: float) -> float:
 def detect_log(
     tables: tuple[Array, Array, Array, Array],
     state: Array,
-    error: TorqueError,
-    v: Array,
-    transmitted: Array,
-    momentum: Array,
-    tau_ext: Array,
-    fresh: Flags,
+    samples: ArmSamples,
     out: Array,
     white: TorqueWhite,
 ) -> None:
@@ -490,23 +487,24 @@ def detect_log(
     `white` is written, for what learns: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) of
     every sample; without rows it is not.
     """
+    state, v, transmitted = borrowed(state), borrowed(samples.v), borrowed(samples.transmitted)
+    momentum, tau_ext, fresh = borrowed(samples.momentum), borrowed(samples.tau_ext), samples.fresh
+    error, out = samples.error, borrowed(out)
+    sd, stiction, drift = borrowed(error.sd), borrowed(error.stiction), borrowed(error.drift)
+    seen, rows = borrowed(error.J_seen), borrowed(error.rows)
     n, slow = v.shape[1], 0.0
     gain = 1.0 - np.exp(-tables[2][PERIOD] / MISFIT_WINDOW)
     work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
     for k in range(v.shape[0]):
-        own = TorqueError(
-            error.sd[k], error.stiction[k], error.drift[k], error.J_seen[k], error.rows[k]
-        )
-        detect_tick(
-            *(tables, state, own, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k]),
-            *(out[k], work),
-        )
+        known = TorqueError(sd[k], stiction[k], drift[k], seen[k], rows[k])
+        own = ArmSamples(known, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k])
+        detect_tick(tables, state, own, out[k], work)
         if white.misfit.shape[0] > 0:
             copy_to(white.z[k], work[1, :n])
             copy_to(white.mean[k], state[_MEAN])
             copy_to(white.change[k], work[3, :n])
             if np.isfinite(tau_ext[k]).all():
-                D = _unexplained(tables[2], tables[3], own.J_seen, tau_ext[k], work)
+                D = _unexplained(tables[2], tables[3], known.J_seen, tau_ext[k], work)
                 slow += gain * (D - slow)
             white.misfit[k] = np.sqrt(slow)
 

@@ -444,7 +444,6 @@ class WrenchEstimator:
             q, v, current = (np.asarray(part, float) for part in checked)
         if tau_f is not None:
             current = np.asarray(current - self._current_of(tau_f))
-        values, layout, _ = self.packed
         tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
         covariance, condition = np.empty((N, 6, 6)), np.empty(N)
         valid, counts = np.empty(N, np.bool_), np.empty(N, np.bool_)
@@ -456,27 +455,17 @@ class WrenchEstimator:
             rows = slice(start, min(N, start + _PASS))
             part = signals[: rows.stop - start] if seen is None else seen[rows]
             own = observed[: rows.stop - start]
-            terms_log(values, layout, q[rows], v[rows], current[rows], known[rows], part, J[rows])
+            now = TorqueError(*(x[rows] for x in error))
+            terms_log(self.packed, q[rows], v[rows], current[rows], known[rows], part, J[rows])
             memory_log(
-                *(self.choice, self.packed, state, known[rows], part, J[rows]),
-                *(error.J_seen[rows], error.rows[rows], tau_ext[rows], counts[rows], own),
+                *(self.choice, self.packed, state, known[rows], part, J[rows], now),
+                *(tau_ext[rows], counts[rows], own),
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
-            momentum[rows] = part[:, MOMENTUM]
-            speed[rows] = part[:, V]
-            for sd, row in zip(error[:3], (TORQUE_SD, STICTION, DRIFT), strict=True):
-                sd[rows] = part[:, row]
-            now = TorqueError(*(x[rows] for x in error))
+            momentum[rows], speed[rows] = part[:, MOMENTUM], part[:, V]
             F[rows], covariance[rows], condition[rows], valid[rows] = self.reading.run(
-                *(
-                    parts.reading,
-                    now,
-                    J[rows],
-                    tau_ext[rows],
-                    counts[rows],
-                    fault[rows] & BEYOND != 0,
-                ),
-                *(own, conditions),
+                *(parts.reading, now, J[rows], tau_ext[rows], counts[rows]),
+                *(fault[rows] & BEYOND != 0, own, conditions),
             )
         return EstimateBatch(
             *(tau_ext, F, covariance, condition, valid, J, error.sd, transmitted, counts, fault),
@@ -521,18 +510,15 @@ class WrenchEstimator:
         """
         q, v, current = contiguous(q, v, current)
         N, n = q.shape
-        values, layout, _ = self.packed
         known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
         J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
         error = TorqueError.empty(N, n)
-        terms_log(values, layout, q, v, current, known, signals, J)
+        terms_log(self.packed, q, v, current, known, signals, J)
         memory_log(
-            *(self.choice, self.packed, self.initial_state(), known, signals, J),
-            *(error.J_seen, error.rows, tau_ext, fresh, np.empty((N, 0))),
+            *(self.choice, self.packed, self.initial_state(), known, signals, J, error),
+            *(tau_ext, fresh, np.empty((N, 0))),
         )
         tau_J, tau_f = signals[:, TAU_J].copy(), signals[:, TAU_F].copy()
-        for sd, row in zip(error[:3], (TORQUE_SD, STICTION, DRIFT), strict=True):
-            sd[:] = signals[:, row]
         return Observation(tau_ext, tau_J, tau_f, fresh, J, error)
 
     def _current_of(self, tau_f: ArrayLike) -> Array:

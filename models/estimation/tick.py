@@ -16,8 +16,9 @@ what is added (n,) N m, and where friction is known from elsewhere, so that the 
 torque (n,) N m.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import prange
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator_arrays import (
@@ -59,13 +60,14 @@ from wrenchsight.models.observers.sample_check import (
 )
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
+from wrenchsight.models.row_blocks import in_row_blocks
 from wrenchsight.models.views import Layout, borrowed, copy_to, copy_whole, read_only, view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_SD, KNOWN_TAU_F = range(4)  # rows of `known`
 FAULT, COUNTS = range(2)  # of a tick's flags
 
-_BLOCK = 256  # rows a thread takes at a time
+_BLOCK = 1024  # rows a thread takes at a time
 
 
 @kernel
@@ -118,22 +120,23 @@ def _terms(
             signals[TAU_F, i] = known[KNOWN_TAU_F, i]
 
 
+class _Memory(NamedTuple):
+    """The stages that remember: whose kernels, their constants and their state."""
+
+    choice: KernelChoice
+    p: Parameters
+    observer: Array
+    s: State
+
+
 @kernel(inline="always")
-def _observed(
-    choice: KernelChoice,
-    p: Parameters,
-    observer: Array,
-    s: State,
-    known: Array,
-    signals: Array,
-    J: Array,
-    wrench: Array,
-) -> bool:
+def _observed(own: _Memory, known: Array, signals: Array, J: Array, wrench: Array) -> bool:
     """What friction remembers, then the observer; returns whether tau_ext is fresh.
 
     signals[TAU_F] holds the velocity law's torque before. `wrench` (OBSERVED,) or (0,) is written
     by an observer that reads it.
     """
+    choice, p, observer, s = own
     if known.shape[0] <= KNOWN_TAU_F and s.friction.shape[0] > 0:
         _add_torque(choice)(p.slip, s.friction, signals[Q], signals[V], signals[TAU_F])
     fresh: bool = _observe(choice)(observer, s.observer, signals, J)
@@ -144,16 +147,9 @@ def _observed(
 
 
 @kernel(inline="always")
-def _taken(
-    choice: KernelChoice,
-    p: Parameters,
-    observer: Array,
-    s: State,
-    known: Array,
-    signals: Array,
-    J: Array,
-) -> None:
+def _taken(own: _Memory, known: Array, signals: Array, J: Array) -> None:
     """Takes the sample into what observer, friction law and torque error remember."""
+    choice, p, observer, s = own
     _take(choice)(observer, s.observer, signals, J)
     if known.shape[0] <= KNOWN_TAU_F and s.friction.shape[0] > 0:
         load = signals[TAU_J] - signals[TAU_F]
@@ -234,7 +230,7 @@ def tick_output(
     torque_error_tick(p.error, p.poles[0], tick.error_state, signals[Q], signals[V], J, tick.error)
     _widen(known, tick.error.sd)
     observed = tick.observed if _reads_wrench(choice) else tick.observed[:0]
-    fresh = _observed(choice, p, observer, s, known, signals, J, observed)
+    fresh = _observed(_Memory(choice, p, observer, s), known, signals, J, observed)
     counts = _corrected(known, signals, tick.tau_ext, fresh)
     tick.flags[COUNTS] = 1.0 if counts else 0.0
     copy_whole(tick.reading_state, s.reading)
@@ -289,7 +285,7 @@ def tick_update(
     joint_torque(p.drives[GAIN], p.drives[MOTOR_RATES:], checked[2], signals[TAU_J])
     copy_whole(s.error, tick.error_state)
     copy_whole(s.reading, tick.reading_state)
-    _taken(choice, p, observer, s, known, signals, tick.J)
+    _taken(_Memory(choice, p, observer, s), known, signals, tick.J)
 
 
 @kernel
@@ -316,36 +312,27 @@ def estimate_tick(
 # ----------------------------------------------------------------------------------------------
 
 
-@kernel(parallel=True)
 def terms_log(
-    values: Array,
-    layout: Layout,
-    q: Array,
-    v: Array,
-    current: Array,
-    known: Array,
-    signals: Array,
-    J: Array,
+    packed: Packed, q: Array, v: Array, current: Array, known: Array, signals: Array, J: Array
 ) -> None:
-    """What N samples say without memory: signals (N, NUM_SIGNALS, n) and J (N, 6, n).
+    """What N samples say without memory, by threads: signals (N, NUM_SIGNALS, n) and J (N, 6, n).
 
     Args:
         q, v, current: (N, n), checked.
         known: (N, 3, n), (N, 4, n) or (N, 0, n).
-        others: as `tick_output`.
     """
-    N = q.shape[0]
-    for block in prange((N + _BLOCK - 1) // _BLOCK):
-        start, stop = block * _BLOCK, min(N, (block + 1) * _BLOCK)
-        _terms_block(values, layout, start, stop, q, v, current, known, signals, J)
+
+    def run(rows: slice) -> None:
+        own = (x[rows] for x in (q, v, current, known, signals, J))
+        _terms_rows(packed.values, packed.layout, *own)
+
+    in_row_blocks(run, len(q), _BLOCK)
 
 
-@kernel
-def _terms_block(
+@kernel(nogil=True)
+def _terms_rows(
     values: Array,
     layout: Layout,
-    start: int,
-    stop: int,
     q: Array,
     v: Array,
     current: Array,
@@ -353,9 +340,11 @@ def _terms_block(
     signals: Array,
     J: Array,
 ) -> None:
-    p = parameters_of(values, layout)
+    q, v, current, known = borrowed(q), borrowed(v), borrowed(current), borrowed(known)
+    signals, J = borrowed(signals), borrowed(J)
+    p = parameters_of(borrowed(values), layout)
     X, bodies = np.empty((4, 3)), np.empty((q.shape[1], SCRATCH_COLUMNS))
-    for k in range(start, stop):
+    for k in range(q.shape[0]):
         _terms(p, q[k], v[k], current[k], known[k], signals[k], J[k], X, bodies)
 
 
@@ -367,8 +356,7 @@ def memory_log(
     known: Array,
     signals: Array,
     J: Array,
-    seen: Array,
-    rows: Array,
+    error: TorqueError,
     tau_ext: Array,
     counts: Flags,
     observed: Array,
@@ -376,22 +364,26 @@ def memory_log(
     """Takes N samples of `terms_log` into `state`.
 
     Args:
-        seen, rows: (N, 6, n), (N, TORQUE_ERROR_ROWS, n), written: of their TorqueError, whose sds
-            are written into `signals`.
+        error: of N samples, written; the sds into `signals`, too.
         tau_ext, counts: (N, n), (N,), written: N m, and which of them count.
         observed: (N, OBSERVED), written by an observer that reads the wrench itself; else (N, 0).
     """
     n, observer = signals.shape[2], borrowed(packed.observer)
     known, signals, J = borrowed(known), borrowed(signals), borrowed(J)
-    seen, rows, tau_ext = borrowed(seen), borrowed(rows), borrowed(tau_ext)
+    seen, rows, tau_ext = borrowed(error.J_seen), borrowed(error.rows), borrowed(tau_ext)
+    sd, stiction, drift = borrowed(error.sd), borrowed(error.stiction), borrowed(error.drift)
     observed = borrowed(observed)
     p = parameters_of(borrowed(packed.values), packed.layout)
     s = state_of(borrowed(state), packed.layout, n)
+    memory = _Memory(choice, p, observer, s)
     for k in range(signals.shape[0]):
         own = signals[k]
-        error = TorqueError(own[TORQUE_SD], own[STICTION], own[DRIFT], seen[k], rows[k])
-        torque_error_tick(p.error, p.poles[0], s.error, own[Q], own[V], J[k], error)
-        _widen(known[k], error.sd)
-        fresh = _observed(choice, p, observer, s, known[k], own, J[k], observed[k])
-        _taken(choice, p, observer, s, known[k], own, J[k])
+        now = TorqueError(own[TORQUE_SD], own[STICTION], own[DRIFT], seen[k], rows[k])
+        torque_error_tick(p.error, p.poles[0], s.error, own[Q], own[V], J[k], now)
+        _widen(known[k], now.sd)
+        copy_to(sd[k], now.sd)
+        copy_to(stiction[k], now.stiction)
+        copy_to(drift[k], now.drift)
+        fresh = _observed(memory, known[k], own, J[k], observed[k])
+        _taken(memory, known[k], own, J[k])
         counts[k] = _corrected(known[k], own, tau_ext[k], fresh)

@@ -89,7 +89,6 @@ class TorqueErrorStage:
     ) -> None:
         self.error = error
         self.num_joints = n = error.num_joints
-        self._friction, self._K_0 = friction, K_0
         self._time_step, self._resolution, self._chain = time_step, resolution, chain
         self.rates = np.broadcast_to(np.asarray(error.K_0 if K_0 is None else K_0, float), (n,))
         self.table = error.table(friction, time_step, self.rates, resolution, chain)
@@ -120,7 +119,7 @@ class TorqueErrorStage:
         q, v, load, J = contiguous(q, v, transmitted, J)
         N, n = q.shape
         error = TorqueError.empty(N, n)
-        _run(self.table, self.poles, state, q, v, load, J, *error)
+        _run(self.table, self.poles, state, q, v, load, J, error)
         return error
 
 
@@ -184,15 +183,12 @@ def _run(
     v: Array,
     transmitted: Array,
     J: Array,
-    sd: Array,
-    stiction: Array,
-    drift: Array,
-    seen: Array,
-    rows: Array,
+    error: TorqueError,
 ) -> None:
+    sd, stiction, drift, seen, rows = error
     nothing = np.zeros(q.shape[1])
     for k in range(q.shape[0]):
-        error = TorqueError(sd[k], stiction[k], drift[k], seen[k], rows[k])
-        posture_variance(table, q[k], error.sd)
-        torque_error_tick(table, poles, state, q[k], v[k], J[k], error)
+        now = TorqueError(sd[k], stiction[k], drift[k], seen[k], rows[k])
+        posture_variance(table, q[k], now.sd)
+        torque_error_tick(table, poles, state, q[k], v[k], J[k], now)
         take_transmitted(state, transmitted[k], nothing)

@@ -42,7 +42,7 @@ environment on the robot; J is (6, n) with rows [angular; linear] at E in axes o
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +54,8 @@ from wrenchsight.models.estimation.wrench_kernels import (
     METHODS,
     NUM_SETTINGS,
     WORK_ROWS,
+    TorqueSample,
+    WrenchOut,
     reconstruct_log,
 )
 from wrenchsight.models.observers.observer import WrenchPrior
@@ -86,21 +88,15 @@ class WrenchReconstructionConfig:
 
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
         """Returns it with these sds (N, N m) for those that were None."""
-        if self.prior_force_sd is not None and self.prior_moment_sd is not None:
-            return self
-        return replace(
-            self,
-            prior_force_sd=force_sd if self.prior_force_sd is None else self.prior_force_sd,
-            prior_moment_sd=moment_sd if self.prior_moment_sd is None else self.prior_moment_sd,
-        )
+        return self._filled(prior_force_sd=force_sd, prior_moment_sd=moment_sd)
 
     def with_live(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
-        """Returns a copy in which what `valid` rests on, where it was None, is this (N, N m)."""
-        return replace(
-            self,
-            live_force_sd=force_sd if self.live_force_sd is None else self.live_force_sd,
-            live_moment_sd=moment_sd if self.live_moment_sd is None else self.live_moment_sd,
-        )
+        """Returns it in which what `valid` rests on, where it was None, is this (N, N m)."""
+        return self._filled(live_force_sd=force_sd, live_moment_sd=moment_sd)
+
+    def _filled(self, **sds: float) -> "WrenchReconstructionConfig":
+        missing: dict[str, Any] = {k: sd for k, sd in sds.items() if getattr(self, k) is None}
+        return replace(self, **missing) if missing else self
 
 
 class WrenchEstimate(NamedTuple):
@@ -246,8 +242,7 @@ class WrenchReconstruction:
                 f"J must be (..., 6, {n}) and tau_ext (..., {n}), not {J.shape} and {tau_ext.shape}"
             )
         rows = int(np.prod(lead))
-        wrench, covariance = np.empty((rows, 6)), np.empty((rows, 6, 6))
-        quality = np.empty((rows, 2))
+        out = WrenchOut(np.empty((rows, 6)), np.empty((rows, 6, 6)), np.empty((rows, 2)))
         now = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
         held = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
@@ -255,12 +250,12 @@ class WrenchReconstruction:
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
         now, J = contiguous(now.reshape(-1, 6, n), J.reshape(rows, 6, n))
         tau, sd, held = contiguous(*(x.reshape(rows, n) for x in (tau_ext, sd, held)))
-        reconstruct_log(self.table, now, J, tau, sd, held, wrench, covariance, quality)
+        reconstruct_log(self.table, now, TorqueSample(J, tau, sd, held), out)
         return WrenchEstimate(
-            wrench.reshape(*lead, 6),
-            covariance.reshape(*lead, 6, 6),
-            quality[:, 0].reshape(lead),
-            (quality[:, 1] == 1.0).reshape(lead),
+            out.wrench.reshape(*lead, 6),
+            out.covariance.reshape(*lead, 6, 6),
+            out.quality[:, 0].reshape(lead),
+            (out.quality[:, 1] == 1.0).reshape(lead),
         )
 
 

@@ -1,5 +1,7 @@
 """Kernels of the wrench reconstruction: one sample, or a log; the theory is in `wrench`."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array
@@ -32,6 +34,36 @@ _WELL_CONDITIONED = 1e9  # up to which elimination gives what singular values gi
 _LARGEST = 1e60  # N, N m and their squares; more counts as not finite
 
 
+class TorqueSample(NamedTuple):
+    """What is read of a sample; of N samples with a first axis.
+
+    Attributes:
+        J: (6, n) as tau_ext saw it.
+        tau_ext: (n,) N m.
+        sd: (n,) N m, positive, of its errors.
+        stiction: (n,) N m, the part of it that is stiction.
+    """
+
+    J: Array
+    tau_ext: Array
+    sd: Array
+    stiction: Array
+
+
+class WrenchOut(NamedTuple):
+    """What is written of a sample; of N samples with a first axis.
+
+    Attributes:
+        wrench: (6,).
+        covariance: (6, 6).
+        quality: (2,) condition number, and 1 for valid or 0.
+    """
+
+    wrench: Array
+    covariance: Array
+    quality: Array
+
+
 @kernel
 def reconstruct(
     table: Array,
@@ -48,62 +80,39 @@ def reconstruct(
         table: `WrenchReconstruction.table`.
         J: (6, n).
         tau_ext: (n,).
-        wrench: (6,), written.
-        covariance: (6, 6), written.
-        quality: (2,), written: condition number, and 1 for valid or 0.
+        wrench, covariance, quality: written, as WrenchOut.
         work: `WrenchReconstruction.scratch()`.
     """
     n = J.shape[1]
     sd, stiction = work[_SD, :n], work[_STICTION, :n]
     for j in range(n):
         sd[j], stiction[j] = 1.0, 0.0
-    reconstruct_with(table, J, J, tau_ext, sd, stiction, wrench, covariance, quality, work)
+    out = WrenchOut(wrench, covariance, quality)
+    reconstruct_with(table, J, TorqueSample(J, tau_ext, sd, stiction), out, work)
 
 
 @kernel
 def reconstruct_with(
-    table: Array,
-    J_now: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    quality: Array,
-    work: Array,
+    table: Array, J_now: Array, own: TorqueSample, out: WrenchOut, work: Array
 ) -> None:
-    """As `reconstruct`, of errors with sds of this sample.
-
-    Args:
-        J_now: (6, n) of the sample, for the condition number.
-        J: (6, n) as tau_ext saw it.
-        sd: (n,) N m, positive.
-        stiction: (n,) N m, the part of it that is stiction.
+    """As `reconstruct`, of errors with sds of this sample; J_now (6, n) of the sample, for the
+    condition number.
     """
-    valid = _reading(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+    valid = _reading(table, own, out, work)
     condition = condition_number_of(J_now, work[_SCRATCH : _SCRATCH + 6])
-    quality[0] = np.inf if np.isnan(condition) else condition
-    quality[1] = 1.0 if valid else 0.0
+    out.quality[0] = np.inf if np.isnan(condition) else condition
+    out.quality[1] = 1.0 if valid else 0.0
 
 
 @kernel
-def _reading(
-    table: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    work: Array,
-) -> bool:
+def _reading(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> bool:
     """Writes wrench and covariance and returns whether they are valid."""
+    J, wrench, covariance = own.J, out.wrench, out.covariance
     n = J.shape[1]
     settings = table[2 * n]
     total = 0.0
     for j in range(n):
-        total += tau_ext[j] + sd[j]
+        total += own.tau_ext[j] + own.sd[j]
         for i in range(6):
             total += J[i, j]
     if not np.isfinite(total):
@@ -111,13 +120,13 @@ def _reading(
         return False
     method = int(settings[_METHOD])
     if method == FORCE_ONLY and table[2 * n + 1, 0] > 0.0:
-        _balanced(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+        _balanced(table, own, out, work)
         seen = True
     elif method in (FORCE_ONLY, BAYESIAN):
-        _posterior(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+        _posterior(table, own, out, work)
         seen = True
     else:
-        seen = _pseudo_inverse(table, J, tau_ext, sd, stiction, wrench, covariance, work)
+        seen = _pseudo_inverse(table, own, out, work)
     total = 0.0
     for i in range(6):
         total += abs(wrench[i]) + covariance[i, i]
@@ -126,7 +135,7 @@ def _reading(
         return False
     worst = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
     feigned = 0.0
-    if _any(stiction):
+    if _any(own.stiction):
         feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
     return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
 
@@ -204,20 +213,12 @@ def _posterior_covariance(
 
 
 @kernel
-def _posterior(
-    table: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    work: Array,
-) -> None:
+def _posterior(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> None:
     """The Gaussian posterior; leaves in `work` what `valid` rests on."""
-    n = J.shape[1]
+    sd, wrench, covariance = own.sd, out.wrench, out.covariance
+    n = sd.shape[0]
     settings = table[2 * n]
-    whiten(table, J, tau_ext, sd, work)
+    whiten(table, own.J, own.tau_ext, sd, work)
     moment_sd, force_sd = settings[_MOMENT_SD], settings[_FORCE_SD]
     _posterior_covariance(moment_sd, force_sd, 0, covariance, work)
     # F = S R^T R S A W tau, by the factor: the covariance would lose what cancels in it.
@@ -241,7 +242,7 @@ def _posterior(
                 plain[i, j] = covariance[i, j]
     else:
         _posterior_covariance(moment_sd, force_sd, 3, plain, work)
-    if not _any(stiction):
+    if not _any(own.stiction):
         return
     gain = work[_SCRATCH : _SCRATCH + 3]  # of the force from white torque, then from torque
     for i in range(3):
@@ -256,32 +257,24 @@ def _posterior(
             for j in range(k, n):
                 total += white[j] * table[j, k]
             gain[i, k] = total / sd[k]
-    _feign(gain, stiction, work)
+    _feign(gain, own.stiction, work)
 
 
 @kernel
-def _balanced(
-    table: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    work: Array,
-) -> None:
+def _balanced(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> None:
     """As `_posterior` of a point force, weighted by the geometric means of sds and usual sds.
 
     Its covariance is not the inverse of the information that these weights claim but that of the
     sample's own errors through the gain, and what the force's prior leaves unread.
     """
-    n = J.shape[1]
+    sd, wrench, covariance = own.sd, out.wrench, out.covariance
+    n = sd.shape[0]
     settings, usual = table[2 * n], table[2 * n + 1]
     weights, product = work[_WEIGHTS, :n], work[_TURNED : _TURNED + 6]
     for k in range(n):
         weights[k] = np.sqrt(sd[k] * usual[k])
-    whiten(table, J, tau_ext, weights, work)
-    own, plain = work[_TURN : _TURN + 6], work[_PLAIN : _PLAIN + 6]
+    whiten(table, own.J, own.tau_ext, weights, work)
+    known, plain = work[_TURN : _TURN + 6], work[_PLAIN : _PLAIN + 6]
     gain, white = work[_SCRATCH : _SCRATCH + 6], work[_VECTOR, :n]
     R = work[_INVERSE_FACTOR : _INVERSE_FACTOR + 6]
     for i in range(6):
@@ -290,7 +283,7 @@ def _balanced(
             gain[i, k] = 0.0
     for turn in range(2):  # what `valid` rests on first, then the reading
         force_sd = settings[_VALID_FORCE_SD] if turn == 0 else settings[_FORCE_SD]
-        _posterior_covariance(0.0, force_sd, 3, own, work)
+        _posterior_covariance(0.0, force_sd, 3, known, work)
         for k in range(n):  # R^T R S A by the factor, as in `_posterior`
             for i in range(3, 6):
                 gain[i, k] = 0.0
@@ -313,16 +306,16 @@ def _balanced(
         for i in range(3, 6):
             for j in range(3, 6):
                 for k in range(3, 6):
-                    covariance[i, j] += own[i, k] / force_sd * (own[j, k] / force_sd)
+                    covariance[i, j] += known[i, k] / force_sd * (known[j, k] / force_sd)
         if turn == 0:
             for i in range(6):
                 for j in range(6):
                     plain[i, j] = covariance[i, j]
-            if _any(stiction):
-                _feign(gain[3:], stiction, work)
+            if _any(own.stiction):
+                _feign(gain[3:], own.stiction, work)
     for i in range(3, 6):
         for k in range(n):
-            wrench[i] += gain[i, k] * tau_ext[k]
+            wrench[i] += gain[i, k] * own.tau_ext[k]
 
 
 @kernel
@@ -347,22 +340,15 @@ def _feign(gain: Array, stiction: Array, work: Array) -> None:
 
 
 @kernel
-def _pseudo_inverse(
-    table: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    work: Array,
-) -> bool:
+def _pseudo_inverse(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> bool:
     """The readings by singular values: inverse, damped, truncated.
 
     Leaves in `work` what `valid` rests on, of the plain inverse; returns whether J has full rank.
     The inverse of a square J that is far from singular needs no singular values: elimination finds
     it several times as fast, to the same rounding.
     """
+    J, tau_ext, sd, stiction = own
+    wrench, covariance = out.wrench, out.covariance
     n = J.shape[1]
     settings = table[2 * n]
     method = int(settings[_METHOD])
@@ -373,12 +359,12 @@ def _pseudo_inverse(
     product = work[_SCRATCH : _SCRATCH + 6]
     s, gain = work[_VECTOR], work[_VECTOR + 1]
     if method == _INVERSE and n == 6 and invert_transposed(J, B, H):
-        size, own = 0.0, 0.0  # squares of Frobenius norms: bounds of the singular values
+        size, inverse = 0.0, 0.0  # squares of Frobenius norms: bounds of the singular values
         for i in range(6):
             for j in range(6):
                 size += J[i, j] * J[i, j]
-                own += H[i, j] * H[i, j]
-        if size * own < _WELL_CONDITIONED * _WELL_CONDITIONED and own < 1e24:
+                inverse += H[i, j] * H[i, j]
+        if size * inverse < _WELL_CONDITIONED * _WELL_CONDITIONED and inverse < 1e24:
             _passed_on(table, H, sd, product, covariance)
             for i in range(6):
                 total = 0.0
@@ -454,52 +440,30 @@ def _passed_on(table: Array, H: Array, sd: Array, product: Array, covariance: Ar
             covariance[j, i] = total
 
 
-def reconstruct_log(
-    table: Array,
-    J_now: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    quality: Array,
-) -> None:
+def reconstruct_log(table: Array, J_now: Array, own: TorqueSample, out: WrenchOut) -> None:
     """`reconstruct_with` for N samples, by threads; conditions are NaN where J_now has no rows."""
 
     def run(rows: slice) -> None:
-        _reconstruct_rows(
-            *(table, J_now[rows], J[rows], tau_ext[rows], sd[rows], stiction[rows]),
-            *(wrench[rows], covariance[rows], quality[rows]),
-            np.zeros((WORK_ROWS, max(J.shape[2], 6))),
-        )
+        parts = TorqueSample(*(x[rows] for x in own)), WrenchOut(*(x[rows] for x in out))
+        _reconstruct_rows(table, J_now[rows], *parts, np.zeros((WORK_ROWS, max(own.J.shape[2], 6))))
 
-    in_row_blocks(run, len(J), _BLOCK)
+    in_row_blocks(run, len(own.J), _BLOCK)
 
 
 @kernel(nogil=True)
 def _reconstruct_rows(
-    table: Array,
-    J_now: Array,
-    J: Array,
-    tau_ext: Array,
-    sd: Array,
-    stiction: Array,
-    wrench: Array,
-    covariance: Array,
-    quality: Array,
-    work: Array,
+    table: Array, J_now: Array, own: TorqueSample, out: WrenchOut, work: Array
 ) -> None:
-    table, J, tau_ext, work = borrowed(table), borrowed(J), borrowed(tau_ext), borrowed(work)
-    sd, stiction, quality = borrowed(sd), borrowed(stiction), borrowed(quality)
-    wrench, covariance = borrowed(wrench), borrowed(covariance)
+    table, work = borrowed(table), borrowed(work)
+    J, tau_ext, sd = borrowed(own.J), borrowed(own.tau_ext), borrowed(own.sd)
+    stiction, wrench = borrowed(own.stiction), borrowed(out.wrench)
+    covariance, quality = borrowed(out.covariance), borrowed(out.quality)
     conditions = np.zeros(J.shape[0])
     if J_now.shape[0] > 0:
         condition_numbers_of(J_now, conditions)
     for k in range(J.shape[0]):
-        valid = _reading(
-            table, J[k], tau_ext[k], sd[k], stiction[k], wrench[k], covariance[k], work
-        )
+        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
+        valid = _reading(table, sample, WrenchOut(wrench[k], covariance[k], quality[k]), work)
         quality[k, 0] = np.inf if np.isnan(conditions[k]) else conditions[k]
         if J_now.shape[0] == 0:
             quality[k, 0] = np.nan

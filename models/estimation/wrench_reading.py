@@ -9,6 +9,8 @@ that learnt no torque error is read the same way, with an error of one covarianc
 of lag and scale.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,6 +23,8 @@ from wrenchsight.models.estimation.wrench import (
 )
 from wrenchsight.models.estimation.wrench_kernels import (
     WORK_ROWS,
+    TorqueSample,
+    WrenchOut,
     reconstruct_log,
     reconstruct_with,
 )
@@ -44,8 +48,10 @@ from wrenchsight.models.observers.fault_signature import (
     initial_fault_state,
     is_believed,
 )
-from wrenchsight.models.observers.lag import LagModel, lag_tick, lag_update
+from wrenchsight.models.observers.lag import lag_settings, lag_tick, lag_update
 from wrenchsight.models.views import borrowed, view_2d
+
+Tables = tuple[Array, Array, Array, Array, Array]  # of WrenchReading
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
 OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
@@ -71,7 +77,7 @@ class WrenchReading:
         torques: (n, n) N m on the joints, a row for one ampere in each motor; None: joint by joint.
 
     Raises:
-        ValueError: as `WrenchReconstruction` and `LagModel`.
+        ValueError: as `WrenchReconstruction` and `lag_settings`.
     """
 
     def __init__(
@@ -91,7 +97,7 @@ class WrenchReading:
         self.num_joints = n = error.num_joints
         self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
         rates = K_0 if learnt else None
-        self.lag = LagModel.of(rates, n, time_step, force_bandwidth_hz, error.scale).settings
+        self.lag = lag_settings(rates, time_step, force_bandwidth_hz, error.scale)
         live = config.live_moment_sd, config.live_force_sd
         beyond = BEYOND if learnt else np.inf
         self.explained = explained_table(error.correlation, *live, error.scale, time_step, beyond)
@@ -100,7 +106,7 @@ class WrenchReading:
         self.faults = fault_table(lines, rates, time_step, learnt)
 
     @property
-    def tables(self) -> tuple[Array, Array, Array, Array, Array]:
+    def tables(self) -> Tables:
         """The constants of `read_wrench`."""
         return self.read_load, self.lag, self.explained, self.faults, self.reconstruction.table
 
@@ -116,23 +122,35 @@ class WrenchReading:
         Sigma = WrenchReconstruction(config, torque_covariance).torque_covariance
         return cls(ConstantTorqueError.of(Sigma), config, None, 1.0, 0.0)
 
-    def retuned(
-        self,
-        config: WrenchReconstructionConfig,
-        K_0: ArrayLike | None,
-        torque_covariance: Array | None = None,
-    ) -> "WrenchReading":
-        """Returns the reading with settings and an observer that were changed while they run.
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """What may be tuned while it runs, by name: the numeric parameters of its block.
 
-        Args:
-            config: as the constructor's.
-            K_0: as the constructor's.
-            torque_covariance: (n, n) N^2 m^2, of a constant error; None: as it was.
+        prior_sd (2,) N and N m, inf where nothing is known; of a constant error alone
+        torque_covariance (n, n) N^2 m^2; damping (1,); truncation (1,).
         """
-        error = self.error
-        if isinstance(error, ConstantTorqueError) and torque_covariance is not None:
-            same = np.array_equal(torque_covariance, error.covariance)
-            error = error if same else ConstantTorqueError.of(torque_covariance)
+        config, error = self.config, self.error
+        prior = config.prior_force_sd, config.prior_moment_sd
+        values = {"prior_sd": np.array([np.inf if sd is None else sd for sd in prior])}
+        if isinstance(error, ConstantTorqueError):
+            values["torque_covariance"] = error.covariance
+        own = {"damping": np.array([config.damping]), "truncation": np.array([config.truncation])}
+        return values | own
+
+    def with_parameters(self, values: dict[str, Array], K_0: ArrayLike | None) -> "WrenchReading":
+        """Returns the reading with other `parameters`, behind an observer with this K_0."""
+        force_sd, moment_sd = values["prior_sd"].tolist()
+        config = replace(
+            self.config,
+            prior_force_sd=force_sd,
+            prior_moment_sd=moment_sd,
+            damping=values["damping"].item(),
+            truncation=values["truncation"].item(),
+        )
+        error, covariance = self.error, values.get("torque_covariance")
+        if isinstance(error, ConstantTorqueError) and covariance is not None:
+            same = np.array_equal(covariance, error.covariance)
+            error = error if same else ConstantTorqueError.of(covariance)
         return WrenchReading(
             *(error, config, K_0, self._time_step, self._force_bandwidth_hz),
             *(self._usual_sd, self._torques),
@@ -170,35 +188,30 @@ class WrenchReading:
         sd = error.sd
         if self.error.read_load > 0.0:
             sd = np.sqrt(sd**2 + (self.error.read_load * np.nan_to_num(tau_ext)) ** 2)
-        wrench, covariance, quality = np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2))
-        reconstruct_log(
-            *(self.reconstruction.table, J if conditions else J[:0], error.J_seen),
-            *(tau_ext, sd, error.stiction, wrench, covariance, quality),
-        )
+        own = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
+        out = WrenchOut(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2)))
+        reconstruct_log(self.reconstruction.table, J if conditions else J[:0], own, out)
         if observed.shape[1] > 0:
-            wrench, covariance = observed[:, :6].copy(), observed[:, 6:].reshape(N, 6, 6).copy()
+            out.wrench[:], out.covariance[:] = observed[:, :6], observed[:, 6:].reshape(N, 6, 6)
         D = unexplained_log(self.explained, error.J_seen, tau_ext, sd)
-        _judge_log(
-            *((self.lag, self.explained, self.faults), state, D, tau_ext, sd),
-            *(error.rows, np.asarray(counts, bool), np.asarray(lost, bool)),
-            *(wrench, covariance, quality),
+        marks = np.asarray(counts, bool), np.asarray(lost, bool)
+        tables = self.lag, self.explained, self.faults
+        _judge_log(tables, state, D, own, error.rows, *marks, out)
+        return WrenchEstimate(
+            out.wrench, out.covariance, out.quality[:, 0], out.quality[:, 1] == 1.0
         )
-        return WrenchEstimate(wrench, covariance, quality[:, 0], quality[:, 1] == 1.0)
 
 
 @kernel(forceinline=True)
-def judge_reading(
+def _judge_reading(
     tables: tuple[Array, Array, Array],
     state: Array,
     D: float,
-    tau_ext: Array,
-    sd: Array,
+    own: TorqueSample,
     tau_J: Array,
     counts: bool,
     lost: bool,
-    wrench: Array,
-    covariance: Array,
-    quality: Array,
+    out: WrenchOut,
     lateness: Array,
 ) -> None:
     """Single-sample kernel: adds lag and scale to a reading, and settles whether it is valid.
@@ -207,27 +220,24 @@ def judge_reading(
         tables: lag, explained and faults of WrenchReading.
         state: of `initial_state`, changed.
         D: of `unexplained`.
-        tau_ext, sd: (n,) N m.
+        own: the sample.
         tau_J: (n,) N m, of the sample before.
-        counts: whether tau_ext is of this sample.
-        lost: whether the sample is one that cannot be.
-        wrench: (6,).
-        covariance: (6, 6), changed.
-        quality: (2,) condition number and valid, the latter changed.
+        counts, lost: as `WrenchReading.run`, of this sample.
+        out: changed.
         lateness: (6,), overwritten.
     """
     lag, explained, faults = tables
     at_E, state[_DOUBT] = is_explained(explained, state[_DOUBT], D)
-    sound = is_believed(faults, state[_SIGNALS:], tau_ext, sd, tau_J, counts, lost)
-    valid = counts and quality[1] == 1.0 and at_E and sound
-    quality[1] = 1.0 if valid else 0.0
-    lag_tick(lag, state[:6], wrench, covariance, lateness)
-    lag_update(lag, state[:6], wrench, valid)
+    sound = is_believed(faults, state[_SIGNALS:], own.tau_ext, own.sd, tau_J, counts, lost)
+    valid = counts and out.quality[1] == 1.0 and at_E and sound
+    out.quality[1] = 1.0 if valid else 0.0
+    lag_tick(lag, state[:6], out.wrench, out.covariance, lateness)
+    lag_update(lag, state[:6], out.wrench, valid)
 
 
 @kernel(forceinline=True)
 def read_wrench(
-    tables: tuple[Array, Array, Array, Array, Array],
+    tables: Tables,
     state: Array,
     error: TorqueError,
     J: Array,
@@ -243,38 +253,31 @@ def read_wrench(
     Args:
         tables: of WrenchReading.
         state: of `initial_state`, changed.
-        error: of the sample.
-        J: (6, n).
-        tau_ext: (n,).
-        counts: whether tau_ext is of this sample, so that the reading may be valid.
-        lost: whether the sample is one that cannot be.
+        error, J, tau_ext, counts, lost: of the sample.
         observed: (OBSERVED,) as `WrenchReading.run`, or (0,).
         reading: (READING,), written.
         work: (READING_WORK_ROWS, max(n, 6)), overwritten.
     """
     read_load, lag, explained, faults, wrench = tables
     n = J.shape[1]
-    sd, covariance, quality = work[_SD, :n], view_2d(reading, 6, 6, 6), reading[42:READING]
+    sd = work[_SD, :n]
     for j in range(n):
         sd[j] = error.sd[j]
         if read_load[0] > 0.0 and np.isfinite(tau_ext[j]):
             sd[j] = np.sqrt(sd[j] ** 2 + (read_load[0] * tau_ext[j]) ** 2)
-    reconstruct_with(
-        *(wrench, J, error.J_seen, tau_ext, sd, error.stiction),
-        *(reading[:6], covariance, quality, work[:WORK_ROWS]),
-    )
+    own = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
+    out = WrenchOut(reading[:6], view_2d(reading, 6, 6, 6), reading[42:READING])
+    reconstruct_with(wrench, J, own, out, work[:WORK_ROWS])
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
-    D = unexplained(explained, error.J_seen, tau_ext, sd)
-    judge_reading(
-        *((lag, explained, faults), state, D, tau_ext, sd, error.rows[TAU_J_ROW]),
-        *(counts, lost, reading[:6], covariance, quality, work[_LATENESS]),
-    )
+    D, tau_J = unexplained(explained, error.J_seen, tau_ext, sd), error.rows[TAU_J_ROW]
+    own_tables = lag, explained, faults
+    _judge_reading(own_tables, state, D, own, tau_J, counts, lost, out, work[_LATENESS])
 
 
 @kernel
 def read_sample(
-    tables: tuple[Array, Array, Array, Array, Array],
+    tables: Tables,
     state: Array,
     error: Array,
     J: Array,
@@ -295,23 +298,21 @@ def _judge_log(
     tables: tuple[Array, Array, Array],
     state: Array,
     D: Array,
-    tau_ext: Array,
-    sd: Array,
+    own: TorqueSample,
     rows: Array,
     counts: Flags,
     lost: Flags,
-    wrench: Array,
-    covariance: Array,
-    quality: Array,
+    out: WrenchOut,
 ) -> None:
     lateness = np.empty(6)
     lag, explained, faults = tables
-    own = borrowed(lag), borrowed(explained), borrowed(faults)
-    state, tau_ext, sd = borrowed(state), borrowed(tau_ext), borrowed(sd)
-    rows, wrench, covariance = borrowed(rows), borrowed(wrench), borrowed(covariance)
-    quality = borrowed(quality)
+    known = borrowed(lag), borrowed(explained), borrowed(faults)
+    state, rows, J = borrowed(state), borrowed(rows), borrowed(own.J)
+    tau_ext, sd, stiction = borrowed(own.tau_ext), borrowed(own.sd), borrowed(own.stiction)
+    wrench, covariance = borrowed(out.wrench), borrowed(out.covariance)
+    quality = borrowed(out.quality)
     for k in range(tau_ext.shape[0]):
-        judge_reading(
-            *(own, state, D[k], tau_ext[k], sd[k], rows[k, TAU_J_ROW]),
-            *(counts[k], lost[k], wrench[k], covariance[k], quality[k], lateness),
-        )
+        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
+        one = WrenchOut(wrench[k], covariance[k], quality[k])
+        tau_J = rows[k, TAU_J_ROW]
+        _judge_reading(known, state, D[k], sample, tau_J, counts[k], lost[k], one, lateness)

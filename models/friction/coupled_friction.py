@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.slip_elements import FrictionKernels
 from wrenchsight.models.friction.velocity_friction import (
@@ -29,7 +30,7 @@ _VELOCITY_COLUMNS = 7  # of the velocity law's table, which has no networks here
 
 
 @dataclass(frozen=True, eq=False)
-class CoupledFriction:
+class CoupledFriction(LayeredFriction):
     """tau_f = D^T f(D q, D v); a `friction_law.FrictionLaw`.
 
     Attributes:
@@ -41,7 +42,6 @@ class CoupledFriction:
             trained on the friction of single joints.
     """
 
-    law: FrictionLaw
     motor_rates: Array
 
     def __post_init__(self) -> None:
@@ -52,16 +52,6 @@ class CoupledFriction:
             raise ValueError(f"friction: motor_rates must be an invertible ({n}, {n}), not {D}")
         if self.law.velocity_law.networks is not None:
             raise ValueError("friction: networks are for motors that move one joint each")
-
-    @property
-    def num_joints(self) -> int:
-        """How many joints, n."""
-        return self.law.num_joints
-
-    @property
-    def coulomb_viscous(self) -> CoulombViscous:
-        """The motors' coefficients."""
-        return self.law.coulomb_viscous
 
     @property
     def feedforward(self) -> SemiParametricFriction:
@@ -96,25 +86,6 @@ class CoupledFriction:
         D = self.motor_rates
         parts = [self.law.slip_table, self.law.velocity_law.table, D, np.linalg.inv(D)]
         return np.ascontiguousarray(np.hstack(parts))
-
-    @property
-    def state_rows(self) -> int:
-        """Rows of the law below; one at least, so that its kernels are called."""
-        return max(1, self.law.state_rows)
-
-    @property
-    def parameters(self) -> dict[str, Array]:
-        """Those of the law below."""
-        return self.law.parameters
-
-    def with_parameters(self, values: dict[str, Array]) -> Self:
-        """Returns the law with other parameters."""
-        return replace(self, law=self.law.with_parameters(values))
-
-    def initial_state(self) -> Array:
-        """That of the law below; a row of zeros if it has none."""
-        own = self.law.initial_state()
-        return own if len(own) else np.zeros((1, self.num_joints))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the joints' load L."""

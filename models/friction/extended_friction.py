@@ -59,6 +59,15 @@ class LayeredFriction:
         own = self.law.initial_state()
         return own if len(own) else np.zeros((1, self.num_joints))
 
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """Those of the law below."""
+        return self.law.parameters
+
+    def with_parameters(self, values: dict[str, Array]) -> Self:
+        """Returns the law with other parameters below."""
+        return replace(self, law=self.law.with_parameters(values))
+
 
 @dataclass(frozen=True, eq=False)
 class ExtendedFriction(LayeredFriction):
@@ -98,12 +107,11 @@ class ExtendedFriction(LayeredFriction):
     @property
     def parameters(self) -> dict[str, Array]:
         """Those of the law below, and `terms` (n, T)."""
-        return {**self.law.parameters, "terms": self.coefficients}
+        return {**super().parameters, "terms": self.coefficients}
 
     def with_parameters(self, values: dict[str, Array]) -> Self:
         """Returns the law with other parameters."""
-        law = self.law.with_parameters(values)
-        return replace(self, law=law, coefficients=values["terms"])
+        return replace(super().with_parameters(values), coefficients=values["terms"])
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""

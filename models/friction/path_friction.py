@@ -13,9 +13,9 @@ a kernel regression (Nadaraya, Theory of Probability and its Applications 9, 196
 zero: the law alone counts away from the path, at another speed, at rest and in the other direction.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -119,15 +119,6 @@ class PathFriction(LayeredFriction):
     def slip_table(self) -> Array:
         """The table of the law below, then that of the places."""
         return np.ascontiguousarray(np.hstack([self.law.slip_table, self._table]))
-
-    @property
-    def parameters(self) -> dict[str, Array]:
-        """Those of the law below."""
-        return self.law.parameters
-
-    def with_parameters(self, values: dict[str, Array]) -> Self:
-        """Returns the law with other parameters."""
-        return replace(self, law=self.law.with_parameters(values))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the transmitted torque L."""

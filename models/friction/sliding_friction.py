@@ -47,8 +47,6 @@ def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
         return replace(law, coulomb_viscous=sliding)
     if isinstance(law, LayeredFriction):
         return replace(law, law=with_sliding(law.law, sliding))
-    if isinstance(law, CoupledFriction):
-        return replace(law, law=with_sliding(law.law, sliding))
     raise TypeError(f"friction: {type(law).__name__} has no sliding part to exchange")
 
 
@@ -107,19 +105,16 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
     if isinstance(law, CoupledFriction):
         at_motors = stiction(law.law, load @ np.linalg.inv(law.motor_rates))
         return joint_side(law, at_motors.T).T
-    own = _without_further_terms(law)
-    if isinstance(own, PreslidingFriction):
-        level = own.coulomb + held_stribeck(own.coulomb, own.stribeck)
-        return np.maximum(level + own.load * np.abs(load), 0.0)
-    return np.broadcast_to(np.abs(own.coulomb_viscous.coulomb), load.shape)
-
-
-def _without_further_terms(law: FrictionLaw) -> FrictionLaw:
-    return _without_further_terms(law.law) if isinstance(law, LayeredFriction) else law
+    if isinstance(law, LayeredFriction):
+        return stiction(law.law, load)
+    if isinstance(law, PreslidingFriction):
+        level = law.coulomb + held_stribeck(law.coulomb, law.stribeck)
+        return np.maximum(level + law.load * np.abs(load), 0.0)
+    return np.broadcast_to(np.abs(law.coulomb_viscous.coulomb), load.shape)
 
 
 def _without_cubic(law: FrictionLaw) -> FrictionLaw:
-    if isinstance(law, LayeredFriction | CoupledFriction):
+    if isinstance(law, LayeredFriction):
         return replace(law, law=_without_cubic(law.law))
     if isinstance(law, PreslidingFriction):
         return replace(law, cubic=np.zeros(law.num_joints))

@@ -5,9 +5,9 @@ reflected rotor inertia, friction, and the covariance of what the model leaves u
 (`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
@@ -30,15 +30,7 @@ from wrenchsight.models.friction.velocity_friction import (
 from wrenchsight.models.identification.contact_noise import ContactNoise, check_contact_noise
 from wrenchsight.models.identification.fitted_robot import FittedRobot
 from wrenchsight.models.identification.gravity_spread import PARAMETERS
-from wrenchsight.models.identification.torque_error_model import (
-    BEYOND_LOAD,
-    BEYOND_SPEED,
-    DRIFT,
-    REACH,
-    REST_TIME,
-    SCALE,
-    TorqueErrorModel,
-)
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 
@@ -132,33 +124,24 @@ class _PreslidingBlock:
     speed_limit: list[float] | None = None  # rad/s; beyond, the law goes on along its tangent
 
 
-@dataclass
-class _TorqueErrorBlock:
-    """What `wrenchsight.models.identification.torque_error_model` says, attribute by attribute."""
+def _in_file(own: Field[Any]) -> tuple[str, Any, Any]:
+    """An attribute of `TorqueErrorModel` as model.yaml has it: its name, type and field."""
+    kinds = {"correlation": list[list[float]], "spread": list[list[list[float]]]}
+    if own.default is MISSING:
+        required: Any = field(default_factory=list, metadata=REQUIRED)
+        return own.name, kinds.get(own.name, list[float]), required
+    if own.name in _OF_JOINTS:
+        return own.name, kinds.get(own.name, list[float]), field(default_factory=list)
+    return own.name, float, field(default=own.default)
 
-    constant: list[float] = field(default_factory=list, metadata=REQUIRED)
-    speed: list[float] = field(default_factory=list, metadata=REQUIRED)
-    load: list[float] = field(default_factory=list, metadata=REQUIRED)
-    acceleration: list[float] = field(default_factory=list, metadata=REQUIRED)
-    reversal: list[float] = field(default_factory=list, metadata=REQUIRED)
-    correlation: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
-    correlation_time: list[float] = field(default_factory=list, metadata=REQUIRED)
-    lasting: list[float] = field(default_factory=list, metadata=REQUIRED)
-    fitted_speed: list[float] = field(default_factory=list, metadata=REQUIRED)
-    fitted_load: list[float] = field(default_factory=list, metadata=REQUIRED)
-    K_0: list[float] = field(default_factory=list, metadata=REQUIRED)
-    resolution: list[float] = field(default_factory=list, metadata=REQUIRED)
-    rest_time: float = REST_TIME
-    reach: float = REACH
-    drift: float = DRIFT
-    beyond_speed: float = BEYOND_SPEED
-    beyond_load: float = BEYOND_LOAD
-    scale: float = SCALE
-    read_load: float = 0.0
-    resting_only: float = 0.0
-    drift_shown: list[float] = field(default_factory=list)
-    spread: list[list[list[float]]] = field(default_factory=list)
-    fitted_spread: list[float] = field(default_factory=list)
+
+_OF_JOINTS = ("drift_shown", "spread", "fitted_spread")  # absent: of no log, or an earlier version
+if TYPE_CHECKING:
+    _TorqueErrorBlock = Any
+else:
+    _TorqueErrorBlock = make_dataclass(
+        "_TorqueErrorBlock", [_in_file(own) for own in fields(TorqueErrorModel)]
+    )
 
 
 @dataclass
@@ -570,8 +553,8 @@ def _read_torque_error(
     values: dict[str, Any] = {}
     for own in fields(block):
         value = getattr(block, own.name)
-        if own.name in ("drift_shown", "spread", "fitted_spread") and not value:
-            continue  # of a model that no log was read by, or of an earlier version
+        if own.name in _OF_JOINTS and not value:
+            continue
         shape = shapes.get(own.name, (n,) if isinstance(value, list) else ())
         values[own.name] = _numbers(path, f"torque_error.{own.name}", value, shape)
     try:

@@ -22,7 +22,7 @@ several: slip^2 is the mean over REACHES, half a decade apart.
 **read_load** states friction that grows with the load, N m per N m; no contact-free log has it.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,9 +47,6 @@ class RepetitionError:
         resolution: (n,) rad, the step of the encoders; 0: none that counts.
         K_0: 1/s of the low-pass; None: raw, as eq. 4 stands.
         read_load: N m per N m that is read.
-
-    Raises:
-        ValueError: shapes that disagree, a number that is negative or not finite.
     """
 
     noise: Array
@@ -58,23 +55,6 @@ class RepetitionError:
     resolution: Array
     K_0: float | None = None
     read_load: float = BEYOND_LOAD
-
-    def __post_init__(self) -> None:
-        n = np.size(self.noise)
-        for own in fields(self):
-            value = getattr(self, own.name)
-            if own.name == "K_0" and value is None:
-                continue
-            value = np.asarray(value, float)
-            shape = {"correlation": (n, n), "K_0": (), "read_load": ()}.get(own.name, (n,))
-            if value.shape != shape:
-                raise ValueError(f"{own.name}: expected shape {shape}, found {value.shape}")
-            if not np.isfinite(value).all():
-                raise ValueError(f"{own.name}: expected finite numbers")
-            if own.name != "correlation" and (value < 0.0).any():
-                raise ValueError(f"{own.name}: expected zero or more")
-        if not (self.noise > 0.0).all():
-            raise ValueError("noise: expected numbers above zero")
 
     def sd(
         self, q: ArrayLike, v: ArrayLike, tau_ext: ArrayLike, period: int, time_step: float
@@ -86,17 +66,9 @@ class RepetitionError:
             tau_ext: (T - period, n) N m, as eq. 4 reads it behind K_0.
             period: samples of a cycle.
             time_step: s.
-
-        Raises:
-            ValueError: shapes that disagree.
         """
         q, v = contiguous(q, v)
         tau_ext = np.asarray(tau_ext, float)
-        n = len(self.noise)
-        if q.ndim != 2 or q.shape != v.shape or q.shape[1] != n or not 0 < period < len(q):
-            raise ValueError(f"eq. 4: expected q and v (T, {n}), T above the period")
-        if tau_ext.shape != (len(q) - period, n):
-            raise ValueError(f"eq. 4: tau_ext must be {(len(q) - period, n)}, not {tau_ext.shape}")
         variance = self.noise**2 + (self.read_load * tau_ext) ** 2
         variance += self._slip_power(q, v, period, time_step)
         return np.asarray(np.sqrt(variance))

@@ -29,6 +29,7 @@ from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
+    PLAIN,
     Rest,
     TorqueErrorModel,
     averaged_share,
@@ -100,7 +101,7 @@ def fit_torque_error(
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
     unit = _plain(n, first.K_0, rest)
-    features = [_features(unit, own) for own in readings]
+    features = [features_along(unit, own) for own in readings]
     F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
     e = np.concatenate([own.tau_ext[rows] for own, rows in zip(readings, used, strict=True)])
     coefficients = np.stack([most_likely(F[:, j], e[:, j]) for j in range(n)])
@@ -150,27 +151,18 @@ def fit_torque_error(
 
 def _plain(n: int, K_0: Array, rest: Rest) -> TorqueErrorModel:
     """A model of which only the parts that turn motion into features count."""
-    zero = np.zeros(n)
     return TorqueErrorModel(
+        **PLAIN | {"K_0": K_0},
         constant=np.ones(n),
-        speed=zero,
-        load=zero,
-        acceleration=zero,
-        reversal=zero,
         correlation=np.eye(n),
-        correlation_time=np.ones(n),
-        lasting=zero,
-        fitted_speed=zero,
-        fitted_load=zero,
-        K_0=K_0,
-        resolution=zero,
         rest_time=rest.time,
         reach=rest.reach,
         resting_only=rest.only,
     )
 
 
-def _features(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
+def features_along(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
+    """(N, n, NUM_FEATURES) of what a variance is made of."""
     N, n = own.q.shape
     features = np.empty((N, n, NUM_FEATURES))
     q, v, load = contiguous(own.q, own.v, own.transmitted)

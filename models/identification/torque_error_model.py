@@ -52,7 +52,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, contiguous
+from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import sliding_table
 from wrenchsight.models.friction.slip_elements import (
@@ -121,6 +121,8 @@ class Rest(NamedTuple):
 class TorqueErrorModel:
     """The constants of this module for one model of one arm with n joints.
 
+    A number in the place of an (n,) stands for all joints; what is kept is (n,).
+
     Attributes:
         constant: (n,) N m.
         speed: (n,) N m s/rad.
@@ -142,10 +144,9 @@ class TorqueErrorModel:
         scale: share of the wrench that is read; see `models.estimation.trusted_reading`.
         read_load: N m per N m that is read, joint by joint; 0 where `load` covers what is carried.
         resting_only: 1 where w grows at rest alone, 0 where it does at any speed.
-        drift_shown: (n,) share of the viscous torque, as `drift`, that a log shows of each joint;
-            a number stands for all.
+        drift_shown: (n,) share of the viscous torque, as `drift`, that a log shows of each joint.
         spread: (K, n, 5) directions in which gravity and offsets may be off; None: K = 0.
-        fitted_spread: (n,) N m, the largest s(q) of the fitted logs; a number stands for all.
+        fitted_spread: (n,) N m, the largest s(q) of the fitted logs.
 
     Raises:
         ValueError: shapes that disagree, a number that is negative or not finite, a correlation
@@ -183,9 +184,9 @@ class TorqueErrorModel:
         shapes = {"correlation": (n, n), "spread": (len(self._directions), n, PARAMETERS)}
         for own in fields(self):
             value = np.array(getattr(self, own.name), float)
-            if own.name in _FOR_ALL and value.shape == ():
-                value = np.full(n, float(value))
             shape = () if own.name in _NUMBERS else shapes.get(own.name, (n,))
+            if value.shape == () and shape == (n,):
+                value = np.full(n, float(value))
             if value.shape != shape:
                 raise ValueError(f"{own.name}: expected shape {shape}, found {value.shape}")
             if not np.isfinite(value).all():
@@ -279,44 +280,20 @@ class TorqueErrorModel:
         """Returns the (TORQUE_ERROR_ROWS, n) state before the first sample: nothing is known."""
         return initial_torque_error_state(self.num_joints)
 
-    def along(
-        self,
-        friction: FrictionLaw,
-        q: ArrayLike,
-        v: ArrayLike,
-        transmitted: ArrayLike,
-        time_step: float,
-        K_0: ArrayLike | None = None,
-        resolution: ArrayLike | None = None,
-    ) -> tuple[Array, Array]:
-        """The sds along a log that begins here, and the part of them that is stiction.
-
-        Args:
-            friction: as `table`.
-            q, v: (N, n) rad and rad/s.
-            transmitted: (N, n) L = tau_J - tau_f, N m, each for the sample after.
-            time_step: s.
-            K_0: as `table`; None: that of the fit.
-            resolution: as `table`.
-
-        Returns:
-            (N, n) N m, twice.
-
-        Raises:
-            ValueError: shapes that disagree.
-        """
-        q, v, load = contiguous(q, v, transmitted)
-        if not (q.ndim == 2 and q.shape == v.shape == load.shape and q.shape[1] == self.num_joints):
-            shapes = f"{q.shape}, {v.shape} and {load.shape}"
-            raise ValueError(f"torque error: expected (N, {self.num_joints}), not {shapes}")
-        table = self.table(friction, time_step, self.K_0 if K_0 is None else K_0, resolution)
-        sd, stiction = np.empty_like(q), np.empty_like(q)
-        torque_sd_log(table, self.initial_state(), q, v, load, sd, stiction)
-        return sd, stiction
-
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, by attribute."""
         return {own.name: np.asarray(getattr(self, own.name)).tolist() for own in fields(self)}
+
+
+_NUMBERS = {
+    *("rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"),
+    *("read_load", "resting_only"),
+}
+PLAIN: dict[str, Any] = {
+    **dict.fromkeys(("speed", "load", "acceleration", "reversal", "lasting", "resolution"), 0.0),
+    **{"fitted_speed": 0.0, "fitted_load": 0.0, "correlation_time": 1.0, "K_0": 1.0},
+}
+"""Attributes of an error that follows nothing of a motion, but for its size and correlation."""
 
 
 class ConstantTorqueError(TorqueErrorModel):
@@ -337,20 +314,10 @@ class ConstantTorqueError(TorqueErrorModel):
         """
         Sigma = np.asarray(covariance, float)
         sd = np.sqrt(np.diag(Sigma))
-        zero, one = np.zeros_like(sd), np.ones_like(sd)
         return cls(
+            **PLAIN | {"fitted_speed": fitted_speed, "fitted_load": fitted_load},
             constant=sd,
-            speed=zero,
-            load=zero,
-            acceleration=zero,
-            reversal=zero,
             correlation=Sigma / np.outer(sd, sd),
-            correlation_time=one,
-            lasting=zero,
-            fitted_speed=np.broadcast_to(np.asarray(fitted_speed, float), sd.shape),
-            fitted_load=np.broadcast_to(np.asarray(fitted_load, float), sd.shape),
-            K_0=one,
-            resolution=zero,
             drift=0.0,
             beyond_speed=0.0,
             beyond_load=0.0,
@@ -375,13 +342,6 @@ class ConstantTorqueError(TorqueErrorModel):
         table[:, :SLIDING_COLUMNS] = 0.0
         table[:, _CONSTANT2] = self.constant**2
         return table
-
-
-_NUMBERS = {
-    *("rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"),
-    *("read_load", "resting_only"),
-}
-_FOR_ALL = {"drift_shown", "fitted_spread"}
 
 
 def averaged_share(x: ArrayLike) -> Array:
@@ -517,18 +477,6 @@ def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
         if np.isfinite(transmitted):
             state[_TRANSMITTED, i] = transmitted
             state[_TAU_J, i] = tau_J[i]
-
-
-@kernel
-def torque_sd_log(
-    table: Array, state: Array, q: Array, v: Array, transmitted: Array, sd: Array, stiction: Array
-) -> None:
-    """`torque_sd_tick` for N samples, one after another; `transmitted` (N, n) L, N m."""
-    drift, no_friction = np.empty(q.shape[1]), np.zeros(q.shape[1])
-    for k in range(q.shape[0]):
-        posture_variance(table, q[k], sd[k])
-        torque_sd_tick(table, state, q[k], v[k], sd[k], stiction[k], drift)
-        take_transmitted(state, transmitted[k], no_friction)
 
 
 @kernel

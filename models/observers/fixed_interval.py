@@ -21,7 +21,11 @@ from wrenchsight.models.observers.kalman_kernels import (
     NOISE_F,
     PERIOD,
     ROUND,
+    ErrorParts,
+    KalmanTable,
     error_parts,
+    fade,
+    renew,
     sample_momentum,
     split_table,
 )
@@ -93,17 +97,10 @@ def _gain(
 
 
 @kernel
-def _step_matrix(
-    numbers: Array,
-    sixes: Array,
-    kept_drift: float,
-    J: Array,
-    period: Array,
-    A: Array,
-) -> None:
+def _step_matrix(t: KalmanTable, kept_drift: float, J: Array, period: Array, A: Array) -> None:
     """Writes what is not 1 of A (M, M): its first n rows beyond p, and the other diagonals."""
     n = J.shape[1]
-    T = numbers[PERIOD]
+    T = t.numbers[PERIOD]
     for i in range(n):
         for a in range(6):
             A[i, n + a] = T * J[a, i]
@@ -111,7 +108,7 @@ def _step_matrix(
         A[i, 2 * n + 6 + i] = T * period[_SLOW, i]
         A[2 * n + 6 + i, 2 * n + 6 + i] = kept_drift
     for a in range(6):
-        A[n + a, n + a] = sixes[KEPT_F, a]
+        A[n + a, n + a] = t.sixes[KEPT_F, a]
 
 
 @kernel
@@ -138,8 +135,8 @@ def forward_log(
     z_log, P_log, period, kinds = log
     N, _, n = signals.shape
     M = 3 * n + 6
-    numbers, sixes, joints, mixing = split_table(table, n)
-    rounding, T = joints[ROUND], numbers[PERIOD]
+    t = split_table(table, n)
+    numbers, sixes, rounding, T = t.numbers, t.sixes, t.joints[ROUND], t.numbers[PERIOD]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     arrived, white = np.empty(n), np.empty(n)
     for k in range(N):
@@ -175,21 +172,21 @@ def forward_log(
                 z[i] = arrived[i] if np.isfinite(arrived[i]) else 0.0
                 P[i], P[:, i] = 0.0, 0.0
                 P[i, i] = rounding[i]
-        error_parts(
-            *(numbers, joints, before, own),
-            *(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _KEEPS]),
-        )
+        parts = ErrorParts(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _KEEPS])
+        error_parts(t, before, own, parts)
         running[0] = known
         if not known:
             for a in range(6):
                 P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
             continue
-        _renew(period[k, _KEEPS], mixing, z, P, n)
-        _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-        copy_to(z, _times(A, z, n))
+        renew(period[k, _KEEPS], t.mixing, z, P)
+        _step_matrix(t, kept_drift, J[k], period[k], A)
+        _add_rows(A, n, z.reshape(M, 1))
+        for a in range(n, M):
+            z[a] *= A[a, a]
         for i in range(n):
             z[i] += T * (own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i])
-        _congruent(A, P, n)
+        _congruent(A, n, P)
         for i in range(n):
             P[i, i] += white[i]
             P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - kept_drift * kept_drift
@@ -198,66 +195,23 @@ def forward_log(
 
 
 @kernel
-def _renew(
-    kept: Array,
-    mixing: Array,
-    z: Array,
-    P: Array,
-    n: int,
-) -> None:
-    """Renews the error's smooth part in z and P, in place."""
+def _add_rows(A: Array, n: int, x: Array) -> None:
+    """x <- A x in place, (M, columns), but for the diagonal: below n rows A has no more."""
     for i in range(n):
-        e = n + 6 + i
-        z[e] *= kept[i]
-        for b in range(P.shape[0]):
-            P[e, b] *= kept[i]
-        for b in range(P.shape[0]):
-            P[b, e] *= kept[i]
-    for i in range(n):
-        for j in range(n):
-            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
-            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(fade)
+        for b in range(x.shape[1]):
+            total = x[i, b]
+            for c in range(n, x.shape[0]):
+                if A[i, c] != 0.0:
+                    total += A[i, c] * x[c, b]
+            x[i, b] = total
 
 
 @kernel
-def _times(
-    A: Array,
-    z: Array,
-    n: int,
-) -> Array:
-    """A z."""
-    out = np.empty_like(z)
-    for a in range(z.shape[0]):
-        out[a] = A[a, a] * z[a]
-        if a < n:
-            for b in range(n, z.shape[0]):
-                out[a] += A[a, b] * z[b]
-    return out
-
-
-@kernel
-def _congruent(
-    A: Array,
-    P: Array,
-    n: int,
-) -> None:
-    """P <- A P A^T, in place; below its first n rows A is diagonal."""
-    M = P.shape[0]
-    for i in range(n):
-        for b in range(M):
-            total = P[i, b]
-            for c in range(n, M):
-                if A[i, c] != 0.0:
-                    total += A[i, c] * P[c, b]
-            P[i, b] = total
-    for i in range(n):
-        for b in range(M):
-            total = P[b, i]
-            for c in range(n, M):
-                if A[i, c] != 0.0:
-                    total += A[i, c] * P[b, c]
-            P[b, i] = total
-    for a in range(M):
+def _congruent(A: Array, n: int, P: Array) -> None:
+    """P <- A P A^T, in place."""
+    _add_rows(A, n, P)
+    _add_rows(A, n, P.T)
+    for a in range(P.shape[0]):
         for b in range(a + 1):
             P[a, b] = 0.5 * (P[a, b] + P[b, a]) * A[a, a] * A[b, b]
             P[b, a] = P[a, b]
@@ -283,23 +237,19 @@ def backward_log(
     z_log, P_log, period, kinds = log
     N, _, n = period.shape
     M = 3 * n + 6
-    numbers, sixes, joints, _ = split_table(table, n)
-    rounding = joints[ROUND]
+    t = split_table(table, n)
+    rounding = t.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     small, large = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
     inverse, product = np.empty((n, n)), np.empty((M, n))
     for k in range(N - 1, -1, -1):
-        _weigh_change(small, large, sixes[JUMP_F], n, evidence[k])
+        _weigh_change(small, large, t.sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
-            _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-            _adjoint(A, small, large, n)
-            for i in range(n):
-                e = n + 6 + i
-                small[e] *= period[k, _KEEPS, i]
-                for b in range(M):
-                    large[e, b] *= period[k, _KEEPS, i]
-                for b in range(M):
-                    large[b, e] *= period[k, _KEEPS, i]
+            _step_matrix(t, kept_drift, J[k], period[k], A)
+            _transposed(A, n, small.reshape(M, 1))  # lambda <- A^T lambda, Lambda <- A^T Lambda A
+            _transposed(A, n, large.T)
+            _transposed(A, n, large)
+            fade(period[k, _KEEPS], small, large)
         else:  # the momentum of the next sample has nothing of this one's
             small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
         if kinds[k, _MEASURED]:
@@ -371,8 +321,8 @@ def response_log(
     _, P_log, period, kinds = log
     N, _, n = period.shape
     M, columns = P_log.shape[1], error.shape[1]
-    numbers, sixes, joints, _ = split_table(table, n)
-    rounding, T, ready = joints[ROUND], numbers[PERIOD], response.shape[0]
+    t = split_table(table, n)
+    rounding, T, ready = t.joints[ROUND], t.numbers[PERIOD], response.shape[0]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     seen = np.empty((N, n + 6, columns))
     own, small = error.copy(), np.zeros((M, columns))
@@ -392,23 +342,18 @@ def response_log(
             continue
         for i in range(n):
             own[n + 6 + i] *= period[k, _KEEPS, i]
-        _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
-        for a in range(M):
-            for c in range(columns):
-                total = A[a, a] * own[a, c]
-                if a < n:
-                    for b in range(n, M):
-                        if A[a, b] != 0.0:
-                            total += A[a, b] * own[b, c]
-                    if c % n == a:
-                        total -= T * torque[k, c // n, a]
-                own[a, c] = total
+        _step_matrix(t, kept_drift, J[k], period[k], A)
+        _add_rows(A, n, own)
+        for c in range(columns):
+            own[c % n, c] -= T * torque[k, c // n, c % n]
+        for a in range(n, M):
+            own[a] *= A[a, a]
     if ready == N:
         copy_whole(error, own)
     back = np.empty(n)
     for k in range(N - 1, -1, -1):
         if kinds[k, _KNOWN]:
-            _step_matrix(numbers, sixes, kept_drift, J[k], period[k], A)
+            _step_matrix(t, kept_drift, J[k], period[k], A)
             _transposed(A, n, small)
             for i in range(n):
                 small[n + 6 + i] *= period[k, _KEEPS, i]
@@ -473,30 +418,6 @@ def _transposed(A: Array, n: int, x: Array) -> None:
                 if A[i, b] != 0.0:
                     total += A[i, b] * x[i, c]
             x[b, c] = total
-
-
-@kernel
-def _adjoint(
-    A: Array,
-    small: Array,
-    large: Array,
-    n: int,
-) -> None:
-    """lambda <- A^T lambda, Lambda <- A^T Lambda A, in place."""
-    M = small.shape[0]
-    for b in range(n, M):
-        total = A[b, b] * small[b]
-        for i in range(n):
-            total += A[i, b] * small[i]
-        small[b] = total
-    for a in range(M):
-        for b in range(n, M):
-            total = large[a, b] * A[b, b]
-            for i in range(n):
-                if A[i, b] != 0.0:
-                    total += large[a, i] * A[i, b]
-            large[a, b] = total
-    _transposed(A, n, large)
 
 
 @kernel

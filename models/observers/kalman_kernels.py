@@ -3,6 +3,8 @@
 The equations are those of `models.observers.kalman_observer`, whose table and state these are.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array
@@ -18,7 +20,11 @@ from wrenchsight.models.observers.observer import (
     TORQUE_SD,
 )
 from wrenchsight.models.observers.period_torque import arrived_momentum
-from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
+from wrenchsight.models.rigid_body.small_matrices import (
+    factorise_with_floor,
+    solve_factorised,
+    solve_lower,
+)
 
 # Table: numbers, 6-vectors, n-vectors and an (n, n), all flat.
 PERIOD, BEFORE, SETTLED, GROSS, CHANGED, KEPT_SUM = range(6)
@@ -32,23 +38,53 @@ MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
 _LOST, _RUNNING = 0.0, 1.0
 
 
-@kernel
-def split_state(
-    flat: Array,
-    n: int,
-) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """x (N,), gain (N, n), P (N, N), C (N, n), status (2,), s of the sample before (n,) (zero:
-    there was none), whitened innovations' sums (SUMS, n); N = 2 n + 6.
+class KalmanTable(NamedTuple):
+    """The constants: numbers, 6-vectors (SIXES, 6), n-vectors (JOINTS, n) and an (n, n)."""
 
-    x = [p, F, x]; P, C and gain are those of the coming sample, before it is measured.
+    numbers: Array
+    sixes: Array
+    joints: Array
+    mixing: Array
+
+
+class KalmanState(NamedTuple):
+    """What the filter remembers; N = 2 n + 6 and x = [p, F, x].
+
+    Attributes:
+        x, gain, P, C: (N,), (N, n), (N, N), (N, n) of the coming sample, before it is measured.
+        status: (2,).
+        before: (n,) s of the sample before; zero: there was none.
+        sums: (SUMS, n) of the whitened innovations.
     """
+
+    x: Array
+    gain: Array
+    P: Array
+    C: Array
+    status: Array
+    before: Array
+    sums: Array
+
+
+class ErrorParts(NamedTuple):
+    """s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x, (n,) each."""
+
+    smooth: Array
+    white: Array
+    slow: Array
+    kept: Array
+
+
+@kernel
+def split_state(flat: Array, n: int) -> KalmanState:
+    """The parts of a flat state."""
     N = 2 * n + 6
     a, b = N, N + N * n
     c = b + N * N
     d = c + N * n
     e = d + 2
     f = e + n
-    return (
+    return KalmanState(
         flat[:a],
         flat[a:b].reshape(N, n),
         flat[b:c].reshape(N, N),
@@ -60,15 +96,12 @@ def split_state(
 
 
 @kernel
-def split_table(
-    table: Array,
-    n: int,
-) -> tuple[Array, Array, Array, Array]:
-    """Numbers, 6-vectors, n-vectors and an (n, n) of `table`."""
+def split_table(table: Array, n: int) -> KalmanTable:
+    """The parts of a flat table."""
     a = NUMBERS + 6 * SIXES
     b = a + n * JOINTS
     c = b + n * n
-    return (
+    return KalmanTable(
         table[:NUMBERS],
         table[NUMBERS:a].reshape(SIXES, 6),
         table[a:b].reshape(JOINTS, n),
@@ -84,11 +117,7 @@ def sample_momentum(table: Array, signals: Array, i: int) -> float:
 
 
 @kernel
-def _is_measured(
-    table: Array,
-    status: Array,
-    signals: Array,
-) -> bool:
+def _is_measured(table: Array, status: Array, signals: Array) -> bool:
     finite: bool = status[0] == _RUNNING
     for i in range(signals.shape[1]):
         finite = finite and np.isfinite(sample_momentum(table, signals, i))
@@ -96,21 +125,15 @@ def _is_measured(
 
 
 @kernel
-def _read_force(
-    table: Array,
-    state: Array,
-    signals: Array,
-    wrench: Array,
-) -> bool:
+def _read_force(table: Array, s: KalmanState, signals: Array, wrench: Array) -> bool:
     """Writes F right after a sample; returns whether the sample was measured."""
     n = signals.shape[1]
-    x, gain, _, _, status, _, _ = split_state(state.reshape(-1), n)
-    measured = _is_measured(table, status, signals)
+    measured = _is_measured(table, s.status, signals)
     for a in range(6):
-        wrench[a] = x[n + a]
+        wrench[a] = s.x[n + a]
         if measured:
             for i in range(n):
-                wrench[a] += gain[n + a, i] * (sample_momentum(table, signals, i) - x[i])
+                wrench[a] += s.gain[n + a, i] * (sample_momentum(table, signals, i) - s.x[i])
     return measured
 
 
@@ -118,30 +141,25 @@ def _read_force(
 def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes tau_ext = J^T F right after a sample; see `observer`."""
     n = signals.shape[1]
-    wrench = np.empty(6)
-    measured = _read_force(table, state, signals, wrench)
-    status = split_state(state.reshape(-1), n)[4]
+    wrench, s = np.empty(6), split_state(state.reshape(-1), n)
+    measured = _read_force(table, s, signals, wrench)
     for i in range(n):
         total = 0.0
         for a in range(6):
             total += J[a, i] * wrench[a]
         signals[TAU_EXT, i] = total if np.isfinite(total) else 0.0
-    return bool(measured and status[1] >= table[SETTLED])
+    return bool(measured and s.status[1] >= table[SETTLED])
 
 
 @kernel
 def kalman_wrench(
-    table: Array,
-    state: Array,
-    signals: Array,
-    J: Array,
-    wrench: Array,
-    covariance: Array,
+    table: Array, state: Array, signals: Array, J: Array, wrench: Array, covariance: Array
 ) -> None:
     """Writes F (6,) and its covariance (6, 6) right after a sample; see `observer`."""
     n = signals.shape[1]
-    measured = _read_force(table, state, signals, wrench)
-    _, gain, P, C, _, _, _ = split_state(state.reshape(-1), n)
+    s, rounding = split_state(state.reshape(-1), n), split_table(table, n).joints[ROUND]
+    gain, P, C = s.gain, s.P, s.C
+    measured = _read_force(table, s, signals, wrench)
     slow = np.empty((6, n))
     for a in range(6):
         for m in range(n):
@@ -158,21 +176,11 @@ def kalman_wrench(
                     total -= gain[n + a, i] * P[i, n + b] + gain[n + b, i] * P[n + a, i]
                     for k in range(n):
                         total += gain[n + a, i] * gain[n + b, k] * P[i, k]
-                    total += gain[n + a, i] * gain[n + b, i] * _rounding(table, n, i)
+                    total += gain[n + a, i] * gain[n + b, i] * rounding[i]
             for m in range(n):
                 total += slow[a, m] * slow[b, m]
             covariance[a, b] = total
             covariance[b, a] = total
-
-
-@kernel
-def _rounding(
-    table: Array,
-    n: int,
-    i: int,
-) -> float:
-    rounding: float = table[NUMBERS + 6 * SIXES + ROUND * n + i]
-    return rounding
 
 
 @kernel
@@ -182,8 +190,9 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     A sample that is not finite is not measured; the one after it starts the momentum again.
     """
     n = signals.shape[1]
-    numbers, sixes, joints, mixing = split_table(table, n)
-    x, gain, P, C, status, before, sums = split_state(state.reshape(-1), n)
+    t, s = split_table(table, n), split_state(state.reshape(-1), n)
+    numbers, sixes, rounding = t.numbers, t.sixes, t.joints[ROUND]
+    x, P, C, status = s.x, s.P, s.C, s.status
     arrived = np.empty(n)
     known = True  # what the coming period begins with
     for i in range(n):
@@ -193,71 +202,70 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
         for a in range(6):
             known = known and np.isfinite(J[a, i])
     if _is_measured(table, status, signals):
-        whitened = whitened_innovation(x, P, C, joints[ROUND], arrived)
-        measure(x, gain, P, C, joints[ROUND], arrived)
+        whitened = _whitened_innovation(s, rounding, arrived)
+        _measure(s, rounding, arrived)
         status[1] += 1.0
         square = 0.0
         for i in range(n):
             square += whitened[i] * whitened[i]
         if square > numbers[GROSS]:
             P *= min(square / numbers[GROSS], MOST_DOUBT)
-        if sum_innovations(numbers, sums, whitened) > numbers[CHANGED]:
+        if _sum_innovations(numbers, s.sums, whitened) > numbers[CHANGED]:
             for a in range(6):
                 P[n + a, n + a] += sixes[JUMP_F, a]
-            sums[:] = 0.0
+            s.sums[:] = 0.0
     if status[0] != _RUNNING:
         for i in range(n):
             x[i] = arrived[i]
             P[i], P[:, i], C[i] = 0.0, 0.0, 0.0
-            P[i, i] = joints[ROUND, i]
+            P[i, i] = rounding[i]
 
-    smooth, white, slow, kept = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    error_parts(numbers, joints, before, signals, smooth, white, slow, kept)
+    error = ErrorParts(np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    error_parts(t, s.before, signals, error)
     if known:
-        T = numbers[PERIOD]
         for i in range(n):
             u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
-            x[i] += T * u
-        renew(kept, mixing, x, P, C)
-        advance(T, J, smooth, white, slow, sixes, x, P, C)
-        find_gain(P, C, joints[ROUND], gain)
+            x[i] += numbers[PERIOD] * u
+            for m in range(n):
+                C[n + 6 + i, m] *= error.kept[i]
+        renew(error.kept, t.mixing, x, P)
+        _advance(t, s, J, error)
+        _find_gain(s, rounding)
         status[0] = _RUNNING
     else:
         for a in range(6):  # without a motion only time goes by
             P[n + a, n + a] += sixes[NOISE_F, a]
         status[0] = min(status[0], _LOST) - 1.0
         if status[0] <= -numbers[SETTLED]:
-            begin(mixing, sixes, x, P, C)
-            status[1] = 0.0
-            sums[:] = 0.0
+            _begin(t, s)
 
 
 @kernel
-def begin(mixing: Array, sixes: Array, x: Array, P: Array, C: Array) -> None:
-    """Writes x, P and C of a filter that has read nothing yet."""
-    n = mixing.shape[0]
-    x[:], P[:], C[:] = 0.0, 0.0, 0.0
+def _begin(t: KalmanTable, s: KalmanState) -> None:
+    """Writes the state of a filter that has read nothing yet."""
+    n = t.mixing.shape[0]
+    s.x[:], s.P[:], s.C[:], s.sums[:], s.status[1] = 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(6):
-        P[n + a, n + a] = sixes[START_F, a]
+        s.P[n + a, n + a] = t.sixes[START_F, a]
     for i in range(n):
         for j in range(n):
-            P[n + 6 + i, n + 6 + j] = mixing[i, j]
+            s.P[n + 6 + i, n + 6 + j] = t.mixing[i, j]
 
 
 @kernel
-def whitened_innovation(x: Array, P: Array, C: Array, rounding: Array, arrived: Array) -> Array:
+def _whitened_innovation(s: KalmanState, rounding: Array, arrived: Array) -> Array:
     """L^-1 (y - p) (n,), of covariance 1."""
     n = arrived.shape[0]
     L, left = np.empty((n, n)), np.empty(n)
-    innovation_factor(P, C, rounding, L)
+    _innovation_factor(s, rounding, L)
     for i in range(n):
-        left[i] = arrived[i] - x[i]
+        left[i] = arrived[i] - s.x[i]
     solve_lower(L, n, left)
     return left
 
 
 @kernel
-def sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
+def _sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
     """Takes a whitened innovation (n,) into `sums` (SUMS, n), in place; the largest |sum|^2.
 
     Of innovations that are the model's each sum has the covariance 1.
@@ -274,57 +282,41 @@ def sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
 
 
 @kernel
-def innovation_factor(P: Array, C: Array, rounding: Array, L: Array) -> None:
+def _innovation_factor(s: KalmanState, rounding: Array, L: Array) -> None:
     """Writes the lower triangle L (n, n) of the coming innovation's covariance L L^T."""
     n = L.shape[0]
     for i in range(n):
         for j in range(i + 1):
-            total = P[i, j] + (rounding[i] if i == j else 0.0)
+            total = s.P[i, j] + (rounding[i] if i == j else 0.0)
             for m in range(n):
-                total += C[i, m] * C[j, m]
+                total += s.C[i, m] * s.C[j, m]
             L[i, j] = total
     factorise_with_floor(L, n, rounding)
 
 
 @kernel
-def error_parts(
-    numbers: Array,
-    joints: Array,
-    before: Array,
-    signals: Array,
-    smooth: Array,
-    white: Array,
-    slow: Array,
-    kept: Array,
-) -> None:
-    """Writes s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x.
-
-    `before` (n,), s of the sample before, is changed.
-    """
+def error_parts(t: KalmanTable, before: Array, signals: Array, parts: ErrorParts) -> None:
+    """Writes `parts`; `before` (n,), s of the sample before, is changed."""
+    joints, period = t.joints, t.numbers[PERIOD]
     for i in range(signals.shape[1]):
         sd, stiction, drift = signals[TORQUE_SD, i], signals[STICTION, i], signals[DRIFT, i]
         moving = max(sd**2 - stiction**2 - drift**2, 0.0)
-        slow[i] = drift + joints[LASTING, i] * np.sqrt(moving)
+        parts.slow[i] = drift + joints[LASTING, i] * np.sqrt(moving)
         fading = joints[SMOOTH, i] * moving
-        smooth[i] = np.sqrt(fading + stiction**2)
+        smooth = np.sqrt(fading + stiction**2)
         share = fading / (fading + stiction**2) if fading > 0.0 else 0.0
-        kept[i] = np.exp(-share * joints[RATE_X, i] * numbers[PERIOD])
-        if before[i] > 0.0 and smooth[i] > 0.0:
-            kept[i] *= min(smooth[i] / before[i], before[i] / smooth[i])
-        before[i] = smooth[i]
-        white[i] = joints[WHITE, i] * moving * numbers[PERIOD]
+        kept = np.exp(-share * joints[RATE_X, i] * period)
+        if before[i] > 0.0 and smooth > 0.0:
+            kept *= min(smooth / before[i], before[i] / smooth)
+        before[i] = smooth
+        parts.smooth[i], parts.kept[i] = smooth, kept
+        parts.white[i] = joints[WHITE, i] * moving * period
 
 
 @kernel
-def measure(
-    x: Array,
-    gain: Array,
-    P: Array,
-    C: Array,
-    rounding: Array,
-    arrived: Array,
-) -> None:
+def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
     """Takes y into x, P and C by the gain, in place (Joseph's form, as the gain is C's too)."""
+    x, gain, P, C = s.x, s.gain, s.P, s.C
     N, n = gain.shape
     innovation = np.empty(n)
     for i in range(n):
@@ -351,54 +343,43 @@ def measure(
 
 
 @kernel
-def renew(
-    kept: Array,
-    mixing: Array,
-    x: Array,
-    P: Array,
-    C: Array,
-) -> None:
-    """Renews the error's smooth part in x, P and C, in place."""
+def fade(kept: Array, x: Array, P: Array) -> None:
+    """Takes a_x to the error's smooth part in x and in rows and columns of P, in place."""
     n = kept.shape[0]
-    first = n + 6
     for i in range(n):
-        e = first + i
+        e = n + 6 + i
         x[e] *= kept[i]
-        for m in range(n):
-            C[e, m] *= kept[i]
         for b in range(P.shape[0]):
             P[e, b] *= kept[i]
         for b in range(P.shape[0]):
             P[b, e] *= kept[i]
-    for i in range(n):
-        for j in range(n):
-            fade = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
-            P[first + i, first + j] += mixing[i, j] * np.sqrt(fade)
 
 
 @kernel
-def advance(
-    T: float,
-    J: Array,
-    smooth: Array,
-    white: Array,
-    slow: Array,
-    sixes: Array,
-    x: Array,
-    P: Array,
-    C: Array,
-) -> None:
+def renew(kept: Array, mixing: Array, x: Array, P: Array) -> None:
+    """Renews the error's smooth part in x and P, in place."""
+    n = kept.shape[0]
+    fade(kept, x, P)
+    for i in range(n):
+        for j in range(n):
+            new = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
+            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(new)
+
+
+@kernel
+def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> None:
     """Takes x, P and C over a period, in place; u is added elsewhere."""
+    x, P, C, T = s.x, s.P, s.C, t.numbers[PERIOD]
     n = J.shape[1]
     N = 2 * n + 6
     for i in range(n):
         e = n + 6 + i
-        s = T * smooth[i]
-        x[i] += s * x[e]
+        own = T * error.smooth[i]
+        x[i] += own * x[e]
         for b in range(N):
-            P[i, b] += s * P[e, b]
+            P[i, b] += own * P[e, b]
         for m in range(n):
-            C[i, m] += s * C[e, m]
+            C[i, m] += own * C[e, m]
         for a in range(6):
             j = T * J[a, i]
             x[i] += j * x[n + a]
@@ -406,15 +387,15 @@ def advance(
                 P[i, b] += j * P[n + a, b]
             for m in range(n):
                 C[i, m] += j * C[n + a, m]
-        C[i, i] += T * slow[i]
+        C[i, i] += T * error.slow[i]
     for b in range(N):
         for i in range(n):
-            total = T * smooth[i] * P[b, n + 6 + i]
+            total = T * error.smooth[i] * P[b, n + 6 + i]
             for a in range(6):
                 total += T * J[a, i] * P[b, n + a]
             P[b, i] += total
     for a in range(n, n + 6):
-        factor = sixes[KEPT_F, a - n]
+        factor = t.sixes[KEPT_F, a - n]
         x[a] *= factor
         for m in range(n):
             C[a, m] *= factor
@@ -423,9 +404,9 @@ def advance(
         for b in range(N):
             P[b, a] *= factor
     for i in range(n):
-        P[i, i] += white[i]
+        P[i, i] += error.white[i]
     for a in range(6):
-        P[n + a, n + a] += sixes[NOISE_F, a]
+        P[n + a, n + a] += t.sixes[NOISE_F, a]
     for a in range(N):
         for b in range(a):
             P[a, b] = 0.5 * (P[a, b] + P[b, a])
@@ -433,27 +414,15 @@ def advance(
 
 
 @kernel
-def find_gain(
-    P: Array,
-    C: Array,
-    rounding: Array,
-    gain: Array,
-) -> None:
-    """Writes the gain (N, n) of the coming sample."""
-    N, n = gain.shape
+def _find_gain(s: KalmanState, rounding: Array) -> None:
+    """Writes the gain of the coming sample."""
+    N, n = s.gain.shape
     L = np.empty((n, n))
-    innovation_factor(P, C, rounding, L)
+    _innovation_factor(s, rounding, L)
     for a in range(N):
-        row = gain[a]
+        row = s.gain[a]
         for i in range(n):
-            total = P[a, i]
+            row[i] = s.P[a, i]
             for m in range(n):
-                total += C[a, m] * C[i, m]
-            for k in range(i):
-                total -= L[i, k] * row[k]
-            row[i] = total / L[i, i]
-        for i in range(n - 1, -1, -1):
-            total = row[i]
-            for k in range(i + 1, n):
-                total -= L[k, i] * row[k]
-            row[i] = total / L[i, i]
+                row[i] += s.C[a, m] * s.C[i, m]
+        solve_factorised(L, n, row)

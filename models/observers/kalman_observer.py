@@ -168,7 +168,7 @@ class KalmanObserver:
         size = N + 2 * N * n + N * N + 2 + (1 + SUMS) * n
         state = np.zeros((-(-size // n), n))
         start = self.table[NUMBERS : NUMBERS + 6 * SIXES].reshape(SIXES, 6)[START_F]
-        P = split_state(state.reshape(-1), n)[2]
+        P = split_state(state.reshape(-1), n).P
         P[range(n, N), range(n, N)] = np.concatenate([start, np.ones(n)])
         return state
 

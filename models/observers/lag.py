@@ -27,65 +27,42 @@ posture, is not the force.
 stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
-from wrenchsight.models.views import copy_whole
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
 _DOUBTED = 0.1  # pace of LP_omega where the reading is not valid
 
-# Entries of LagModel.settings.
-_POLE, _DOUBTED_POLE, _FACTOR, _SCALE, LAG_SETTINGS = range(5)
+_POLE, _DOUBTED_POLE, _FACTOR, _SCALE = range(4)  # entries of the settings
 
 
-@dataclass(frozen=True, eq=False)
-class LagModel:
-    """The constants of this module.
+def lag_settings(
+    K_0: ArrayLike | None, time_step: float, force_bandwidth_hz: float, scale: float
+) -> Array:
+    """Returns the (4,) constants of `lag_tick`.
 
-    Attributes:
-        poles: (n,) of the observer, per tick; negative for one that reads J^T F without lag.
-        settings: (4,) of `lag_tick`.
+    Args:
+        K_0: (n,) or () 1/s of the observer; None: it has no such lag.
+        time_step: s.
+        force_bandwidth_hz: 0 leaves the lag of a changing force out of the band.
+        scale: share of what is read.
+
+    Raises:
+        ValueError: a number that is negative or not finite.
     """
-
-    poles: Array
-    settings: Array
-
-    @classmethod
-    def of(
-        cls,
-        K_0: ArrayLike | None,
-        num_joints: int,
-        time_step: float,
-        force_bandwidth_hz: float,
-        scale: float,
-    ) -> "LagModel":
-        """Returns the model of an observer.
-
-        Args:
-            K_0: (n,) or () 1/s; None: the observer has no such lag.
-            num_joints: n.
-            time_step: s.
-            force_bandwidth_hz: 0 leaves the lag of a changing force out of the band.
-            scale: share of what is read.
-
-        Raises:
-            ValueError: a number that is negative or not finite.
-        """
-        for name, value in (("force_bandwidth_hz", force_bandwidth_hz), ("scale", scale)):
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name} must be zero or more, not {value}")
-        omega = 2.0 * np.pi * force_bandwidth_hz
-        settings = np.array([0.0, 0.0, 0.0, scale])
-        if K_0 is not None:
-            settings[_POLE] = np.exp(-omega * time_step)
-            settings[_DOUBTED_POLE] = np.exp(-_DOUBTED * omega * time_step)
-            settings[_FACTOR] = omega / float(np.min(K_0))
-        return cls(observer_poles(K_0, num_joints, time_step), settings)
+    for name, value in (("force_bandwidth_hz", force_bandwidth_hz), ("scale", scale)):
+        if not (np.isfinite(value) and value >= 0.0):
+            raise ValueError(f"{name} must be zero or more, not {value}")
+    omega = 2.0 * np.pi * force_bandwidth_hz
+    settings = np.array([0.0, 0.0, 0.0, scale])
+    if K_0 is not None:
+        settings[_POLE] = np.exp(-omega * time_step)
+        settings[_DOUBTED_POLE] = np.exp(-_DOUBTED * omega * time_step)
+        settings[_FACTOR] = omega / float(np.min(K_0))
+    return settings
 
 
 def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> Array:
@@ -94,16 +71,6 @@ def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> 
         return np.full(num_joints, -1.0)
     rates = np.broadcast_to(np.asarray(K_0, float), (num_joints,))
     return np.asarray(np.exp(-rates * time_step))
-
-
-def jacobian_seen(J: ArrayLike, K_0: ArrayLike, time_step: float) -> Array:
-    """J_seen (N, 6, n) along a log of J (N, 6, n), every `time_step` s; K_0 (n,) or () in 1/s."""
-    J = np.array(J, float)
-    n = J.shape[2]
-    poles = np.exp(-np.broadcast_to(np.asarray(K_0, float), (n,)) * time_step)
-    state = np.full((JACOBIAN_ROWS, n), np.nan)
-    jacobian_seen_log(np.ascontiguousarray(poles), state, J)
-    return J
 
 
 @kernel
@@ -135,23 +102,13 @@ def take_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
 
 
 @kernel
-def jacobian_seen_log(poles: Array, state: Array, J: Array) -> None:
-    """Replaces J (N, 6, n) by J_seen, one sample after another."""
-    seen = np.empty((6, poles.shape[0]))
-    for k in range(J.shape[0]):
-        see_jacobian(poles, state, J[k], seen)
-        take_jacobian(poles, state, J[k], seen)
-        copy_whole(J[k], seen)
-
-
-@kernel
 def lag_tick(
     settings: Array, state: Array, wrench: Array, covariance: Array, lateness: Array
 ) -> None:
     """Single-sample kernel: adds lag and scale to the covariance (6, 6); `state` stays as it is.
 
     Args:
-        settings: LagModel.settings.
+        settings: of `lag_settings`.
         state: (6,) LP_omega of the wrench, NaN before the first.
         wrench: (6,).
         covariance: (6, 6), changed.

@@ -15,65 +15,41 @@ LP_omega takes part of the rate's power; for a force whose spectrum is flat up t
 1.96 sds of it hold 89 % of such a force's lateness where there is no noise besides.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 
 SHARE = 3.0 * (1.0 - 0.25 * np.pi)
-LAG_POWER_ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)
+_ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)
 
 
-@dataclass(frozen=True)
 class LagPower:
-    """The constants of this module.
+    """Adds the lag to the covariances of successive samples.
 
-    Attributes:
-        pole: of LP_omega, per tick.
-        factor: omega / K_0.
+    Args:
+        K_0: 1/s; None: no lag.
+        time_step: s.
+        force_bandwidth_hz: Hz.
     """
 
-    pole: float
-    factor: float
-
-    @classmethod
-    def of(cls, K_0: float | None, time_step: float, force_bandwidth_hz: float) -> Self:
-        """Returns the constants.
-
-        Args:
-            K_0: 1/s; None: no lag.
-            time_step: s.
-            force_bandwidth_hz: Hz.
-
-        Raises:
-            ValueError: a number that is not above zero, or not finite.
-        """
-        for name, value in (("K_0", K_0), ("force_bandwidth_hz", force_bandwidth_hz)):
-            if value is not None and not (np.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} must be above zero, not {value}")
+    def __init__(self, K_0: float | None, time_step: float, force_bandwidth_hz: float) -> None:
         omega = 2.0 * np.pi * force_bandwidth_hz
-        return cls(float(np.exp(-omega * time_step)), 0.0 if K_0 is None else omega / K_0)
+        self._pole = float(np.exp(-omega * time_step))
+        self._factor = 0.0 if K_0 is None else omega / K_0
+        self._state = np.zeros((_ROWS, 6))
+        self._state[0] = np.nan
 
-    def initial_state(self) -> Array:
-        """Returns the (LAG_POWER_ROWS, 6) state before the first sample."""
-        state = np.zeros((LAG_POWER_ROWS, 6))
-        state[0] = np.nan
-        return state
-
-    def add(self, state: Array, wrench: Array, noise: Array, covariance: Array) -> None:
-        """Adds the lag to the covariances of N samples, one after another.
+    def add(self, wrench: Array, noise: Array, covariance: Array) -> None:
+        """Takes the next N samples.
 
         Args:
-            state: of `initial_state`, changed in place.
             wrench: (N, 6) as read, N m and N.
             noise: (N, 6) its variance by noise alone.
             covariance: (N, 6, 6), changed in place.
         """
-        if self.factor > 0.0:
-            lag_power_log(self.pole, self.factor, state, wrench, noise, covariance)
+        if self._factor > 0.0:
+            lag_power_log(self._pole, self._factor, self._state, wrench, noise, covariance)
 
 
 @kernel

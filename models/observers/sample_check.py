@@ -36,10 +36,12 @@ the speed limit, .13 in a fast sweep after a rise; drift .0008 s; a current that
 size tells no spike: drives that start change their current by up to 1.5 of the limit in 2 ms.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.views import borrowed
@@ -130,11 +132,20 @@ class SampleCheck:
             wrong with q and v of each sample and with the current of the one before: a sum of
             BEYOND, DISAGREES and FROZEN, or 0.
         """
-        samples = np.stack([q, v, current])
-        checked, codes = np.empty_like(samples), np.zeros(len(q), np.int64)
+        q, v, current = contiguous(q, v, current)
+        checked, codes = np.empty((len(q), 3, self.num_joints)), np.zeros(len(q), np.int64)
         periods = np.broadcast_to(np.asarray(period, float), (len(q),)).copy()
-        _check_log(self.table, state, samples, periods, checked, codes)
-        return checked, codes
+        _check_log(self.table, state, periods, q, v, current, checked, codes)
+        return np.ascontiguousarray(checked.swapaxes(0, 1)), codes
+
+
+class _Joint(NamedTuple):
+    """One joint at a sample: `SampleCheck.table`, the state, the period and the joint's number."""
+
+    table: Array
+    state: Array
+    period: float
+    j: int
 
 
 @kernel
@@ -159,7 +170,7 @@ def check_motion(
         age = state[_AGE, j] + period
         if age != of_age:  # most often all joints are of one age
             of_age, fade = age, np.exp(-age / DRIFT_TIME)
-        wrong = _wrong_motion(table, state, period, fade, j, q[j], v[j])
+        wrong = _wrong_motion(_Joint(table, state, period, j), fade, q[j], v[j])
         if wrong != 0:
             checked[0, j], checked[1, j] = np.nan, np.nan
             found |= wrong
@@ -178,7 +189,7 @@ def check_current(
     wrong is reported with the next sample, as no reading of this one depends on it.
     """
     for j in range(current.shape[0]):
-        wrong = _wrong_current(table, state, period, j, current[j])
+        wrong = _wrong_current(_Joint(table, state, period, j), current[j])
         checked[2, j] = current[j] if wrong == 0 else np.nan
 
 
@@ -195,6 +206,7 @@ def take_sample(
     """Single-sample kernel: takes a sample into `state`; `checked` is what both checks wrote."""
     of_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
+        own = _Joint(table, state, period, j)
         age = state[_AGE, j] + period
         if age != of_age:
             of_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
@@ -204,19 +216,19 @@ def take_sample(
         if np.isfinite(checked[0, j]) and np.isfinite(checked[1, j]):
             wrong = 0
         elif known:
-            wrong = _wrong_motion(table, state, period, fade, j, q[j], v[j])
+            wrong = _wrong_motion(own, fade, q[j], v[j])
         if wrong == BEYOND:
             state[_AGE, j] = age
-            r = abs(_disagreement(state, age, j, q[j], v[j])) if recent else np.inf
+            r = abs(_disagreement(own, age, q[j], v[j])) if recent else np.inf
             # A disagreement that goes on is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
-                follows = 1.25 * _bound(table, state, j) / RISE
+                follows = 1.25 * _bound(own) / RISE
                 state[_LARGEST, j] = max(state[_LARGEST, j], min(r, follows))
         else:  # a drift goes on being summed, or it would never be over
             if recent:
-                r = _disagreement(state, age, j, q[j], v[j])
+                r = _disagreement(own, age, q[j], v[j])
                 state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * rise_fade)
-                total, disorder = _drift(table, state, age, fade, j, r, v[j])
+                total, disorder = _drift(own, age, fade, r, v[j])
                 # No more than is needed to tell it: a drift that is over is forgotten soon.
                 most = DRIFT_KEPT * table[_DRIFT, j]
                 state[_SUM, j] = min(max(total, -most), most)
@@ -224,7 +236,7 @@ def take_sample(
             else:
                 state[_SUM, j] = state[_DISORDER, j] = 0.0
             state[_Q, j], state[_V, j], state[_AGE, j] = q[j], v[j], 0.0
-        state[_BEFORE, j] = _wrong_current(table, state, period, j, current[j])
+        state[_BEFORE, j] = _wrong_current(own, current[j])
         if current[j] != state[_I, j]:
             state[_SAME, j] = 0.0
         elif abs(v[j]) > table[_MOVING, j]:
@@ -235,16 +247,9 @@ def take_sample(
 
 
 @kernel(inline="always")
-def _wrong_motion(
-    table: Array,
-    state: Array,
-    period: float,
-    fade: float,
-    j: int,
-    q: float,
-    v: float,
-) -> int:
+def _wrong_motion(own: _Joint, fade: float, q: float, v: float) -> int:
     """What is wrong with q and v of one joint; `fade` as `_drift`."""
+    table, state, period, j = own
     if not (np.isfinite(q) and np.isfinite(v)):
         return 0
     if not (table[_LOW, j] <= q <= table[_HIGH, j]) or abs(v) > table[_SPEED, j]:
@@ -252,28 +257,23 @@ def _wrong_motion(
     age = state[_AGE, j] + period
     if not np.isfinite(state[_Q, j]) or age > max(RESTART_TIME, RESTART_TICKS * period):
         return 0
-    r = _disagreement(state, age, j, q, v)
+    r = _disagreement(own, age, q, v)
     change = abs(v - state[_V, j]) - VELOCITY_NOISE * table[_SHARE, j]
-    if abs(r) > _bound(table, state, j) + table[_ENCODER, j] / age:
+    if abs(r) > _bound(own) + table[_ENCODER, j] / age:
         return BEYOND
     if change > table[_ACCELERATION, j] * age:
         return BEYOND
     drift = table[_DRIFT, j] + 2.0 * table[_SHARE, j] * age
     if abs(r * age) > drift:  # in a single sample
         return BEYOND
-    total, disorder = _drift(table, state, age, fade, j, r, v)
+    total, disorder = _drift(own, age, fade, r, v)
     return DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
 @kernel(inline="always")
-def _wrong_current(
-    table: Array,
-    state: Array,
-    period: float,
-    j: int,
-    i: float,
-) -> int:
+def _wrong_current(own: _Joint, i: float) -> int:
     """What is wrong with the current of one joint."""
+    table, state, period, j = own
     if np.isnan(i):
         return 0
     if abs(i) > table[_CURRENT, j]:
@@ -289,29 +289,16 @@ def _wrong_current(
 
 
 @kernel(inline="always")
-def _disagreement(
-    state: Array,
-    age: float,
-    j: int,
-    q: float,
-    v: float,
-) -> float:
+def _disagreement(own: _Joint, age: float, q: float, v: float) -> float:
     """r of one joint, rad/s (m/s)."""
-    r: float = (q - state[_Q, j]) / age - 0.5 * (v + state[_V, j])
+    r: float = (q - own.state[_Q, own.j]) / age - 0.5 * (v + own.state[_V, own.j])
     return r
 
 
 @kernel(inline="always")
-def _drift(
-    table: Array,
-    state: Array,
-    age: float,
-    fade: float,
-    j: int,
-    r: float,
-    v: float,
-) -> tuple[float, float]:
+def _drift(own: _Joint, age: float, fade: float, r: float, v: float) -> tuple[float, float]:
     """Drift and disorder of one joint with a sample, rad (m); `fade` exp(-age / DRIFT_TIME)."""
+    table, state, _, j = own
     slow = SMOOTH * table[_SHARE, j]
     goes = abs(v) + slow + table[_ENCODER, j] / age
     disorder = fade * state[_DISORDER, j]
@@ -321,58 +308,28 @@ def _drift(
 
 
 @kernel(inline="always")
-def _bound(
-    table: Array,
-    state: Array,
-    j: int,
-) -> float:
+def _bound(own: _Joint) -> float:
     """Largest r of one joint, rad/s (m/s)."""
-    largest: float = max(table[_SHARE, j], RISE * state[_LARGEST, j])
+    largest: float = max(own.table[_SHARE, own.j], RISE * own.state[_LARGEST, own.j])
     return largest
-
-
-@kernel
-def check_sample(
-    table: Array,
-    state: Array,
-    period: float,
-    sample: Array,
-    checked: Array,
-) -> int:
-    """Takes the rows q, v and current of `sample` into `state`, and writes them checked; see above.
-
-    Returns:
-        As `check_motion`.
-    """
-    q, v, current = sample[0], sample[1], sample[2]
-    found = check_motion(table, state, period, q, v, checked)
-    check_current(table, state, period, current, checked)
-    take_sample(table, state, period, q, v, current, checked)
-    return found
 
 
 @kernel
 def _check_log(
     table: Array,
     state: Array,
-    samples: Array,
     periods: Array,
+    q: Array,
+    v: Array,
+    current: Array,
     checked: Array,
     codes: Codes,
 ) -> None:
-    table, state, samples, checked = (
-        borrowed(table),
-        borrowed(state),
-        borrowed(samples),
-        borrowed(checked),
-    )
-    n = samples.shape[2]
-    sample, one = np.empty((3, n)), np.empty((3, n))
-    for k in range(samples.shape[1]):
-        for row in range(3):
-            for j in range(n):
-                sample[row, j] = samples[row, k, j]
-        codes[k] = check_sample(table, state, periods[k], sample, one)
-        for row in range(3):
-            for j in range(n):
-                checked[row, k, j] = one[row, j]
+    """The three kernels above for N samples; checked (N, 3, n)."""
+    table, state, checked = borrowed(table), borrowed(state), borrowed(checked)
+    q, v, current = borrowed(q), borrowed(v), borrowed(current)
+    for k in range(q.shape[0]):
+        own = checked[k]
+        codes[k] = check_motion(table, state, periods[k], q[k], v[k], own)
+        check_current(table, state, periods[k], current[k], own)
+        take_sample(table, state, periods[k], q[k], v[k], current[k], own)

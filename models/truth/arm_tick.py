@@ -154,7 +154,7 @@ def motion_type(num_joints: int) -> np.dtype[np.void]:
 
 @kernel
 def _tick_of(t: float, time_step: float) -> int:
-    # As `systems.gaussian_noise_source.tick_of`.
+    # As `systems.last_tick.tick_of`.
     return int(t / time_step + 1e-3)
 
 

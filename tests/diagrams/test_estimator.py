@@ -55,9 +55,13 @@ def test_ports(sts, model):
     assert estimator.num_output_ports() == 7
 
 
+@pytest.mark.parametrize("remembers", [False, True])
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(sts, model, kind):
-    estimator = make_estimator(sts, model, config(kind))
+def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(
+    sts, model, kind, remembers
+):
+    own = replace(model, friction=remembering(6)) if remembers else model
+    estimator = make_estimator(sts, own, config(kind))
     current = estimator.GetInputPort("current").get_index()
     for name in OUTPUTS:
         feeds_through = estimator.HasDirectFeedthrough(
@@ -88,16 +92,37 @@ def test_a_resting_push_is_read(sts, model):
     np.testing.assert_allclose(rows, (1.0 - np.exp(-20.0 * t)) * wrench, rtol=0.0, atol=1e-9)
 
 
+def remembering(n):
+    rng = np.random.default_rng(4)
+    return PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(np.zeros(n), *rng.uniform(1, 5, (2, n)))),
+        coulomb=rng.uniform(2, 9, n),
+        stribeck=rng.uniform(-1, 1, n),
+        stribeck_velocity=np.full(n, 0.05),
+        load=rng.uniform(0.02, 0.1, n),
+        cubic=rng.normal(size=n),
+        weight=np.ones((n, 1)),
+        displacement=np.full((n, 1), 0.01),
+    )
+
+
+@pytest.mark.parametrize("fused", [False, True], ids=["stages", "fused"])
 @pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-@pytest.mark.parametrize("method", ["bayesian", "inverse"])
-def test_row_k_is_that_of_the_batch_estimator(sts, model, kind, method):
-    """Also where the log has holes."""
-    log = moving_log(sts, T, 400)
+@pytest.mark.parametrize("law", ["none", "remembering", "coupled"])
+def test_row_k_is_that_of_the_batch_estimator(sts, coupled_wrist, law, kind, fused):
+    """Also where the log has holes; position, slip and the load of the tick before are kept."""
+    robot = coupled_wrist if law == "coupled" else sts
+    model = IdentifiedModel.nominal(robot)
+    if law != "none":
+        model = replace(model, friction=remembering(6))
+    if law == "coupled":
+        model = replace(model, friction=CoupledFriction(model.friction, robot.motor_rates))
+    log = moving_log(robot, T, 300)
     for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 200, 0), (2, 201, 0)):
         log[signal][row, joint] = np.nan
-    configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0), method)
-    found = played(sts, model, configuration, log)
-    estimator = WrenchEstimator(sts, model, configuration)
+    configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0))
+    found = played(robot, model, configuration, log, fused=fused)
+    estimator = WrenchEstimator(robot, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
     scale = np.abs(batch.wrench).max()
     np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
@@ -170,49 +195,3 @@ def test_a_model_of_another_robot_is_refused(ur10e, sts):
     other = IdentifiedModel.nominal(ur10e)
     with pytest.raises(InputError, match="ur10e"):
         make_estimator(sts, other)
-
-
-@pytest.mark.parametrize("kind", ["held", "trapezoidal"])
-def test_friction_that_remembers_is_that_of_the_batch_estimator(sts, model, kind):
-    """Position, slip and the load of the tick before, also across holes."""
-    n = sts.num_joints
-    rng = np.random.default_rng(4)
-    friction = PreslidingFriction(
-        SemiParametricFriction(CoulombViscous(np.zeros(n), *rng.uniform(1, 5, (2, n)))),
-        coulomb=rng.uniform(2, 9, n),
-        stribeck=rng.uniform(-1, 1, n),
-        stribeck_velocity=np.full(n, 0.05),
-        load=rng.uniform(0.02, 0.1, n),
-        cubic=rng.normal(size=n),
-        weight=np.ones((n, 1)),
-        displacement=np.full((n, 1), 0.01),
-    )
-    remembering = replace(model, friction=friction)
-    log = moving_log(sts, T, 200)
-    for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 150, 0)):
-        log[signal][row, joint] = np.nan
-    found = played(sts, remembering, config(kind), log)
-    estimator = WrenchEstimator(sts, remembering, config(kind))
-    batch = estimator.run(estimator.initial_state(), *log)
-    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)
-    diagram = make_estimator(sts, remembering, config(kind))
-    current = diagram.GetInputPort("current").get_index()
-    wrench = diagram.GetOutputPort("wrench").get_index()
-    assert diagram.HasDirectFeedthrough(current, wrench) == (kind == "trapezoidal")
-
-
-@pytest.mark.parametrize("fused", [False, True])
-def test_coupled_joints_are_those_of_the_batch_estimator(coupled_wrist, fused):
-    rng = np.random.default_rng(4)
-    law = SemiParametricFriction(CoulombViscous(*rng.uniform(1, 5, (3, 6))))
-    model = replace(
-        IdentifiedModel.nominal(coupled_wrist),
-        friction=CoupledFriction(law, coupled_wrist.motor_rates),
-    )
-    log = moving_log(coupled_wrist, T, 100)
-    found = played(coupled_wrist, model, config("trapezoidal"), log, fused=fused)
-    estimator = WrenchEstimator(coupled_wrist, model, config("trapezoidal"))
-    batch = estimator.run(estimator.initial_state(), *log)
-    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)

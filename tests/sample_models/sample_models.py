@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
+from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.observers.lag import observer_poles, see_jacobian, take_jacobian
 from wrenchsight.models.robot.robot import Robot
 
 _PLAIN_ERROR = {
@@ -59,6 +62,36 @@ def sample_torque_error(num_joints: int = 6) -> TorqueErrorModel:
         fitted_load=30.0,
         resolution=1e-4,
     )
+
+
+def torque_sds(
+    error: TorqueErrorModel,
+    friction: FrictionLaw,
+    q: Array,
+    v: Array,
+    transmitted: Array,
+    time_step: float,
+    K_0: ArrayLike | None = None,
+    resolution: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """The sds (N, n) in N m along a log that begins here, and the part that is stiction; None: as
+    the error was fitted.
+    """
+    rates = error.K_0 if K_0 is None else K_0
+    stage = TorqueErrorStage(error, friction, rates, time_step, resolution)
+    J = np.zeros((len(q), 6, error.num_joints))
+    found = stage.run(stage.initial_state(), q, v, transmitted, J)
+    return found.sd, found.stiction
+
+
+def jacobian_seen(J: Array, K_0: ArrayLike, time_step: float) -> Array:
+    """J (N, 6, n) through the low-pass of `models.observers.lag`."""
+    poles, seen = observer_poles(K_0, J.shape[2], time_step), np.empty_like(J)
+    state = np.full(J.shape[1:], np.nan)
+    for k in range(len(J)):
+        see_jacobian(poles, state, J[k], seen[k])
+        take_jacobian(poles, state, J[k], seen[k])
+    return seen
 
 
 def knowing_model(robot: Robot, coulomb: ArrayLike, viscous: ArrayLike) -> IdentifiedModel:

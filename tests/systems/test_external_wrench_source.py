@@ -54,16 +54,3 @@ def test_pushes_a_cart_as_the_closed_form_says():
     # v = F / (m w) (1 - cos wt); a sum of samples instead of the integral errs by T F / m / 2.
     assert abs(v - 4.0 / (2.0 * 2 * np.pi) * 2.0) < 1e-3 * 4.0 / 2.0
     assert v > 0  # a positive push moves it the positive way
-
-
-def test_gain_through_the_context():
-    _plant, body = cart()
-    block = ExternalWrenchSource(
-        WrenchScript([WrenchStep(force=[1, 0, 0])]), body.index(), [0, 0, 0]
-    )
-    context = block.CreateDefaultContext()
-    assert block.GetOutputPort("wrench_true").Eval(context)[3] == 1.0
-    context.get_mutable_numeric_parameter(0).SetAtIndex(0, -2.5)
-    assert block.GetOutputPort("wrench_true").Eval(context)[3] == -2.5
-    (force,) = block.GetOutputPort("spatial_forces").Eval(context)
-    assert force.F_Bq_W.translational()[0] == -2.5

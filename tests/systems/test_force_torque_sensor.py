@@ -22,7 +22,6 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.low_pass import LowPass
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor, ForceTorqueSensorConfig
-from wrenchsight.systems.gaussian_noise_source import GaussianNoiseSource
 from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 
 T = 1e-3
@@ -32,7 +31,7 @@ WRENCH = np.array([0.4, -0.7, 0.9, 5.0, -8.0, 12.0])
 class Arm:
     """Two skew joints, a crooked mount, a lopsided tool; a wrench at E, fixed in W."""
 
-    def __init__(self, config=None, wrench=WRENCH, tau=(3.0, -2.0), noise=False, seed=None):
+    def __init__(self, config=None, wrench=WRENCH, tau=(3.0, -2.0), seed=None):
         builder = DiagramBuilder()
         plant = MultibodyPlant(T)
         plant.SetUseSampledOutputPorts(False)
@@ -101,9 +100,6 @@ class Arm:
             ("vdot", plant.get_generalized_acceleration_output_port(instance)),
         ):
             builder.Connect(port, self.block.GetInputPort(name))
-        if noise:
-            source = builder.AddSystem(GaussianNoiseSource(6, T, 5))
-            builder.Connect(source.get_output_port(), self.block.GetInputPort("noise"))
         torque = builder.AddSystem(ConstantVectorSource(list(tau)))
         builder.Connect(torque.get_output_port(), plant.get_actuation_input_port())
         self.log = LogVectorOutput(self.block.GetOutputPort("wrench"), builder, T)
@@ -130,7 +126,7 @@ class Arm:
 def test_ports():
     block = Arm().block
     names = [block.get_input_port(i).get_name() for i in range(block.num_input_ports())]
-    assert names == ["reaction_forces", "terms", "vdot", "noise"]
+    assert names == ["reaction_forces", "terms", "vdot"]
     assert block.GetOutputPort("wrench").size() == 6
     assert not block.HasAnyDirectFeedthrough()
 
@@ -167,22 +163,14 @@ def test_low_pass_is_the_filter_of_models():
 
 def test_noise_has_the_stated_size():
     config = ForceTorqueSensorConfig(force_noise_sd=0.5, moment_noise_sd=0.02)
-    error = Arm(config, noise=True).run(2.0)[1:] - WRENCH
+    error = Arm(config, seed=5).run(2.0)[1:] - WRENCH
     # 6,000 draws each: the standard deviation is known to 1 %
     assert error[:, 3:].std() == pytest.approx(0.5, rel=0.04)
     assert error[:, :3].std() == pytest.approx(0.02, rel=0.04)
 
 
-def test_a_sensors_own_noise_is_that_of_a_source_of_its_seed():
-    """One call into Python less a tick, and the same numbers."""
-    config = ForceTorqueSensorConfig(force_noise_sd=0.5, moment_noise_sd=0.02, cutoff=60.0)
-    apart, own = Arm(config, noise=True).run(0.05), Arm(config, seed=5).run(0.05)
-    np.testing.assert_array_equal(own, apart)
-    assert np.any(Arm(config, seed=6).run(0.05) != own)
-
-
 def test_noise_parameter_through_the_context():
-    arm = Arm(noise=True)
+    arm = Arm(seed=5)
     context = arm.block.GetMyMutableContextFromRoot(arm.simulator.get_mutable_context())
     context.get_mutable_numeric_parameter(0).SetFromVector([0, 0, 0, 2.0, 0, 0])
     error = arm.run(0.5)[1:] - WRENCH

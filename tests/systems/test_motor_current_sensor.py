@@ -4,28 +4,30 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Sine
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor, add_motor_current_sensor
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.systems.motor_current_sensor import MotorCurrentSensor
 
 TIME_STEP = 1e-3
 
 
-def reading(sensor, context, current_true, noise=None):
+def reading(sensor, context, current_true):
     sensor.GetInputPort("current_true").FixValue(context, np.asarray(current_true, float))
-    if noise is not None:
-        sensor.GetInputPort("noise").FixValue(context, np.asarray(noise, float))
     return sensor.GetOutputPort("current").Eval(context)
 
 
-def record(sensor, source, duration, seed=None):
+def draws(seed, tick, size):
+    noise = np.empty(size)
+    gaussian_noise(seed, tick, noise)
+    return noise
+
+
+def record(sensor, source, duration):
     """Rows (N, n) of the true and of the reported current, one a tick."""
     builder = DiagramBuilder()
     builder.AddSystem(source)
-    if seed is None:
-        builder.AddSystem(sensor)
-    else:
-        add_motor_current_sensor(builder, sensor, seed)
+    builder.AddSystem(sensor)
     builder.Connect(source.get_output_port(0), sensor.GetInputPort("current_true"))
     logs = [
         LogVectorOutput(port, builder, sensor.time_step)
@@ -38,7 +40,7 @@ def record(sensor, source, duration, seed=None):
 
 def test_ports():
     sensor = MotorCurrentSensor(2, TIME_STEP)
-    assert [sensor.get_input_port(i).get_name() for i in range(2)] == ["current_true", "noise"]
+    assert sensor.get_input_port().get_name() == "current_true"
     assert sensor.GetOutputPort("current").size() == sensor.num_joints == 2
     assert sensor.time_step == TIME_STEP
 
@@ -51,34 +53,19 @@ def test_an_ideal_sensor_reads_the_present_current():
 
 
 def test_noise_and_resolution():
-    sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.2], resolution=[0.0, 0.25])
+    sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.2], resolution=[0.0, 0.25], seed=3)
     context = sensor.CreateDefaultContext()
-    np.testing.assert_allclose(
-        reading(sensor, context, [1.0, 1.0], [2.0, 1.0]), [1.2, 1.25], rtol=0.0, atol=1e-15
-    )
-
-
-def test_bandwidth_is_that_of_a_first_order_lag():
-    """Against the frequency response of the sampled lag, exact for a current held over the tick."""
-    bandwidth, omega = 20.0, 2.0 * np.pi * 20.0
-    sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth)
-    duration = 0.6
-    true, current = record(sensor, Sine(1.0, omega, 0.0, 1), duration)
-    t = np.arange(len(true))[300:] * TIME_STEP  # e^-38 of the transient is left
-    basis = np.column_stack([np.sin(omega * t), np.cos(omega * t)])
-    (inphase, quadrature), *_ = np.linalg.lstsq(basis, current[300:, 0])
-    a = np.exp(-omega * TIME_STEP)
-    response = (1.0 - a) / (1.0 - a * np.exp(-1j * omega * TIME_STEP))
-    np.testing.assert_allclose(inphase + 1j * quadrature, response, rtol=0.0, atol=1e-10)
-    # The tick-end reading leads the continuous lag by half a tick, and by nothing else.
-    continuous = np.exp(0.5j * omega * TIME_STEP) / (1.0 + 1j)
-    assert abs(response / continuous - 1.0) < 2e-3
+    for tick in range(3):
+        context.SetTime((tick + 0.5) * TIME_STEP)
+        noisy = 1.0 + draws(3, tick, 2) * [0.1, 0.2]
+        expected = [noisy[0], 0.25 * np.round(noisy[1] / 0.25)]
+        np.testing.assert_allclose(reading(sensor, context, [1.0, 1.0]), expected, atol=1e-15)
 
 
 def test_noise_has_its_standard_deviation_and_repeats_by_seed():
     def run(seed):
-        sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.02])
-        return record(sensor, ConstantVectorSource([1.0, 2.0]), 4.0, seed)[1]
+        sensor = MotorCurrentSensor(2, TIME_STEP, noise_sd=[0.1, 0.02], seed=seed)
+        return record(sensor, ConstantVectorSource([1.0, 2.0]), 4.0)[1]
 
     first = run(7)
     np.testing.assert_allclose(first.mean(axis=0), [1.0, 2.0], rtol=0.0, atol=0.1 * 5 / 63.0)
@@ -88,17 +75,13 @@ def test_noise_has_its_standard_deviation_and_repeats_by_seed():
 
 
 def test_parameters_change_through_the_context():
-    sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth=5.0, noise_sd=1.0, resolution=0.5)
+    sensor = MotorCurrentSensor(1, TIME_STEP, bandwidth=5.0, noise_sd=1.0, resolution=0.5, seed=4)
     context = sensor.CreateDefaultContext()
     context.SetDiscreteState([0.0])
     for index, value in enumerate((np.inf, 0.25, 0.0)):
         context.get_mutable_numeric_parameter(index).SetFromVector([value])
-    assert reading(sensor, context, [1.1], [1.0])[0] == pytest.approx(1.35, abs=1e-15)
-
-
-def test_sign():
-    sensor = MotorCurrentSensor(1, TIME_STEP, 50.0, 0.01, 0.1)
-    assert reading(sensor, sensor.CreateDefaultContext(), [2.0], [0.0])[0] > 0.0
+    expected = 1.1 + 0.25 * draws(4, 0, 1)
+    np.testing.assert_allclose(reading(sensor, context, [1.1]), expected, atol=1e-15)
 
 
 def test_a_broken_current_is_reported_and_forgotten():
@@ -122,24 +105,3 @@ def test_a_broken_current_is_reported_and_forgotten():
 def test_bad_arguments(arguments):
     with pytest.raises(ValueError, match="out of range"):
         MotorCurrentSensor(2, TIME_STEP, **arguments)
-
-
-def test_a_sensors_own_noise_is_that_of_a_source_of_its_seed():
-    """One call into Python less a tick, and the same numbers."""
-    arguments = {"bandwidth": 40.0, "noise_sd": [0.1, 0.02], "resolution": 0.01}
-    builder = DiagramBuilder()
-    sensors = [
-        add_motor_current_sensor(builder, MotorCurrentSensor(2, TIME_STEP, **arguments), 7),
-        builder.AddSystem(MotorCurrentSensor(2, TIME_STEP, **arguments, seed=7)),
-        builder.AddSystem(MotorCurrentSensor(2, TIME_STEP, **arguments, seed=8)),
-    ]
-    current = builder.AddSystem(ConstantVectorSource([1.0, -2.0]))
-    for sensor in sensors:
-        builder.Connect(current.get_output_port(), sensor.GetInputPort("current_true"))
-    logs = [LogVectorOutput(s.GetOutputPort("current"), builder, TIME_STEP) for s in sensors]
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(50 * TIME_STEP)
-    apart, own, other = (log.FindLog(simulator.get_context()).data() for log in logs)
-    np.testing.assert_array_equal(own, apart)
-    assert np.any(own != other)
-    assert len(np.unique(own[0])) > 5

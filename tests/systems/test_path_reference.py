@@ -50,12 +50,3 @@ def test_velocity_integrates_to_position():
     context = simulator.get_context()
     moved = integrator.get_output_port().Eval(integrator.GetMyContextFromRoot(context))[2:4]
     np.testing.assert_allclose(moved, [1.2**5, -2 * 1.2**3], atol=1e-6)
-
-
-def test_delay_through_the_context():
-    block = PathReference(quintic())
-    context = block.CreateDefaultContext()
-    context.SetTime(1.0)
-    context.get_mutable_numeric_parameter(0).SetAtIndex(0, 0.25)
-    reference = block.GetOutputPort("reference").Eval(context)
-    np.testing.assert_allclose(reference, evaluate(block, 0.75))

@@ -86,21 +86,6 @@ def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
     assert not np.allclose(batch.covariance, plain.run(plain.initial_state(), *log).covariance)
 
 
-@pytest.mark.parametrize("method", ["bayesian", "force_only"])
-def test_a_tick_and_a_log_read_the_same(sts, model, log, method):
-    configuration = WrenchEstimatorConfig(
-        MomentumObserverConfig([20.0], T), WrenchReconstructionConfig(method)
-    )
-    estimator = WrenchEstimator(sts, model, configuration)
-    batch = estimator.run(estimator.initial_state(), *log)
-    state = estimator.initial_state()
-    ticks = [estimator.step(state, *row) for row in zip(*log, strict=True)]
-    np.testing.assert_allclose(
-        [tick.wrench for tick in ticks], batch.wrench, rtol=0.0, atol=1e-12 * 1e3
-    )
-    assert [bool(tick.valid) for tick in ticks] == batch.valid.tolist()
-
-
 def test_a_point_force_is_weighted_by_the_models_usual_errors_too(sts, model, log):
     configuration = WrenchEstimatorConfig(
         MomentumObserverConfig([20.0], T), WrenchReconstructionConfig("force_only")

@@ -53,13 +53,12 @@ class Calls:
 
 def drawn(robot, force_true, force_estimated, metres_per_newton=0.02):
     calls = Calls()
-    block = WrenchArrows(calls, STYLES, fps=30.0, metres_per_newton=0.01)
+    block = WrenchArrows(calls, STYLES, fps=30.0, metres_per_newton=metres_per_newton)
     context = block.CreateDefaultContext()
     terms = robot.chain.terms(robot.home, np.zeros(6))
     block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
     block.GetInputPort("force true").FixValue(context, [9.0, 9, 9, *force_true])
     block.GetInputPort("force estimated").FixValue(context, [9.0, 9, 9, *force_estimated])
-    context.get_mutable_numeric_parameter(0).SetAtIndex(0, metres_per_newton)
     context.SetTime(1.5)
     block.ForcedPublish(context)
     return calls, terms

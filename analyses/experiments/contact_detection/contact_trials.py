@@ -18,6 +18,7 @@ from wrenchsight.models.detection.contact_detector import (
     ContactDetector,
     Detection,
 )
+from wrenchsight.models.detection.contact_statistic import ArmSamples
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -81,12 +82,10 @@ class TrialLog:
         if tau_ext is not None:
             current = np.asarray(current - self.robot.motor_current(tau_ext))
         seen = self.estimator.observe(self.q, self.v, current)
-        return Detection.of(
-            detector.judge(
-                *(detector.initial_state(), seen.torque_error, self.v, seen.transmitted),
-                *(self.momentum, seen.tau_ext, seen.fresh),
-            )
+        samples = ArmSamples(
+            *(seen.torque_error, self.v, seen.transmitted, self.momentum, seen.tau_ext, seen.fresh)
         )
+        return Detection.of(detector.judge(detector.initial_state(), samples))
 
 
 def jacobian_on_link(J: Array, link: int) -> Array:

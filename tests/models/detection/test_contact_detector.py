@@ -13,7 +13,6 @@ from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
     ContactDetector,
     Detection,
-    initial_state,
 )
 from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
 from wrenchsight.models.detection.contact_statistic import (
@@ -25,6 +24,7 @@ from wrenchsight.models.detection.contact_statistic import (
     SAMPLE_LENGTH,
     SAMPLE_RELEASE,
     WINDOW,
+    ArmSamples,
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
@@ -71,11 +71,13 @@ def detector_of(model, robot, rate=1.0, method="force_only"):
     return ContactDetector.of(estimator, ContactDetectionConfig(rate))
 
 
-def judge(detector, state, q, v, transmitted, momentum, J, tau_ext, fresh):
-    """What the detector says of samples whose torque error begins with the first of them."""
+def judge(detector, q, v, transmitted, momentum, J, tau_ext, fresh=None):
+    """What the detector says of samples that begin with the first of them."""
     stage = detector.stage
     error = stage.run(stage.initial_state(), q, v, transmitted, J)
-    return detector.judge(state, error, v, transmitted, momentum, tau_ext, fresh)
+    fresh = np.ones(len(q), bool) if fresh is None else fresh
+    samples = ArmSamples(error, v, transmitted, momentum, tau_ext, fresh)
+    return detector.judge(detector.initial_state(), samples)
 
 
 def still(model, robot, samples):
@@ -87,14 +89,7 @@ def still(model, robot, samples):
 
 
 def judged(detector, model, robot, tau_ext):
-    samples = len(tau_ext)
-    out = judge(
-        detector,
-        detector.initial_state(),
-        *still(model, robot, samples),
-        tau_ext,
-        np.ones(samples, bool),
-    )
+    out = judge(detector, *still(model, robot, len(tau_ext)), tau_ext)
     return out, Detection.of(out)
 
 
@@ -318,13 +313,9 @@ def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_s
     first = 200 if torque_samples == "trapezoidal" else 201
     read = np.zeros((300, N))
     read[first:, 1] = -20.0 * np.exp(-20.0 * T * np.arange(300 - first))
-    fresh = np.ones(300, bool)
     rest = transmitted.copy()
     transmitted[200, 1] += 200.0
-    out = [
-        judge(detector, detector.initial_state(), q, v, torque, momentum, J, read, fresh)
-        for torque in (rest, transmitted)
-    ]
+    out = [judge(detector, q, v, torque, momentum, J, read) for torque in (rest, transmitted)]
     assert Detection.of(out[0]).contact[first]
     assert not Detection.of(out[1]).contact.any()
 
@@ -363,10 +354,7 @@ def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
     for after, touched in ((0.0, False), (0.1, True)):  # stops, and moves on
         v[:, 0] = np.where(np.arange(300) < 200, 0.5, after)
         q[:, 0] = sts.home[0] + T * np.cumsum(v[:, 0])
-        out = judge(
-            detector,
-            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool)),
-        )
+        out = judge(detector, q, v, transmitted, momentum, J, read)
         assert Detection.of(out).contact.any() == touched
 
 
@@ -383,10 +371,7 @@ def test_a_joint_that_starts_lets_go_of_what_it_carried_and_nothing_touched_it(s
         v[:, 0] = np.where(np.arange(300) < 200, before, 0.2)
         v[:, 1] = 0.3
         q = sts.home + T * np.cumsum(v, axis=0)
-        out = judge(
-            detector,
-            *(detector.initial_state(), q, v, transmitted, momentum, J, read, np.ones(300, bool)),
-        )
+        out = judge(detector, q, v, transmitted, momentum, J, read)
         assert Detection.of(out).contact.any() == touched
 
 
@@ -396,8 +381,7 @@ def test_held_readings_leave_everything_as_it_was(sts, model):
     fresh = np.ones(400, bool)
     fresh[195:300] = False
     detector = detector_of(model, sts)
-    state = detector.initial_state()
-    found = Detection.of(judge(detector, state, *still(model, sts, 400), tau_ext, fresh))
+    found = Detection.of(judge(detector, *still(model, sts, 400), tau_ext, fresh))
     assert not found.contact[:300].any()
     assert found.contact[300:].all()
     assert np.unique(found.statistic[195:300]).size == 1
@@ -407,20 +391,16 @@ def test_chunk_by_chunk_is_one_pass(sts, model):
     tau_ext = noise(model, 900, np.random.default_rng(12))
     tau_ext[300:400] += 10.0
     detector = detector_of(model, sts)
-    signals = (*still(model, sts, 900), tau_ext, np.ones(900, bool))
-    whole = judge(detector, detector.initial_state(), *signals)
-    state = detector.initial_state()
-    q, v, transmitted, momentum, J, *seen = signals
-    stage = detector.stage
+    q, v, transmitted, momentum, J = still(model, sts, 900)
+    whole = judge(detector, q, v, transmitted, momentum, J, tau_ext)
+    state, stage = detector.initial_state(), detector.stage
     error = stage.run(stage.initial_state(), q, v, transmitted, J)
-    parts = [
-        detector.judge(
-            state,
-            TorqueError(*(part[rows] for part in error)),
-            *(x[rows] for x in (v, transmitted, momentum, *seen)),
-        )
-        for rows in (slice(0, 1), slice(1, 350), slice(350, 900))
-    ]
+    signals = v, transmitted, momentum, tau_ext, np.ones(900, bool)
+    parts = []
+    for rows in (slice(0, 1), slice(1, 350), slice(350, 900)):
+        known = TorqueError(*(part[rows] for part in error))
+        own = ArmSamples(known, *(signal[rows] for signal in signals))
+        parts.append(detector.judge(state, own))
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
@@ -430,13 +410,7 @@ def test_rest_and_range(sts, model):
     v[120:130, 0] = 1.2
     transmitted[150, 2] = -60.0
     detector = detector_of(model, sts)
-    found = Detection.of(
-        judge(
-            detector,
-            detector.initial_state(),
-            *(q, v, transmitted, momentum, J, np.zeros_like(q), np.ones(200, bool)),
-        )
-    )
+    found = Detection.of(judge(detector, q, v, transmitted, momentum, J, np.zeros_like(q)))
     assert np.flatnonzero(found.rest)[0] == 79  # .3 s after sample 49
     assert not found.rest[120:150].any()
     # The load counts for the sample after.
@@ -450,21 +424,11 @@ def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
     v[60:, 0] = 2.0
     detector = detector_of(model, sts)
     assert not detector.knows_error
-    out = judge(
-        detector,
-        detector.initial_state(),
-        *(q, v, transmitted, momentum, J, np.full_like(q, 1e4), np.ones(100, bool)),
-    )
-    found = Detection.of(out)
+    found = Detection.of(judge(detector, q, v, transmitted, momentum, J, np.full_like(q, 1e4)))
     assert not found.contact.any()
     assert (found.statistic == 0.0).all()
     assert found.rest[40:60].all()
     assert found.out_of_range[60:].all()
-
-
-def test_the_state_before_the_first_sample_fits_any_arm():
-    for n in (1, 2, 6, 7):
-        assert initial_state(n).shape[1] == n
 
 
 def test_noise_without_excursions_has_no_tail(sts, model):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from sample_models import torque_error
+from sample_models import torque_error, torque_sds
 
 from wrenchsight.models.estimation import smoothing
 from wrenchsight.models.estimation.estimator import (
@@ -121,7 +121,7 @@ def dense_posterior(
     law = own.friction
     slow = error.drift * law.coulomb_viscous.viscous * signals[:, V]
     load = signals[:, TAU_J] - signals[:, TAU_F]
-    sd, held = error.along(law, signals[:, Q], signals[:, V], load, STEP)
+    sd, held = torque_sds(error, law, signals[:, Q], signals[:, V], load, STEP)
     moving = sd**2 - held**2 - slow**2
     slow = slow + np.sqrt(error.lasting * moving)
     K_0, times = error.K_0, error.correlation_time

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import knowing_model
+from sample_models import jacobian_seen, knowing_model, torque_sds
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, TorqueErrorStage
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
-from wrenchsight.models.observers.lag import jacobian_seen
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
@@ -38,18 +37,15 @@ def stage_of(model: IdentifiedModel, K_0: float = 20.0) -> TorqueErrorStage:
     return TorqueErrorStage(model.torque_error, law, np.full(N, K_0), T, None)
 
 
-def test_it_is_the_error_models_sd_and_the_low_passed_jacobian(
+def test_J_is_low_passed_and_the_drift_is_its_part_of_the_sd(
     model: IdentifiedModel, log: Log
 ) -> None:
     stage, (q, v, load, J) = stage_of(model), log
     found = stage.run(stage.initial_state(), *log)
-    error = stage.error
-    sd, stiction = error.along(model.friction.sampled(T), q, v, load, T, np.full(N, 20.0))
-    np.testing.assert_array_equal(found.sd, sd)
-    np.testing.assert_array_equal(found.stiction, stiction)
     np.testing.assert_array_equal(found.J_seen, jacobian_seen(J, 20.0, T))
     law = model.friction.sampled(T)
-    known, _ = error.with_drift(0.0).along(law, q, v, load, T, np.full(N, 20.0))
+    known, stiction = torque_sds(stage.error.with_drift(0.0), law, q, v, load, T)
+    np.testing.assert_array_equal(found.stiction, stiction)
     np.testing.assert_allclose(found.sd**2 - found.drift**2, known**2, rtol=1e-9)
     np.testing.assert_array_equal(np.sign(found.drift), np.sign(v))
 

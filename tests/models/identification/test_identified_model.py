@@ -371,13 +371,3 @@ def test_a_contact_noise_that_cannot_be_is_one_line(model, sts, tmp_path, key, v
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match=problem):
         IdentifiedModel.load(path, sts)
-
-
-def test_a_model_s_file_holds_every_attribute_of_the_torque_error():
-    from dataclasses import fields
-
-    from wrenchsight.models.identification import identified_model
-    from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
-
-    block = {own.name for own in fields(identified_model._TorqueErrorBlock)}
-    assert block == {own.name for own in fields(TorqueErrorModel)}

@@ -116,29 +116,3 @@ def test_noise_is_about_zero_and_correlations_are_those_of_the_errors():
     expected = (0.01 + 0.06) / np.sqrt(0.1 * 0.21)
     assert found.correlation[0, 1] == pytest.approx(expected, abs=0.02)
     assert found.K_0 == 20.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("noise", np.zeros(2)),
-        ("noise", np.array([1.0, np.nan])),
-        ("level", -LEVEL),
-        ("level", np.ones(3)),
-        ("correlation", np.eye(3)),
-        ("K_0", -1.0),
-        ("read_load", np.inf),
-    ],
-)
-def test_numbers_that_make_no_sense_are_refused(name, value):
-    parts = {"noise": NOISE, "correlation": np.eye(2), "level": LEVEL, "resolution": np.zeros(2)}
-    with pytest.raises(ValueError, match=name):
-        RepetitionError(**{**parts, name: value})
-
-
-def test_shapes_that_disagree_are_refused():
-    q = np.zeros((20, 2))
-    with pytest.raises(ValueError, match="period"):
-        error().sd(q, q, np.zeros((10, 2)), 20, STEP)
-    with pytest.raises(ValueError, match="tau_ext"):
-        error().sd(q, q, np.zeros((11, 2)), 10, STEP)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_models import torque_sds
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
@@ -66,7 +67,7 @@ def reading(seed: int, own: TorqueErrorModel | None = None, T: float = 0.0) -> H
     v = np.gradient(q, STEP, axis=0)
     load = np.stack([30.0 * np.sin(0.7 * t), 5.0 * np.cos(0.5 * t + phase[0])], axis=1)
     q = np.round(q, 4)
-    sd, _ = own.along(law(), q, v, load, STEP)
+    sd, _ = torque_sds(own, law(), q, v, load, STEP)
     noise = rng.normal(size=q.shape) @ np.linalg.cholesky(own.correlation).T
     if T > 0.0:
         a = np.exp(-STEP / T)
@@ -90,7 +91,7 @@ def test_known_sds_are_recovered() -> None:
     np.testing.assert_allclose(own.reversal, expected.reversal, rtol=0.25)
     assert own.correlation[0, 1] == pytest.approx(0.4 * 0.98, abs=0.03)
     new = reading(9)
-    sd, _ = replace(own, drift=0.0).along(law(), new.q, new.v, new.transmitted, STEP)
+    sd, _ = torque_sds(replace(own, drift=0.0), law(), new.q, new.v, new.transmitted, STEP)
     inside = np.mean(np.abs(new.tau_ext) < 1.96 * sd, axis=0)
     np.testing.assert_allclose(inside, 0.95, atol=0.01)
     for low, high in ((0.0, 0.05), (0.05, 0.5), (0.5, 5.0)):
@@ -116,7 +117,7 @@ def test_of_many_samples_some_tell_where_to_look(monkeypatch: pytest.MonkeyPatch
         looked_at.clear()
         own = fitted(many)
         new = reading(9)
-        found.append(own.along(law(), new.q, new.v, new.transmitted, STEP)[0])
+        found.append(torque_sds(own, law(), new.q, new.v, new.transmitted, STEP)[0])
         work.append(sum(looked_at))
     # Climbs end where a sample's likelihood grows by 1e-9, that is, of a rare state's sd by .4 %;
     # forty thousand samples know it to a percent.
@@ -198,7 +199,7 @@ def test_correlation_time_and_what_lasts() -> None:
     # 180 s hold 300 correlation times: some 10 % of one.
     np.testing.assert_allclose(found.correlation_time, 0.3, rtol=0.3)
     assert (found.lasting < 0.06).all()
-    sd, _ = truth().along(law(), drawn[0].q, drawn[0].v, drawn[0].transmitted, STEP)
+    sd, _ = torque_sds(truth(), law(), drawn[0].q, drawn[0].v, drawn[0].transmitted, STEP)
     shifted = [
         replace(own, tau_ext=own.tau_ext + sign * 0.7 * sd)
         for own, sign in zip(drawn, (1.0, -1.0, 1.0), strict=True)
@@ -210,7 +211,7 @@ def test_rest_is_wider_than_all_that_was_fitted() -> None:
     """The logs hold no rest; there the band is the law's."""
     own = fitted([reading(seed) for seed in range(2)])
     q = np.full((200, N), 0.1)
-    _, stiction = own.along(law(), q, np.zeros_like(q), np.zeros_like(q), STEP)
+    _, stiction = torque_sds(own, law(), q, np.zeros_like(q), np.zeros_like(q), STEP)
     np.testing.assert_allclose(stiction[-1], np.array([20.0, 2.5]) / np.sqrt(3.0))
 
 

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_models import torque_sds
 
+from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.torque_error_model import (
@@ -68,7 +70,7 @@ def motion(samples: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_the_formula_written_out() -> None:
     own, friction, (q, v, load) = model(), law(), motion()
-    found, stiction = own.along(friction, q, v, load, STEP)
+    found, stiction = torque_sds(own, friction, q, v, load, STEP)
     pole = np.exp(-20.0 * STEP)
     p, w, z = q[0].copy(), np.ones(N), np.ones(N)
     unknown = turning = slow = before = np.zeros(N)
@@ -109,7 +111,7 @@ def test_the_formula_written_out() -> None:
 
 def test_tick_by_tick_is_the_log() -> None:
     own, friction, (q, v, load) = model(), law(), motion(200)
-    sd, stiction = own.along(friction, q, v, load, STEP)
+    sd, stiction = torque_sds(own, friction, q, v, load, STEP)
     table, state = own.table(friction, STEP, 20.0), own.initial_state()
     assert state.shape == (TORQUE_ERROR_ROWS, N)
     one, held, drift = np.empty(N), np.empty(N), np.empty(N)
@@ -128,7 +130,7 @@ def still(samples: int = 500) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_a_joint_at_rest_has_the_sd_of_its_stiction_band() -> None:
     """Even between minus and plus 16 and 3 N m, of variance 16^2 / 3 and 3^2 / 3."""
-    sd, stiction = model().along(law(), *still(), STEP)
+    sd, stiction = torque_sds(model(), law(), *still(), STEP)
     level = np.array([16.0, 3.0])
     np.testing.assert_allclose(stiction, np.tile(level / np.sqrt(3.0), (500, 1)), rtol=1e-12)
     np.testing.assert_allclose(sd, np.hypot(stiction, model().constant), rtol=1e-12)
@@ -137,14 +139,14 @@ def test_a_joint_at_rest_has_the_sd_of_its_stiction_band() -> None:
 def test_a_law_without_friction_at_a_crawl_still_holds_half_of_it_at_rest() -> None:
     """S of a log that shows no crawl may be anything; C - 22 N m would hold nothing."""
     friction = law(stribeck=np.array([-22.0, 0.5]))
-    _, stiction = model().along(friction, *still(), STEP)
+    _, stiction = torque_sds(model(), friction, *still(), STEP)
     np.testing.assert_allclose(stiction[-1], np.array([10.0, 3.0]) / np.sqrt(3.0), rtol=1e-12)
 
 
 def test_the_load_widens_the_band_of_a_joint_at_rest() -> None:
     q, v, load = still()
     load[:] = 30.0
-    _, stiction = model().along(law(), q, v, load, STEP)
+    _, stiction = torque_sds(model(), law(), q, v, load, STEP)
     np.testing.assert_allclose(stiction[-1, 0], (16.0 + 0.05 * 30.0) / np.sqrt(3.0), rtol=1e-4)
 
 
@@ -153,7 +155,7 @@ def test_sliding_forgets_stiction_and_rest_brings_it_back() -> None:
     slide = 0.2 * STEP * np.arange(200)
     q = np.concatenate([slide, np.full(250, slide[-1])])[:, None] * np.ones(N)
     v = np.concatenate([np.full(200, 0.2), np.zeros(250)])[:, None] * np.ones(N)
-    _, stiction = model().along(law(), q, v, np.zeros_like(q), STEP)
+    _, stiction = torque_sds(model(), law(), q, v, np.zeros_like(q), STEP)
     assert (stiction[199] < 0.12 * model().constant).all()
     np.testing.assert_allclose(stiction[-1], np.array([16.0, 3.0]) / np.sqrt(3.0), rtol=1e-3)
 
@@ -164,7 +166,7 @@ def test_a_joint_that_creeps_rests_at_any_speed_or_only_at_rest() -> None:
     q = np.stack([6e-3 * t, np.zeros_like(t)], axis=1)
     v = np.broadcast_to([6e-3, 0.0], q.shape)
     at_any_speed, resting_only = (
-        model(resting_only=only).along(law(), q, v, np.zeros_like(q), STEP)[1][-1]
+        torque_sds(model(resting_only=only), law(), q, v, np.zeros_like(q), STEP)[1][-1]
         for only in (0.0, 1.0)
     )
     level = law().coulomb + law().stribeck
@@ -178,7 +180,7 @@ def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None
     v = 3.0 * (1.0 - t)[:, None] * np.ones(N)  # turns at 1 s
     q = 3.0 * (t - 0.5 * t**2)[:, None] * np.ones(N)
     own = model(resolution=np.zeros(N))
-    _, stiction = own.along(law(), q, v, np.zeros_like(q), STEP)
+    _, stiction = torque_sds(own, law(), q, v, np.zeros_like(q), STEP)
     peak = 50 + stiction[50:, 0].argmax()  # before: the start, where nothing is known
     assert 100 <= peak <= 108
     assert stiction[90, 0] < 0.1 * stiction[peak, 0]
@@ -189,18 +191,18 @@ def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None
 def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:
     q, v, load = still()
     q = q + np.where(np.arange(500) % 3 == 0, 1e-4, 0.0)[:, None]
-    sd, _ = model().along(law(), q, v, load, STEP)
-    quiet, _ = model().along(law(), *still(), STEP)
+    sd, _ = torque_sds(model(), law(), q, v, load, STEP)
+    quiet, _ = torque_sds(model(), law(), *still(), STEP)
     np.testing.assert_allclose(sd[100:], quiet[100:], rtol=2e-2)
-    seen, _ = model().along(law(), q, v, load, STEP, resolution=0.0)
+    seen, _ = torque_sds(model(), law(), q, v, load, STEP, resolution=0.0)
     assert (seen[100:, 0] < 0.8 * quiet[100:, 0]).all()
 
 
 def test_a_change_in_the_last_digit_of_a_position_stays_one() -> None:
     own, friction, (q, v, load) = model(), law(), motion()
-    sd, _ = own.along(friction, q, v, load, STEP)
+    sd, _ = torque_sds(own, friction, q, v, load, STEP)
     shift = 1e-12 * np.random.default_rng(0).choice([-1.0, 1.0], q.shape)
-    shifted, _ = own.along(friction, q + shift, v + shift, load, STEP)
+    shifted, _ = torque_sds(own, friction, q + shift, v + shift, load, STEP)
     # Some 20 N m over .3 mrad, and 1e-12 rad a tick for as long as w lasts.
     np.testing.assert_allclose(shifted, sd, atol=1e-6)
 
@@ -209,10 +211,10 @@ def test_a_sample_that_is_not_finite_costs_its_row_alone() -> None:
     own, friction, (q, v, load) = model(), law(), motion(300)
     broken, fast = q.copy(), v.copy()
     broken[100], fast[150] = np.nan, np.inf
-    sd, stiction = own.along(friction, broken, fast, load, STEP)
+    sd, stiction = torque_sds(own, friction, broken, fast, load, STEP)
     assert np.isfinite(sd).all()
     assert np.isfinite(stiction).all()
-    whole, _ = own.along(friction, q, v, load, STEP)
+    whole, _ = torque_sds(own, friction, q, v, load, STEP)
     np.testing.assert_array_equal(sd[:100], whole[:100])
     np.testing.assert_allclose(sd[200:], whole[200:], rtol=0.02)
 
@@ -241,7 +243,7 @@ def test_another_gain_filters_the_smooth_part_as_the_observer_does() -> None:
     )
     calm = law(coulomb=np.zeros(N), stribeck=np.zeros(N), load=np.zeros(N))
     for gain, found in zip(K_0, rms[1:], strict=True):
-        sd, _ = own.along(calm, *still(), STEP, K_0=gain)
+        sd, _ = torque_sds(own, calm, *still(), STEP, K_0=gain)
         # 400 s hold some thousand correlation times: 3 % of an sd.
         np.testing.assert_allclose(sd[-1] / own.constant, found / rms[0], rtol=0.05)
 
@@ -267,14 +269,13 @@ def test_an_average_over_a_window() -> None:
 def test_the_drift_is_the_part_of_the_variance_that_it_adds() -> None:
     """Who takes its square off, as smoothing does, has what is left without it; cubic included."""
     friction, (q, v, load) = law(), motion()
-    drift, (sd, plain) = np.empty((len(q), N)), np.zeros((2, len(q), N))  # no posture error
-    for share, out in ((0.3, sd), (0.0, plain)):
-        own = model(drift=share)
-        table, state = own.table(friction, STEP, 20.0), own.initial_state()
-        for k in range(len(q)):
-            signed = drift[k] if share else np.empty(N)
-            torque_sd_tick(table, state, q[k], v[k], out[k], np.empty(N), signed)
-            take_transmitted(state, load[k], np.zeros(N))
+    J = np.zeros((len(q), 6, N))
+    (sd, _, drift, *_), (plain, *_) = (
+        stage.run(stage.initial_state(), q, v, load, J)
+        for stage in (
+            TorqueErrorStage(model(drift=share), friction, 20.0, STEP, None) for share in (0.3, 0.0)
+        )
+    )
     np.testing.assert_allclose(np.sqrt(sd**2 - drift**2), plain, rtol=1e-9)
     assert (drift * v >= 0.0).all()
     at = np.abs(v[:, 0]).argmax()
@@ -283,7 +284,7 @@ def test_the_drift_is_the_part_of_the_variance_that_it_adds() -> None:
 
 def test_a_law_without_memory_has_its_coulomb_friction_as_band() -> None:
     plain = SemiParametricFriction(CoulombViscous(np.array([9.0, 3.0]), VISCOUS, np.zeros(N)))
-    _, stiction = model().along(plain, *still(), STEP)
+    _, stiction = torque_sds(model(), plain, *still(), STEP)
     np.testing.assert_allclose(stiction[-1], np.array([9.0, 3.0]) / np.sqrt(3.0), rtol=1e-12)
 
 
@@ -291,7 +292,8 @@ def test_the_stated_assumptions_are_numbers_of_the_model() -> None:
     own, friction, (q, v, load) = model(), law(), motion()
     plain = replace(own, drift=0.0, beyond_speed=0.0, beyond_load=0.0)
     assert (
-        own.along(friction, q, v, load, STEP)[0] >= plain.along(friction, q, v, load, STEP)[0]
+        torque_sds(own, friction, q, v, load, STEP)[0]
+        >= torque_sds(plain, friction, q, v, load, STEP)[0]
     ).all()
     refreshed = own.with_drift(0.0)
     assert refreshed.drift == 0.0
@@ -302,10 +304,10 @@ def test_the_drift_that_a_log_shows_counts_where_it_is_more() -> None:
     own, friction, (q, v, load) = model(drift=0.1), law(), motion()
     shown = replace(own, drift_shown=np.array([0.4, 0.05]))
     np.testing.assert_array_equal(shown.drifts, [0.4, 0.1])
-    found = shown.along(friction, q, v, load, STEP)[0]
-    expected = replace(own, drift=0.4).along(friction, q, v, load, STEP)[0]
+    found = torque_sds(shown, friction, q, v, load, STEP)[0]
+    expected = torque_sds(replace(own, drift=0.4), friction, q, v, load, STEP)[0]
     np.testing.assert_array_equal(found[:, 0], expected[:, 0])
-    np.testing.assert_array_equal(found[:, 1], own.along(friction, q, v, load, STEP)[0][:, 1])
+    np.testing.assert_array_equal(found[:, 1], torque_sds(own, friction, q, v, load, STEP)[0][:, 1])
     np.testing.assert_array_equal(shown.with_drift(0.2).drifts, [0.2, 0.2])
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import torque_error
+from sample_models import torque_error, torque_sds
 from scipy.linalg import solve_discrete_are
 from scipy.stats import chi2
 
@@ -97,7 +97,7 @@ def read(
     known = observer._knowledge
     if known is not None and known.torque_error is not None:
         n, load = signals.shape[2], signals[:, TAU_J] - signals[:, TAU_F]
-        sds = known.torque_error.along(friction(n), signals[:, Q], signals[:, V], load, STEP)
+        sds = torque_sds(known.torque_error, friction(n), signals[:, Q], signals[:, V], load, STEP)
         signals[:, TORQUE_SD], signals[:, STICTION] = sds
         viscous = friction(n).coulomb_viscous.viscous
         signals[:, DRIFT] = known.torque_error.drifts * viscous * signals[:, V]
@@ -121,7 +121,7 @@ def plain_filter(
     law = friction(n)
     slow = error.drift * law.coulomb_viscous.viscous * signals[:, V]
     transmitted = signals[:, TAU_J] - signals[:, TAU_F]
-    sd, stiction = error.along(law, signals[:, Q], signals[:, V], transmitted, STEP)
+    sd, stiction = torque_sds(error, law, signals[:, Q], signals[:, V], transmitted, STEP)
     moving = sd**2 - stiction**2 - slow**2
     slow = slow + np.sqrt(error.lasting * moving)
     K_0, times = error.K_0, error.correlation_time

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from sample_models import jacobian_seen
 
 from wrenchsight.models.observers.lag import (
-    LagModel,
-    jacobian_seen,
-    jacobian_seen_log,
+    lag_settings,
     lag_tick,
     lag_update,
+    observer_poles,
+    see_jacobian,
 )
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 
@@ -52,25 +53,14 @@ def test_a_constant_force_is_read_exactly_while_the_arm_moves(K_0: np.ndarray) -
     assert np.abs(tau[gone:] - late[gone:]).max() > 5.0
 
 
-def test_in_parts_it_is_the_whole() -> None:
-    J, K_0 = motion(60), np.full(N, 20.0)
-    whole = jacobian_seen(J, K_0, STEP)
-    poles, state = np.exp(-K_0 * STEP), np.full((6, N), np.nan)
-    for rows in (slice(0, 1), slice(1, 17), slice(17, 60)):
-        part = J[rows].copy()
-        jacobian_seen_log(poles, state, part)
-        np.testing.assert_array_equal(part, whole[rows])
-
-
 def test_an_observer_without_lag_sees_J() -> None:
-    model = LagModel.of(None, N, STEP, 3.0, 0.05)
-    J = motion(20)
-    part = J.copy()
-    jacobian_seen_log(model.poles, np.full((6, N), np.nan), part)
-    np.testing.assert_array_equal(part, J)
+    J, seen = motion(1)[0], np.empty((6, N))
+    see_jacobian(observer_poles(None, N, STEP), np.zeros((6, N)), J, seen)
+    np.testing.assert_array_equal(seen, J)
     covariance = np.zeros((20, 6, 6))
     wrench = np.random.default_rng(1).normal(size=(20, 6))
-    lag_log(model.settings, np.full(6, np.nan), wrench, np.ones(20, bool), covariance)
+    settings = lag_settings(None, STEP, 3.0, 0.05)
+    lag_log(settings, np.full(6, np.nan), wrench, np.ones(20, bool), covariance)
     expected = 0.05**2 * wrench[:, :, None] * wrench[:, None, :]
     np.testing.assert_allclose(covariance, expected, rtol=1e-12)
 
@@ -89,9 +79,9 @@ def band(
     wrench: np.ndarray, K_0: float = 20.0, bandwidth: float = 3.0, valid: bool = True
 ) -> np.ndarray:
     """(N, 6) sd that lag adds."""
-    model = LagModel.of(K_0, N, STEP, bandwidth, 0.0)
+    settings = lag_settings(K_0, STEP, bandwidth, 0.0)
     covariance = np.zeros((len(wrench), 6, 6))
-    lag_log(model.settings, np.full(6, np.nan), wrench, np.full(len(wrench), valid), covariance)
+    lag_log(settings, np.full(6, np.nan), wrench, np.full(len(wrench), valid), covariance)
     np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
     return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
@@ -136,16 +126,16 @@ def test_what_is_not_valid_is_followed_slowly() -> None:
 def test_noise_is_not_counted_twice() -> None:
     """White noise of the stated sd adds a tenth to it; a ramp far beyond it its whole lag."""
     rng = np.random.default_rng(5)
-    model = LagModel.of(20.0, N, STEP, 3.0, 0.0)
+    settings = lag_settings(20.0, STEP, 3.0, 0.0)
     wrench = 2.0 * low_passed(rng.normal(size=(4000, 6)), 20.0)
     wrench /= np.std(wrench) / 2.0
     covariance = np.tile(4.0 * np.eye(6), (4000, 1, 1))
-    lag_log(model.settings, np.full(6, np.nan), wrench, np.ones(4000, bool), covariance)
+    lag_log(settings, np.full(6, np.nan), wrench, np.ones(4000, bool), covariance)
     assert np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2))) < 1.15 * 2.0
     t = STEP * np.arange(100)
     ramp = np.outer(t, np.full(6, 400.0))
     covariance = np.tile(4.0 * np.eye(6), (100, 1, 1))
-    lag_log(model.settings, np.full(6, np.nan), ramp, np.ones(100, bool), covariance)
+    lag_log(settings, np.full(6, np.nan), ramp, np.ones(100, bool), covariance)
     assert covariance[-1, 0, 0] == pytest.approx((400.0 / 20.0) ** 2 + 4.0, rel=0.2)
 
 
@@ -157,4 +147,4 @@ def test_no_bandwidth_no_band() -> None:
 @pytest.mark.parametrize(("bandwidth", "scale"), [(-1.0, 0.0), (np.nan, 0.0), (1.0, -0.1)])
 def test_what_makes_no_sense(bandwidth: float, scale: float) -> None:
     with pytest.raises(ValueError, match="must be zero or more"):
-        LagModel.of(20.0, N, STEP, bandwidth, scale)
+        lag_settings(20.0, STEP, bandwidth, scale)

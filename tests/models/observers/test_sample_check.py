@@ -112,28 +112,30 @@ def test_a_position_that_jumped_for_good_is_believed_after_a_while() -> None:
     assert batch.valid[wrong[-1] + 100 :].all()
 
 
-def test_an_encoder_that_sticks_is_flagged_until_it_lives_again() -> None:
-    q, v, current = log()
-    q[300:600, 3] = q[300, 3]
-    batch = run((q, v, current))
-    told = np.flatnonzero(batch.fault & DISAGREES)
+FAULTS = {
     # .13 rad/s and falling for .3 s are .01 s at the speed limit of 3.1 rad/s.
-    assert 300 < told[0] < 300 + round(0.35 / T)
-    assert (batch.fault[told[0] : 600] != 0).all()
-    assert not batch.valid[told[0] : 600].any()
-    assert not batch.fault[-100:].any() and batch.valid[-100:].all()
+    "encoder sticks": (0, 1.0, lambda x: x[300], DISAGREES, (T, 0.35), 600, 900),
+    "current freezes": (2, 1.0, lambda x: 1.5, FROZEN, (0.5, 0.8), 800, 802),
+    "small current freezes": (2, 1.0, lambda x: 1e-9, FROZEN, (0.5, 0.8), 800, 802),
+    "small current stays zero": (2, 0.01, lambda x: 0.0, FROZEN, (0.05, 0.2), 800, 802),
+}
 
 
-@pytest.mark.parametrize("value", [1e-9, 1.5])
-def test_a_current_that_freezes_is_flagged_while_its_joint_moves(value: float) -> None:
-    q, v, current = log()
-    current[300:800, 3] = value
-    batch = run((q, v, current))
-    told = np.flatnonzero(batch.fault & FROZEN)
-    assert 300 + round(0.5 / T) <= told[0] <= 300 + round(0.8 / T)
-    assert (batch.fault[told[0] : 800] != 0).all()
-    assert not batch.valid[told[0] : 800].any()
-    assert not batch.fault[802:].any() and batch.valid[-20:].all()
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_stands_still_while_its_joint_moves_is_flagged_until_it_lives_again(
+    fault: str,
+) -> None:
+    signal, size, change, code, (soonest, latest), end, sound = FAULTS[fault]
+    signals = log()
+    own = signals[signal][:, 3]
+    own *= size
+    own[300:end] = change(own.copy())
+    batch = run(signals)
+    told = np.flatnonzero(batch.fault & code)
+    assert 300 + round(soonest / T) <= told[0] <= 300 + round(latest / T)
+    assert (batch.fault[told[0] : end] != 0).all()
+    assert not batch.valid[told[0] : end].any()
+    assert not batch.fault[sound:].any() and batch.valid[-20:].all()
 
 
 def test_samples_read_at_other_times_than_they_are_taken_for_are_told() -> None:
@@ -161,18 +163,6 @@ def test_a_current_that_falls_to_zero_is_told_at_once_and_until_it_is_back() -> 
     assert (off < clean.standard_deviation[300]).all()
 
 
-def test_a_small_current_that_stays_zero_is_told_while_its_joint_moves() -> None:
-    q, v, current = log()
-    current[:, 3] *= 0.01
-    current[300:800, 3] = 0.0
-    batch = run((q, v, current))
-    told = np.flatnonzero(batch.fault & FROZEN)
-    assert 300 + round(0.05 / T) <= told[0] <= 300 + round(0.2 / T)
-    assert (batch.fault[told[0] : 801] != 0).all()
-    still = 0.0 * v
-    assert not run((np.repeat(q[:1], N, axis=0), still, current)).fault.any()
-
-
 def test_zero_between_two_small_currents_is_a_current() -> None:
     q, v, current = log()
     current[:, 3] *= 0.01
@@ -183,6 +173,8 @@ def test_zero_between_two_small_currents_is_a_current() -> None:
 def test_a_resting_joint_may_report_one_current_for_ever() -> None:
     q, v, current = (np.repeat(x[:1], N, axis=0) for x in log())
     assert not run((q, 0.0 * v, current)).fault.any()
+    moved = log()[2] * [1.0, 1.0, 1.0, 0.0, 1.0, 1.0]
+    assert not run((q, 0.0 * v, moved)).fault.any()  # nor a zero
 
 
 def test_tick_by_tick_is_the_log_in_any_split() -> None:

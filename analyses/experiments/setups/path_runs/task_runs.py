@@ -365,8 +365,7 @@ def read_repetition(
     torque_sd = {
         K_0: entry.sd(log.q, log.v, tau_ext[K_0], period, step) for K_0, entry in errors.items()
     }
-    lags = [LagPower.of(entry.error.K_0, step, HAND_HZ) for entry in readers]
-    late = [lag.initial_state() for lag in lags]
+    lags = [LagPower(entry.error.K_0, step, HAND_HZ) for entry in readers]
     q, t = log.q[period:], log.t[period:]
     force, sd = np.empty((2, len(readers), len(q), 3))
     for start in range(0, len(q), _BLOCK):
@@ -379,7 +378,7 @@ def read_repetition(
             if K_0 is not None:
                 still = _reconstructed(entry, J, tau, np.broadcast_to(entry.error.noise, tau.shape))
                 noise = np.diagonal(still.covariance, axis1=1, axis2=2)
-                lag.add(late[k], part.wrench, noise, part.covariance)
+                lag.add(part.wrench, noise, part.covariance)
             force[k, rows] = part.wrench[:, 3:]
             sd[k, rows] = np.sqrt(np.diagonal(part.covariance, axis1=1, axis2=2)[:, 3:])
     return [

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from sample_models import torque_sds
 
 from wrenchsight.analyses.methods.learning.identification import (
     identify,
@@ -480,8 +481,13 @@ def test_the_model_knows_what_the_observer_errs_by(sts, result, noisy):
     error, log = result.model.torque_error, noisy[3]
     config = WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=STEP))
     seen = WrenchEstimator(sts, result.model, config).observe(log.q, log.v, log.current)
-    sd, stiction = replace(error, drift=0.0).along(
-        result.model.friction, log.q, log.v, seen.tau_J - seen.tau_f, STEP
+    sd, stiction = torque_sds(
+        replace(error, drift=0.0),
+        result.model.friction,
+        log.q,
+        log.v,
+        seen.tau_J - seen.tau_f,
+        STEP,
     )
     kept = slice(50, None)
     inside = np.mean(np.abs(seen.tau_ext[kept]) < 1.96 * sd[kept])

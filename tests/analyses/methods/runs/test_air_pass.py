@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import torque_sds
 
 from wrenchsight.analyses.methods.runs import air_pass
 from wrenchsight.analyses.methods.runs.air_pass import (
@@ -115,8 +116,8 @@ def test_what_is_left_on_a_second_pass_is_stated(sts_reversed, model, passes):
         )
         left[name] = batch.tau_ext
     log = high.log
-    sd, _ = error.along(
-        estimator.friction, log.q, log.v, batch.transmitted, log.time_step, resolution=0.0
+    sd, _ = torque_sds(
+        error, estimator.friction, log.q, log.v, batch.transmitted, log.time_step, resolution=0.0
     )
     work = log.t >= LEAD
     inside = np.abs(left["high"] - left["low"])[work] <= 1.96 * sd[work]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from sample_models import torque_sds
 
 from wrenchsight.analyses.experiments.setups.simulated_arm import arm_models
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
@@ -110,7 +111,9 @@ def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
         np.tile(model.chain(sts).terms(sts.home, np.zeros(6)).G, (len(log.q), 1)),
     )
     sds = [
-        models.torque_error("plain", 20.0).along(model.friction, *motion, log.time_step)[0][-1]
+        torque_sds(models.torque_error("plain", 20.0), model.friction, *motion, log.time_step)[0][
+            -1
+        ]
         for models in (alone, both)
     ]
     # Of variances 1 and 9 the mean is 5; both logs have the same draws. What a joint without
