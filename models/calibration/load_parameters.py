@@ -9,8 +9,9 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.robot import rotational_inertia
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.robot.robot_config import pose_of
+from wrenchsight.models.robot.robot_config import ToolConfig, pose_of
 
 _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of the last six parameters
 
@@ -48,12 +49,15 @@ def body_parameters(mass: float, com: Array, inertia: Array) -> Array:
     return parameters_of(pseudo)
 
 
+def tool_parameters(tool: ToolConfig) -> Array:
+    """Returns the ten parameters of a tool in the flange's frame."""
+    inertia = rotational_inertia.inertia_matrix(tool.inertia)
+    return body_parameters(tool.mass, np.array(tool.com, float), inertia)
+
+
 def inertia_matrix(parameters: Array) -> Array:
     """Returns the inertia (3, 3) about the frame's origin."""
-    out = np.zeros((3, 3))
-    for place, value in zip(_TENSOR, parameters[4:], strict=True):
-        out[place] = out[place[::-1]] = value
-    return out
+    return rotational_inertia.inertia_matrix(parameters[[4, 6, 9, 5, 7, 8]])
 
 
 def realisable_inertia(inertia: Array, mass: float, least_radius: float = 1e-3) -> Array:

@@ -9,7 +9,6 @@ Standard library alone. Each packet is a sample: the official client keeps the n
 
 import select
 import socket
-import struct
 import time
 from collections.abc import Iterator
 
@@ -226,27 +225,13 @@ class RtdeSource:
         deadline = time.monotonic() + ANSWER_TIME
         while (left := deadline - time.monotonic()) > 0.0:
             self._socket.settimeout(left)
-            # Byte by byte of the header's size, so that nothing of the data after it is taken.
-            size, code = struct.unpack(">HB", self._exactly(3))
-            if size < 3:
-                raise ProtocolError(f"a packet of {size} bytes")
-            payload = self._exactly(size - 3)
-            if code == kind:
-                return payload
-        raise TimeoutError("no answer")
-
-    def _exactly(self, size: int) -> bytes:
-        assert self._socket is not None
-        data = bytearray()
-        deadline = time.monotonic() + ANSWER_TIME
-        while len(data) < size:
-            part = self._socket.recv(size - len(data))
-            if not part:
+            data = self._socket.recv(_CHUNK)
+            if not data:
                 raise ConnectionError("closed the connection")
-            data += part
-            if time.monotonic() > deadline:
-                raise TimeoutError("no answer")
-        return bytes(data)
+            for code, payload in self._packets.feed(data):
+                if code == kind:
+                    return payload  # what came after it is kept
+        raise TimeoutError("no answer")
 
     def _lost(self, kind: EventKind, reason: str) -> StreamEvent:
         self._disconnect()

@@ -10,6 +10,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.live import Live
 
+from wrenchsight.analyses.methods.live.links import link
 from wrenchsight.analyses.methods.live.live_display import LiveSummary, say_event
 from wrenchsight.analyses.methods.live.recorder import Recorder
 from wrenchsight.analyses.methods.live.ring import RingReader
@@ -18,7 +19,7 @@ from wrenchsight.analyses.methods.live.watch_config import WatchSettings
 from wrenchsight.analyses.output.console import say
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.files.input_error import InputError, needing_extra
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.samples import EventKind, StreamEvent
 from wrenchsight.models.robot.robot import Robot
 
@@ -54,20 +55,10 @@ class ServedView(Sink, Protocol):
     url: str
 
 
-def _meshcat(robot: Robot) -> ServedView:
-    from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
-
-    return MeshcatView(robot)
-
-
-def _foxglove(robot: Robot) -> ServedView:
-    with needing_extra("view", "--view foxglove"):
-        from wrenchsight.analyses.methods.live.foxglove_view import FoxgloveView
-
-    return FoxgloveView(robot)
-
-
-SERVED_VIEWS = {"meshcat": _meshcat, "foxglove": _foxglove}
+SERVED_VIEWS: dict[str, Callable[[Robot], ServedView]] = {
+    "meshcat": link("meshcat_view:MeshcatView"),
+    "foxglove": link("foxglove_view:FoxgloveView", "view", "--view foxglove"),
+}
 """By word of --view. A further kind is one line here, and its word in `watch_config.VIEWS`."""
 
 
