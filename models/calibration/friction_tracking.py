@@ -31,12 +31,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration import residual_noise as noise
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
-from wrenchsight.models.calibration.residual_noise import NOISE, V_REST
+from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS, UNITS, with_sliding
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.kernel import kernel
@@ -51,7 +52,6 @@ CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
 UNEXPLAINED = 9.0  # times the expected mean square of what a step did not foresee
 _UNEXPLAINED_TIME = 10.0  # s, that this mean is taken over
-_UNITS = ("N m", "N m s/rad", "N m")
 
 
 @dataclass
@@ -126,7 +126,7 @@ class FrictionTracker:
             axis=1,
         )
         slow_force = self.config.force_share * force_sd
-        noise, period = NOISE, self._every * time_step
+        period = self._every * time_step
         spread = np.concatenate(
             [
                 self._prior_sd.ravel(),
@@ -135,12 +135,12 @@ class FrictionTracker:
                 np.full(3, slow_force),
             ]
         )
-        times = (self.config.time, noise.correlation_time, FORCE_TIME)
+        times = (self.config.time, noise.CORRELATION_TIME, FORCE_TIME)
         fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
         self._spread, self._fade = spread**2, fade
         self._advance = self._spread * (1.0 - fade**2)
         # An error that fades within a time is seen anew every two of it.
-        self._alike = sd**2 * max(1.0, 2.0 * noise.correlation_time / period)
+        self._alike = sd**2 * max(1.0, 2.0 * noise.CORRELATION_TIME / period)
         self._share_fade = float(np.exp(-period / FORCE_TIME))
         self.reset()
         self.learning = True
@@ -250,7 +250,7 @@ class FrictionTracker:
 
     def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample."""
-        n, noise, sd = self._n, NOISE, self._residual_sd
+        n, sd = self._n, self._residual_sd
         known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
         moving = np.flatnonzero((np.abs(self._v) >= V_REST) & known)
         if not len(moving):
@@ -259,15 +259,15 @@ class FrictionTracker:
         force = self._x[4 * n :]
         told = force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_TOLD
         self._judge(tau_ext - J.T @ force if told else tau_ext, moving)
-        slow = (noise.slow * sd) ** 2 + (noise.coulomb * self._coulomb * columns[:, 0]) ** 2
-        slow += (noise.viscous * self._viscous * columns[:, 1]) ** 2
-        turning = 1.0 + noise.reversal * np.exp(-((self._v / noise.reversal_velocity) ** 2))
+        slow = (noise.SLOW * sd) ** 2 + (noise.COULOMB * self._coulomb * columns[:, 0]) ** 2
+        slow += (noise.VISCOUS * self._viscous * columns[:, 1]) ** 2
+        turning = 1.0 + noise.REVERSAL * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
         H = np.zeros((n, len(self._x)))
         for j in moving:
             H[j, 3 * j : 3 * j + 3] = -columns[j]
             H[j, 3 * n + j] = np.sqrt(slow[j])
             H[j, 4 * n :] = J[:, j]
-        H, white = H[moving], (noise.white * sd * turning)[moving] ** 2
+        H, white = H[moving], (noise.WHITE * sd * turning)[moving] ** 2
         HP = H @ self._P
         S = HP @ H.T + np.diag(white)
         gain = np.linalg.solve(S, HP).T
@@ -292,9 +292,8 @@ class FrictionTracker:
     def metrics(self) -> dict[str, object]:
         """What has been learnt; lists per joint."""
         change, sd = self.change, self.standard_deviation
-        units = ("nm", "nms_per_rad", "nm")
         found: dict[str, object] = {"seconds": self.seconds, "share": self.share}
-        for k, (term, unit) in enumerate(zip(TERMS, units, strict=True)):
+        for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True)):
             found[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
         return found
 
@@ -306,7 +305,7 @@ class FrictionTracker:
             far = np.abs(change[j]) > OFTEN * self._prior_sd[j]
             lines += [
                 f"{TERMS[k]} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
-                f"{_UNITS[k]} off the model, more than a month's drift: identify --refresh"
+                f"{UNITS[k]} off the model, more than a month's drift: identify --refresh"
                 for k in np.flatnonzero(far & (np.abs(change[j]) > CLEAR * sd[j]))
             ]
             if self._surprise[j] > UNEXPLAINED:

@@ -29,6 +29,7 @@ from wrenchsight.models.calibration.load_parameters import (
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.robot import rotational_inertia
 
 REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of
@@ -38,7 +39,6 @@ SURE = 3.0  # standard errors, from which a load is taken to be there
 _LOAD = 10
 _DIAGONAL = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
 _ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True)
@@ -129,13 +129,11 @@ class LoadEstimate:
         if not unknown.any():
             return self
         given = 1 + np.flatnonzero(unknown)
-        own = np.r_[self.mass, self.com, [self.inertia[place] for place in _PLACES]]
+        own = np.r_[self.mass, self.com, rotational_inertia.inertia_values(self.inertia)]
         answer = np.linalg.solve(self.covariance[np.ix_(given, given)], self.covariance[given])
         own = own - answer.T @ own[given]
         own[given] = 0.0
-        inertia = np.zeros((3, 3))
-        for place, value in zip(_PLACES, own[4:], strict=True):
-            inertia[place] = inertia[place[::-1]] = value
+        inertia = rotational_inertia.inertia_matrix(own[4:])
         return replace(self, mass=float(own[0]), com=own[1:4], inertia=inertia)
 
     @property

@@ -433,7 +433,8 @@ def _compared(
         if mounting is not None:
             entry = mounting
             if reference.tare == "start":  # each log has its own
-                entry = replace(mounting, tare=tare_of(sensor_logs[k], reference))
+                own = sensor_logs[k]
+                entry = replace(mounting, tare=tare_of(own.t, own.sensor, reference))
             comparison = compare_with_sensor(sensor_logs[k], reference, entry)
             metrics["reference"] = comparison.metrics()
             if run.rows is not None:

@@ -6,7 +6,6 @@ import pytest
 from wrenchsight.analyses.methods.sensors.comparison import PHASES, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
 from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
-from wrenchsight.models.files.input_error import InputError
 
 _GIVEN = ReferenceConfig("fz", "world", [], "robot", "none", "0")
 
@@ -53,11 +52,6 @@ def test_one_column_is_compared_along_its_axis() -> None:
     compared = compare_with_sensor(_log(1), _GIVEN)
     assert compared.axes == ("along",)
     assert compared.metrics()["all"]["along"]["bias_n"] == pytest.approx(2.0)
-
-
-def test_other_numbers_of_columns_are_refused() -> None:
-    with pytest.raises(InputError, match="names 2 columns, expected 1"):
-        compare_with_sensor(_log(2), _GIVEN)
 
 
 def test_blocks_do_not_depend_on_the_chunks() -> None:
