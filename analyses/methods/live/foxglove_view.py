@@ -42,7 +42,6 @@ class FoxgloveView:
     """A sink that serves.
 
     Args:
-        robot: whose arm it is.
         port: that is listened on; where it is taken, any.
 
     Attributes:

@@ -17,7 +17,6 @@ def play(recording: Recording, robot: Robot, url: str, tell: Callable[[str], Non
     """Plays it once, from the first reader on; returns when it is over.
 
     Args:
-        robot: whose recording it is.
         url: rtde://HOST[:PORT] or ros2://TOPIC; only where it names an address or a network beyond
             this computer's own loopback do others see it.
         tell: what a person is to know.

@@ -93,7 +93,6 @@ def open_publisher(url: str, robot: Robot) -> Publisher:
 
     Args:
         url: where to.
-        robot: whose readings it sends.
 
     Raises:
         InputError: no such kind, or an address that is none.

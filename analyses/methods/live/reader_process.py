@@ -49,7 +49,6 @@ def read_stream(
     """Reads a source until it ends, or `go_on` says no.
 
     Args:
-        source: that is read.
         live: that reads it.
         emit: given each reading and event.
         checks: of the first seconds.
@@ -64,19 +63,15 @@ def read_stream(
             else:
                 emit(item)
                 out = live.interrupt(item.received) if item.kind in _INTERRUPTIONS else []
-                if item.kind is EventKind.ENDED:
-                    go_on = _no
             for one in out:
                 emit(one)
                 if checks is not None and isinstance(one, Reading):
                     checks.add(one)
+            if isinstance(item, StreamEvent) and item.kind is EventKind.ENDED:
+                return
         if not items:
             for one in live.idle(time.monotonic()):
                 emit(one)
-
-
-def _no() -> bool:
-    return False
 
 
 def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> None:

@@ -38,7 +38,6 @@ class Recorder:
 
     Args:
         folder: a new one, or an empty one.
-        robot: whose readings they are.
         form: "mcap" or "parquet".
         begin: what is done once, before the first reading is written.
 

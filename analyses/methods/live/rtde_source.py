@@ -21,6 +21,7 @@ from wrenchsight.models.live.rtde import (
     ROBOT_RUNS,
     SAFE_TO_READ,
     SAFETY_MODES,
+    VERSION,
     PacketReader,
     PacketType,
     ProtocolError,
@@ -29,7 +30,6 @@ from wrenchsight.models.live.rtde import (
     outputs_request,
     packet,
     read_control_version,
-    version_request,
 )
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
@@ -186,7 +186,8 @@ class RtdeSource:
         self._packets = PacketReader()
         self._socket = socket.create_connection(self._address, ANSWER_TIME)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if not accepted(self._ask(version_request(), PacketType.PROTOCOL_VERSION)):
+        version = packet(PacketType.PROTOCOL_VERSION, VERSION.to_bytes(2, "big"))
+        if not accepted(self._ask(version, PacketType.PROTOCOL_VERSION)):
             raise ProtocolError("a no to version 2")
         answer = self._ask(packet(PacketType.CONTROL_VERSION), PacketType.CONTROL_VERSION)
         major, minor, *_ = read_control_version(answer)
