@@ -43,8 +43,12 @@ class FrictionDrift:
         A joint without friction in its model takes the residual's sd for its dry friction, and
         that much a rad/s for its viscous coefficient.
         """
-        dry = np.maximum(rows.dry_level, rows.sd)
-        viscous = np.maximum(np.abs(law.viscous), rows.sd)
+        return self.of(
+            np.maximum(rows.dry_level, rows.sd), np.maximum(np.abs(law.viscous), rows.sd)
+        )
+
+    def of(self, dry: Array, viscous: Array) -> Array:
+        """As `deviation`, of dry friction (n,) N m and viscous coefficients (n,) N m s/rad."""
         return np.stack([self.coulomb * dry, self.viscous * viscous, self.offset * dry], axis=1)
 
 

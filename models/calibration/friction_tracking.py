@@ -9,10 +9,10 @@ observer's own pole,
 F      a force and moment at E that change over FORCE_TIME: a push too slow for the contact
        detector, or an unknown load. It does not turn with the joint; S x does
 w      errors that last for half a second, s their size (`models.calibration.residual_noise`)
-x      a random walk that is pulled back to the model within `time`, sd that of a month's drift
+x      a random walk that is pulled back to the model within DRIFT_TIME, sd that of a month's drift
 
 Learnt is every PERIOD seconds, from joints that move, where nothing touches the arm: no contact
-since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within `bound`
+since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within BOUND
 of its prior's sds; where that is reached, the model is of another state than today's.
 
 The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. What is not
@@ -25,7 +25,7 @@ with J^T F taken off tau_ext where F is told from zero: a load's torque says not
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,30 +45,16 @@ from wrenchsight.models.signals.first_order import low_pass
 
 PERIOD = 0.1  # s between two steps of the filter
 MARGIN = 0.5  # s after a contact that are not learnt from
+DRIFT_TIME = 3600.0  # s, over which coefficients change by a month's drift
+BOUND = 3.0  # prior sds that a coefficient may move by
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
+FORCE_SHARE = 0.25  # sd of such a force, share of that of a task's
 FORCE_TOLD = 12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
 LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
 UNEXPLAINED = 9.0  # times the expected mean square of what a step did not foresee
 _UNEXPLAINED_TIME = 10.0  # s, that this mean is taken over
-
-
-@dataclass
-class FrictionTrackingConfig:
-    """How friction's drift is followed.
-
-    Attributes:
-        drift: standard deviations of the coefficients about the model's.
-        time: s, over which they change by that much.
-        force_share: sd of a slow force, share of that of a task's.
-        bound: prior sds that a coefficient may move by.
-    """
-
-    drift: FrictionDrift = field(default_factory=FrictionDrift)
-    time: float = 3600.0
-    force_share: float = 0.25
-    bound: float = 3.0
 
 
 class FrictionTracker:
@@ -80,7 +66,6 @@ class FrictionTracker:
         time_step: s.
         force_sd: N, of the forces that tasks have (`models.estimation.wrench.live_prior`).
         resolution: (n,) rad of the encoders; None: those that the law was fitted with.
-        config: see there.
 
     Attributes:
         learning: whether `learn` changes anything; `freeze` and `resume` set it.
@@ -97,13 +82,11 @@ class FrictionTracker:
         time_step: float,
         force_sd: float,
         resolution: ArrayLike | None = None,
-        config: FrictionTrackingConfig | None = None,
     ) -> None:
         if isinstance(model.friction, CoupledFriction):
             raise ValueError("friction of coupled joints is that of several motors: not tracked")
         if not time_step > 0.0:
             raise ValueError(f"time_step must be positive, not {time_step}")
-        self.config = config if config is not None else FrictionTrackingConfig()
         self.time_step = time_step
         self._law = _bare(model.friction).sampled(time_step, resolution)
         here = self._law.coulomb_viscous
@@ -116,16 +99,8 @@ class FrictionTracker:
         self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
         self._coulomb = np.maximum(np.abs(here.coulomb), sd)
         self._viscous = np.maximum(np.abs(here.viscous), sd)
-        drift = self.config.drift
-        self._prior_sd = np.stack(
-            [
-                drift.coulomb * self._coulomb,
-                drift.viscous * self._viscous,
-                drift.offset * self._coulomb,
-            ],
-            axis=1,
-        )
-        slow_force = self.config.force_share * force_sd
+        self._prior_sd = FrictionDrift().of(self._coulomb, self._viscous)
+        slow_force = FORCE_SHARE * force_sd
         period = self._every * time_step
         spread = np.concatenate(
             [
@@ -135,7 +110,7 @@ class FrictionTracker:
                 np.full(3, slow_force),
             ]
         )
-        times = (self.config.time, noise.CORRELATION_TIME, FORCE_TIME)
+        times = (DRIFT_TIME, noise.CORRELATION_TIME, FORCE_TIME)
         fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
         self._spread, self._fade = spread**2, fade
         self._advance = self._spread * (1.0 - fade**2)
@@ -275,7 +250,7 @@ class FrictionTracker:
         self._x += gain @ surprise
         self._P -= gain @ HP
         self._P = 0.5 * (self._P + self._P.T)
-        reach = self.config.bound * self._prior_sd.ravel()
+        reach = BOUND * self._prior_sd.ravel()
         self._x[: 3 * n] = np.clip(self._x[: 3 * n], -reach, reach)
         step = self._every * self.time_step
         share = step / _UNEXPLAINED_TIME

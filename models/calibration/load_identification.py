@@ -14,7 +14,7 @@ Schmidt, "Application of state-space methods to navigation problems", 1966).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +49,10 @@ class LoadPrior:
         mass: kg, sd of the load's mass about zero.
         gain: sd of each joint's torque per ampere, relative; 0 where a known weight has determined
             them.
-        drift: of friction, since the model was fitted.
     """
 
     mass: float
     gain: float = 0.03
-    drift: FrictionDrift = field(default_factory=FrictionDrift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +157,6 @@ def estimate_load(
     Args:
         log: with the load.
         law: the friction coefficients behind the rows.
-        prior: of the load and the drives.
         empty: a log without the load, of the same day. What the model misses there, as friction
             and as a weight at the flange, is then taken off.
     """
@@ -206,7 +203,7 @@ def _solve(
 ) -> _Solution:
     """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
     n = logs[0].rows.num_joints
-    drift = prior.drift.deviation(logs[0].rows, law).ravel()
+    drift = FrictionDrift().deviation(logs[0].rows, law).ravel()
     missed = [wide_spread(prior.mass)] if len(logs) > 1 else []
     prior_sd = np.concatenate([spread, drift, *missed])
     k = len(prior_sd)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
     LoadPrior,
@@ -117,7 +118,6 @@ def weigh(
     Args:
         log: the model's residual, with a load's and the model's own columns.
         law: the friction coefficients behind the rows.
-        prior: of the load and of the drift.
     """
     if len(log.rows.t) < FEWEST:
         return None
@@ -170,7 +170,7 @@ def _weighed(
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
     spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
     spread[0] = prior.mass
-    evidence = _evidence(log, law, prior, spread)
+    evidence = _evidence(log, law, spread)
     for name in ("load", "both"):
         evidence[name] += odds
     largest = max(evidence.values())
@@ -216,7 +216,7 @@ def _begin_evidence(
     def load(j: int) -> Array:
         return (later[:, :, None] * log.load[:, j, None]).reshape(len(later), -1)
 
-    blocks, sd = _blocks(log, law, prior, load, wide)
+    blocks, sd = _blocks(log, law, load, wide)
     rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
 
     def evidence(use: NDArray[np.int64], sd: Array) -> float:
@@ -231,7 +231,6 @@ def _begin_evidence(
 def _blocks(
     log: LoadRows,
     law: CoulombViscous,
-    prior: LoadPrior,
     load: Callable[[int], Array],
     load_sd: Array,
 ) -> tuple[list[Array], Array]:
@@ -242,15 +241,14 @@ def _blocks(
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
         blocks.append(rows.whitened(j, np.hstack([load(j), drift, log.model[:, j]])))
-    return blocks, np.concatenate([load_sd, prior.drift.deviation(rows, law).ravel(), log.model_sd])
+    drift_sd = FrictionDrift().deviation(rows, law)
+    return blocks, np.concatenate([load_sd, drift_sd.ravel(), log.model_sd])
 
 
-def _evidence(
-    log: LoadRows, law: CoulombViscous, prior: LoadPrior, load_sd: Array
-) -> dict[str, float]:
+def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, float]:
     """Of the four, by name; load_sd (10,) of the load's parameters in the flange's frame."""
     n, model = log.rows.num_joints, log.model.shape[2]
-    blocks, sd = _blocks(log, law, prior, lambda j: log.load[:, j], load_sd)
+    blocks, sd = _blocks(log, law, lambda j: log.load[:, j], load_sd)
     found = {}
     for loaded in (False, True):
         for drifted in (False, True):
