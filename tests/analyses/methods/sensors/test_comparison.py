@@ -29,7 +29,7 @@ def _log(columns: int = 3) -> SensorLog:
     )
 
 
-def test_phases_and_errors() -> None:
+def test_phases_and_errors():
     compared = compare_with_sensor(_log(), _GIVEN)
     metrics = compared.metrics()
     for phase in PHASES[1:]:
@@ -42,19 +42,19 @@ def test_phases_and_errors() -> None:
     assert len(compared.t) == 80  # 0.1 s each
 
 
-def test_moments_are_in_newton_metres() -> None:
+def test_moments_are_in_newton_metres():
     metrics = compare_with_sensor(_log(6), _GIVEN).metrics()
     assert metrics["all"]["mx"]["rmse_nm"] == 0.0
     assert "rmse_n" not in metrics["all"]["mx"]
 
 
-def test_one_column_is_compared_along_its_axis() -> None:
+def test_one_column_is_compared_along_its_axis():
     compared = compare_with_sensor(_log(1), _GIVEN)
     assert compared.axes == ("along",)
     assert compared.metrics()["all"]["along"]["bias_n"] == pytest.approx(2.0)
 
 
-def test_blocks_do_not_depend_on_the_chunks() -> None:
+def test_blocks_do_not_depend_on_the_chunks():
     rng = np.random.default_rng(0)
     N = 1003
     signals = (
@@ -77,6 +77,6 @@ def test_blocks_do_not_depend_on_the_chunks() -> None:
     assert SensorLogCollector(0.004).log() is None
 
 
-def test_a_figure_has_a_panel_for_each_quantity() -> None:
+def test_a_figure_has_a_panel_for_each_quantity():
     assert len(compare_with_sensor(_log(6), _GIVEN).figure().axes) == 6
     assert len(compare_with_sensor(_log(1), _GIVEN).figure().axes) == 1
