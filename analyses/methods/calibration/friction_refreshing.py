@@ -118,9 +118,6 @@ def refresh_model(
 
     Args:
         logs: free motion, without contact: one recording, or several with the samples that count.
-        robot: its robot.
-        model: of it.
-        config: see `RefreshConfig`.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.

@@ -40,13 +40,7 @@ EDGE = 1.0  # periods within a stretch, into which the filter carries what is ou
 
 @dataclass(frozen=True, eq=False)
 class ModelResidual:
-    """A low-passed log beside a model of its robot.
-
-    Attributes:
-        log: the log.
-        robot: its robot.
-        model: of it.
-    """
+    """A low-passed log beside a model of its robot."""
 
     log: LowPassedLog
     robot: Robot
@@ -63,9 +57,6 @@ class ModelResidual:
         """Low-passes a recording as the model's own logs were.
 
         Args:
-            recording: the log.
-            robot: its robot.
-            model: of it.
             where: (N,) samples that count; None: all.
 
         Raises:

@@ -178,11 +178,8 @@ def identify_payload(
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
             that count.
-        robot: its robot.
-        model: of it, without the load.
-        config: see `PayloadConfig`.
+        model: of the robot without the load.
         empty: motion without the load, of the same day; likewise.
-        progress: called with the share done and the current step.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`.

@@ -119,7 +119,6 @@ def compare_with_sensor(
     """Finds what the configuration leaves open, and holds the reading against the sensor.
 
     Args:
-        log: of both.
         config: what is given of the sensor.
         mounted: how it is mounted, where that has been found before.
 

@@ -176,7 +176,6 @@ def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
     """RMS difference of the forces, N.
 
     Args:
-        log: of both.
         mounting: of the sensor.
         with_offset: whether a constant in the sensor's axes counts.
     """
