@@ -21,13 +21,12 @@ import numpy as np
 
 from wrenchsight.models.calibration.friction_refresh import refresh_friction
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.sliding_friction import TERMS
+from wrenchsight.models.friction.sliding_friction import TERMS, UNITS
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 CLEAR = 4.0  # standard errors; 12 coefficients of six joints: a false alarm in 1300 logs
 UNEXPLAINED = 3.0  # times the residual that the model states
 FEWEST = 20  # rows
-_UNITS = ("N m", "N m s/rad", "N m")
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class FrictionDisagreement:
 
     def sentence(self, joint_names: Sequence[str]) -> str:
         """Returns what to tell a user."""
-        unit = _UNITS[TERMS.index(self.term)]
+        unit = UNITS[TERMS.index(self.term)]
         return (
             f"friction of {joint_names[self.joint]} is not the model's: {self.term} "
             f"{self.change:+.2g} {unit}, {abs(self.standard_errors):.0f} standard errors, "

@@ -14,7 +14,7 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
-from wrenchsight.models.calibration.residual_noise import NOISE, ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 
@@ -43,8 +43,12 @@ class FrictionDrift:
         A joint without friction in its model takes the residual's sd for its dry friction, and
         that much a rad/s for its viscous coefficient.
         """
-        dry = np.maximum(rows.dry_level, rows.sd)
-        viscous = np.maximum(np.abs(law.viscous), rows.sd)
+        return self.of(
+            np.maximum(rows.dry_level, rows.sd), np.maximum(np.abs(law.viscous), rows.sd)
+        )
+
+    def of(self, dry: Array, viscous: Array) -> Array:
+        """As `deviation`, of dry friction (n,) N m and viscous coefficients (n,) N m s/rad."""
         return np.stack([self.coulomb * dry, self.viscous * viscous, self.offset * dry], axis=1)
 
 
@@ -88,7 +92,6 @@ def refresh_friction(
     rows: ResidualRows,
     law: CoulombViscous,
     drift: FrictionDrift | None = None,
-    noise: ResidualNoise = NOISE,
 ) -> FrictionRefresh:
     """Finds the coefficients anew.
 
@@ -96,15 +99,12 @@ def refresh_friction(
         rows: the known model's residual, without contact.
         law: that model's coefficients.
         drift: the prior.
-        noise: of the residual.
     """
     columns = rows.drift
     prior = (drift or FrictionDrift()).deviation(rows, law)
     change, deviation = np.empty_like(prior), np.empty_like(prior)
     scale = np.empty(rows.num_joints)
     for j in range(rows.num_joints):
-        fit = fit_with_prior(
-            [rows.whitened(j, columns[:, j], noise)], prior[j], np.zeros(prior.shape[1])
-        )
+        fit = fit_with_prior([rows.whitened(j, columns[:, j])], prior[j], np.zeros(prior.shape[1]))
         change[j], deviation[j], scale[j] = fit.values, fit.standard_deviation, fit.scale[0]
     return FrictionRefresh(law, change, deviation, prior, scale)

@@ -9,10 +9,10 @@ observer's own pole,
 F      a force and moment at E that change over FORCE_TIME: a push too slow for the contact
        detector, or an unknown load. It does not turn with the joint; S x does
 w      errors that last for half a second, s their size (`models.calibration.residual_noise`)
-x      a random walk that is pulled back to the model within `time`, sd that of a month's drift
+x      a random walk that is pulled back to the model within DRIFT_TIME, sd that of a month's drift
 
 Learnt is every PERIOD seconds, from joints that move, where nothing touches the arm: no contact
-since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within `bound`
+since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within BOUND
 of its prior's sds; where that is reached, the model is of another state than today's.
 
 The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. What is not
@@ -25,18 +25,19 @@ with J^T F taken off tau_ext where F is told from zero: a load's torque says not
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration import residual_noise as noise
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
-from wrenchsight.models.calibration.residual_noise import NOISE, V_REST
+from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.friction.coupled_friction import CoupledFriction
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS, UNITS, with_sliding
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.kernel import kernel
@@ -44,31 +45,16 @@ from wrenchsight.models.signals.first_order import low_pass
 
 PERIOD = 0.1  # s between two steps of the filter
 MARGIN = 0.5  # s after a contact that are not learnt from
+DRIFT_TIME = 3600.0  # s, over which coefficients change by a month's drift
+BOUND = 3.0  # prior sds that a coefficient may move by
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
+FORCE_SHARE = 0.25  # sd of such a force, share of that of a task's
 FORCE_TOLD = 12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
 LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
 UNEXPLAINED = 9.0  # times the expected mean square of what a step did not foresee
 _UNEXPLAINED_TIME = 10.0  # s, that this mean is taken over
-_UNITS = ("N m", "N m s/rad", "N m")
-
-
-@dataclass
-class FrictionTrackingConfig:
-    """How friction's drift is followed.
-
-    Attributes:
-        drift: standard deviations of the coefficients about the model's.
-        time: s, over which they change by that much.
-        force_share: sd of a slow force, share of that of a task's.
-        bound: prior sds that a coefficient may move by.
-    """
-
-    drift: FrictionDrift = field(default_factory=FrictionDrift)
-    time: float = 3600.0
-    force_share: float = 0.25
-    bound: float = 3.0
 
 
 class FrictionTracker:
@@ -80,7 +66,6 @@ class FrictionTracker:
         time_step: s.
         force_sd: N, of the forces that tasks have (`models.estimation.wrench.live_prior`).
         resolution: (n,) rad of the encoders; None: those that the law was fitted with.
-        config: see there.
 
     Attributes:
         learning: whether `learn` changes anything; `freeze` and `resume` set it.
@@ -97,13 +82,11 @@ class FrictionTracker:
         time_step: float,
         force_sd: float,
         resolution: ArrayLike | None = None,
-        config: FrictionTrackingConfig | None = None,
     ) -> None:
         if isinstance(model.friction, CoupledFriction):
             raise ValueError("friction of coupled joints is that of several motors: not tracked")
         if not time_step > 0.0:
             raise ValueError(f"time_step must be positive, not {time_step}")
-        self.config = config if config is not None else FrictionTrackingConfig()
         self.time_step = time_step
         self._law = _bare(model.friction).sampled(time_step, resolution)
         here = self._law.coulomb_viscous
@@ -116,17 +99,9 @@ class FrictionTracker:
         self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
         self._coulomb = np.maximum(np.abs(here.coulomb), sd)
         self._viscous = np.maximum(np.abs(here.viscous), sd)
-        drift = self.config.drift
-        self._prior_sd = np.stack(
-            [
-                drift.coulomb * self._coulomb,
-                drift.viscous * self._viscous,
-                drift.offset * self._coulomb,
-            ],
-            axis=1,
-        )
-        slow_force = self.config.force_share * force_sd
-        noise, period = NOISE, self._every * time_step
+        self._prior_sd = FrictionDrift().of(self._coulomb, self._viscous)
+        slow_force = FORCE_SHARE * force_sd
+        period = self._every * time_step
         spread = np.concatenate(
             [
                 self._prior_sd.ravel(),
@@ -135,12 +110,12 @@ class FrictionTracker:
                 np.full(3, slow_force),
             ]
         )
-        times = (self.config.time, noise.correlation_time, FORCE_TIME)
+        times = (DRIFT_TIME, noise.CORRELATION_TIME, FORCE_TIME)
         fade = np.repeat(np.exp(-period / np.array(times)), [3 * n, n, 6])
         self._spread, self._fade = spread**2, fade
         self._advance = self._spread * (1.0 - fade**2)
         # An error that fades within a time is seen anew every two of it.
-        self._alike = sd**2 * max(1.0, 2.0 * noise.correlation_time / period)
+        self._alike = sd**2 * max(1.0, 2.0 * noise.CORRELATION_TIME / period)
         self._share_fade = float(np.exp(-period / FORCE_TIME))
         self.reset()
         self.learning = True
@@ -250,7 +225,7 @@ class FrictionTracker:
 
     def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample."""
-        n, noise, sd = self._n, NOISE, self._residual_sd
+        n, sd = self._n, self._residual_sd
         known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
         moving = np.flatnonzero((np.abs(self._v) >= V_REST) & known)
         if not len(moving):
@@ -259,15 +234,15 @@ class FrictionTracker:
         force = self._x[4 * n :]
         told = force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_TOLD
         self._judge(tau_ext - J.T @ force if told else tau_ext, moving)
-        slow = (noise.slow * sd) ** 2 + (noise.coulomb * self._coulomb * columns[:, 0]) ** 2
-        slow += (noise.viscous * self._viscous * columns[:, 1]) ** 2
-        turning = 1.0 + noise.reversal * np.exp(-((self._v / noise.reversal_velocity) ** 2))
+        slow = (noise.SLOW * sd) ** 2 + (noise.COULOMB * self._coulomb * columns[:, 0]) ** 2
+        slow += (noise.VISCOUS * self._viscous * columns[:, 1]) ** 2
+        turning = 1.0 + noise.REVERSAL * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
         H = np.zeros((n, len(self._x)))
         for j in moving:
             H[j, 3 * j : 3 * j + 3] = -columns[j]
             H[j, 3 * n + j] = np.sqrt(slow[j])
             H[j, 4 * n :] = J[:, j]
-        H, white = H[moving], (noise.white * sd * turning)[moving] ** 2
+        H, white = H[moving], (noise.WHITE * sd * turning)[moving] ** 2
         HP = H @ self._P
         S = HP @ H.T + np.diag(white)
         gain = np.linalg.solve(S, HP).T
@@ -275,7 +250,7 @@ class FrictionTracker:
         self._x += gain @ surprise
         self._P -= gain @ HP
         self._P = 0.5 * (self._P + self._P.T)
-        reach = self.config.bound * self._prior_sd.ravel()
+        reach = BOUND * self._prior_sd.ravel()
         self._x[: 3 * n] = np.clip(self._x[: 3 * n], -reach, reach)
         step = self._every * self.time_step
         share = step / _UNEXPLAINED_TIME
@@ -292,9 +267,8 @@ class FrictionTracker:
     def metrics(self) -> dict[str, object]:
         """What has been learnt; lists per joint."""
         change, sd = self.change, self.standard_deviation
-        units = ("nm", "nms_per_rad", "nm")
         found: dict[str, object] = {"seconds": self.seconds, "share": self.share}
-        for k, (term, unit) in enumerate(zip(TERMS, units, strict=True)):
+        for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True)):
             found[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
         return found
 
@@ -306,7 +280,7 @@ class FrictionTracker:
             far = np.abs(change[j]) > OFTEN * self._prior_sd[j]
             lines += [
                 f"{TERMS[k]} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
-                f"{_UNITS[k]} off the model, more than a month's drift: identify --refresh"
+                f"{UNITS[k]} off the model, more than a month's drift: identify --refresh"
                 for k in np.flatnonzero(far & (np.abs(change[j]) > CLEAR * sd[j]))
             ]
             if self._surprise[j] > UNEXPLAINED:

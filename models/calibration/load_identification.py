@@ -14,7 +14,7 @@ Schmidt, "Application of state-space methods to navigation problems", 1966).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from wrenchsight.models.calibration.load_parameters import (
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.robot import rotational_inertia
 
 REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of
@@ -38,7 +39,6 @@ SURE = 3.0  # standard errors, from which a load is taken to be there
 _LOAD = 10
 _DIAGONAL = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
 _ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,10 @@ class LoadPrior:
         mass: kg, sd of the load's mass about zero.
         gain: sd of each joint's torque per ampere, relative; 0 where a known weight has determined
             them.
-        drift: of friction, since the model was fitted.
     """
 
     mass: float
     gain: float = 0.03
-    drift: FrictionDrift = field(default_factory=FrictionDrift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +127,11 @@ class LoadEstimate:
         if not unknown.any():
             return self
         given = 1 + np.flatnonzero(unknown)
-        own = np.r_[self.mass, self.com, [self.inertia[place] for place in _PLACES]]
+        own = np.r_[self.mass, self.com, rotational_inertia.inertia_values(self.inertia)]
         answer = np.linalg.solve(self.covariance[np.ix_(given, given)], self.covariance[given])
         own = own - answer.T @ own[given]
         own[given] = 0.0
-        inertia = np.zeros((3, 3))
-        for place, value in zip(_PLACES, own[4:], strict=True):
-            inertia[place] = inertia[place[::-1]] = value
+        inertia = rotational_inertia.inertia_matrix(own[4:])
         return replace(self, mass=float(own[0]), com=own[1:4], inertia=inertia)
 
     @property
@@ -161,7 +157,6 @@ def estimate_load(
     Args:
         log: with the load.
         law: the friction coefficients behind the rows.
-        prior: of the load and the drives.
         empty: a log without the load, of the same day. What the model misses there, as friction
             and as a weight at the flange, is then taken off.
     """
@@ -208,7 +203,7 @@ def _solve(
 ) -> _Solution:
     """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
     n = logs[0].rows.num_joints
-    drift = prior.drift.deviation(logs[0].rows, law).ravel()
+    drift = FrictionDrift().deviation(logs[0].rows, law).ravel()
     missed = [wide_spread(prior.mass)] if len(logs) > 1 else []
     prior_sd = np.concatenate([spread, drift, *missed])
     k = len(prior_sd)

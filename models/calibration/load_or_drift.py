@@ -15,12 +15,14 @@ some row. Every row is as likely beforehand; the evidence says which one it is, 
 halves of what comes after it have to show the same mass.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
     LoadPrior,
@@ -116,7 +118,6 @@ def weigh(
     Args:
         log: the model's residual, with a load's and the model's own columns.
         law: the friction coefficients behind the rows.
-        prior: of the load and of the drift.
     """
     if len(log.rows.t) < FEWEST:
         return None
@@ -169,7 +170,7 @@ def _weighed(
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
     spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
     spread[0] = prior.mass
-    evidence = _evidence(log, law, prior, spread)
+    evidence = _evidence(log, law, spread)
     for name in ("load", "both"):
         evidence[name] += odds
     largest = max(evidence.values())
@@ -209,15 +210,13 @@ def _begin_evidence(
     """
     later = np.arange(len(log.rows.t))[::every, None] >= places
     log = log[::every]
-    rows, wide = log.rows, wide_spread(prior.mass)
-    K, size, n = len(places), len(wide), rows.num_joints
-    sd = np.concatenate([wide, prior.drift.deviation(rows, law).ravel(), log.model_sd])
-    blocks = []
-    for j in range(n):
-        load = (later[:, :, None] * log.load[:, j, None]).reshape(len(rows.t), -1)
-        drift = np.zeros((len(rows.t), 3 * n))
-        drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
-        blocks.append(rows.whitened(j, np.hstack([load, drift, log.model[:, j]])))
+    wide = wide_spread(prior.mass)
+    K, size = len(places), len(wide)
+
+    def load(j: int) -> Array:
+        return (later[:, :, None] * log.load[:, j, None]).reshape(len(later), -1)
+
+    blocks, sd = _blocks(log, law, load, wide)
     rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
 
     def evidence(use: NDArray[np.int64], sd: Array) -> float:
@@ -229,18 +228,27 @@ def _begin_evidence(
     return np.array(loaded) - without
 
 
-def _evidence(
-    log: LoadRows, law: CoulombViscous, prior: LoadPrior, load_sd: Array
-) -> dict[str, float]:
-    """Of the four, by name; load_sd (10,) of the load's parameters in the flange's frame."""
-    rows = log.rows
-    n, model = rows.num_joints, log.model.shape[2]
-    sd = np.concatenate([load_sd, prior.drift.deviation(rows, law).ravel(), log.model_sd])
+def _blocks(
+    log: LoadRows,
+    law: CoulombViscous,
+    load: Callable[[int], Array],
+    load_sd: Array,
+) -> tuple[list[Array], Array]:
+    """Whitened rows of each joint, columns of load, drift and model; and the sds of the prior."""
+    rows, n = log.rows, log.rows.num_joints
     blocks = []
     for j in range(n):
         drift = np.zeros((len(rows.t), 3 * n))
         drift[:, 3 * j : 3 * j + 3] = rows.drift[:, j]
-        blocks.append(rows.whitened(j, np.hstack([log.load[:, j], drift, log.model[:, j]])))
+        blocks.append(rows.whitened(j, np.hstack([load(j), drift, log.model[:, j]])))
+    drift_sd = FrictionDrift().deviation(rows, law)
+    return blocks, np.concatenate([load_sd, drift_sd.ravel(), log.model_sd])
+
+
+def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, float]:
+    """Of the four, by name; load_sd (10,) of the load's parameters in the flange's frame."""
+    n, model = log.rows.num_joints, log.model.shape[2]
+    blocks, sd = _blocks(log, law, lambda j: log.load[:, j], load_sd)
     found = {}
     for loaded in (False, True):
         for drifted in (False, True):

@@ -9,9 +9,11 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.robot import rotational_inertia
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.robot.robot_config import pose_of
+from wrenchsight.models.robot.robot_config import ToolConfig, pose_of
 
+LEAST_RADIUS = 1e-3  # m, of gyration
 _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of the last six parameters
 
 
@@ -48,28 +50,30 @@ def body_parameters(mass: float, com: Array, inertia: Array) -> Array:
     return parameters_of(pseudo)
 
 
+def tool_parameters(tool: ToolConfig) -> Array:
+    """Returns the ten parameters of a tool in the flange's frame."""
+    inertia = rotational_inertia.inertia_matrix(tool.inertia)
+    return body_parameters(tool.mass, np.array(tool.com, float), inertia)
+
+
 def inertia_matrix(parameters: Array) -> Array:
     """Returns the inertia (3, 3) about the frame's origin."""
-    out = np.zeros((3, 3))
-    for place, value in zip(_TENSOR, parameters[4:], strict=True):
-        out[place] = out[place[::-1]] = value
-    return out
+    return rotational_inertia.inertia_matrix(parameters[[4, 6, 9, 5, 7, 8]])
 
 
-def realisable_inertia(inertia: Array, mass: float, least_radius: float = 1e-3) -> Array:
+def realisable_inertia(inertia: Array, mass: float) -> Array:
     """Returns the physical inertia (3, 3) near one that may not be physical.
 
     A body's second moments of mass are positive along every direction; what measurement noise has
-    made negative becomes mass times `least_radius` squared.
+    made negative becomes mass times LEAST_RADIUS squared.
 
     Args:
         inertia: (3, 3) about the centre of mass, kg m^2.
         mass: kg, positive.
-        least_radius: m.
     """
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     values, axes = np.linalg.eigh(second)
-    second = axes @ np.diag(np.maximum(values, mass * least_radius**2)) @ axes.T
+    second = axes @ np.diag(np.maximum(values, mass * LEAST_RADIUS**2)) @ axes.T
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 

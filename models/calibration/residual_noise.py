@@ -15,7 +15,7 @@ slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. What w
 to is stated in units of the model's own residual sd, so that a poorer model has wider errors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 
 GAP = 1.0  # s without a row, after which a joint rests anew
 BETWEEN_LOGS = 20.0  # s, far beyond any correlation
@@ -30,30 +32,12 @@ V_REST = 0.01  # rad/s (m/s), below which a joint may rest
 BLOCK = 600  # rows that are taken as dependent; at 10 Hz a minute, far beyond any correlation
 
 
-@dataclass(frozen=True)
-class ResidualNoise:
-    """The shares of this module's sum.
-
-    Attributes:
-        white: of the model's residual sd, clear of reversals.
-        slow: of the same.
-        reversal: r, how much larger white is at zero velocity.
-        reversal_velocity: v_r, rad/s (m/s).
-        coulomb: c, of the dry friction.
-        viscous: d, of the viscous friction.
-        correlation_time: s.
-    """
-
-    white: float = 0.53
-    slow: float = 0.6
-    reversal: float = 2.9
-    reversal_velocity: float = 0.08
-    coulomb: float = 0.027
-    viscous: float = 0.05
-    correlation_time: float = 0.5
-
-
-NOISE = ResidualNoise()
+# The shares of this module's sum.
+WHITE, SLOW = 0.53, 0.6  # of the model's residual sd; white clear of reversals
+REVERSAL = 2.9  # r, how much larger white is at zero velocity
+REVERSAL_VELOCITY = 0.08  # v_r, rad/s (m/s)
+COULOMB, VISCOUS = 0.027, 0.05  # c and d, of the dry and of the viscous friction
+CORRELATION_TIME = 0.5  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +81,33 @@ class ResidualRows:
             raise ValueError("residual rows: a number is not finite")
         if not (np.diff(self.t) > 0.0).all():
             raise ValueError("residual rows: t must rise")
+
+    @classmethod
+    def of_law(
+        cls,
+        law: FrictionLaw,
+        log: tuple[Array, Array, Array, Array],
+        residual: Array,
+        sd: Array,
+        at: NDArray[np.intp],
+        seen: Callable[[Array], Array],
+    ) -> "ResidualRows":
+        """Rows at the samples `at` (m,) of a log.
+
+        Args:
+            law: friction of the model whose residual it is.
+            log: t (N,) s, q, v and transmitted torque (N, n).
+            residual: (m, n) N m.
+            sd: (n,) N m.
+            seen: what the residual's filter makes of torques (N, n, 5), along time.
+        """
+        t, q, v, load = log
+        parts = *dry_and_viscous(law, q, v, load), sliding_columns(law, q, v, load)
+        columns = seen(np.dstack(parts))[at]
+        return cls(
+            *(t[at], v[at], residual, columns[:, :, 0], columns[:, :, 1]),
+            *(stiction(law, load)[at], columns[:, :, 2:], sd),
+        )
 
     @classmethod
     def joined(cls, parts: Sequence["ResidualRows"]) -> "ResidualRows":
@@ -154,7 +165,7 @@ class ResidualRows:
             self.sd,
         )
 
-    def whitened(self, joint: int, columns: Array, noise: ResidualNoise = NOISE) -> Array:
+    def whitened(self, joint: int, columns: Array) -> Array:
         """Returns L^-1 [columns, residual] (m, k + 1), with L L^T the covariance of the residual.
 
         Ordinary least squares on what comes out is generalised least squares on what goes in.
@@ -162,28 +173,27 @@ class ResidualRows:
         Args:
             joint: its index.
             columns: (m, k).
-            noise: of the residual.
         """
         both = np.column_stack([columns, self.residual[:, joint]])
         out = np.empty_like(both)
         for begin in range(0, len(both), BLOCK):
             part = slice(begin, begin + BLOCK)
-            lower = cholesky(self[part].covariance(joint, noise), lower=True)
+            lower = cholesky(self[part].covariance(joint), lower=True)
             out[part] = solve_triangular(lower, both[part], lower=True)
         return out
 
-    def covariance(self, joint: int, noise: ResidualNoise = NOISE) -> Array:
+    def covariance(self, joint: int) -> Array:
         """Covariance (m, m) in (N m)^2 of one joint's residual."""
         t, v, sd = self.t, self.v[:, joint], float(self.sd[joint])
         dry, viscous, level = self.dry[:, joint], self.viscous[:, joint], self.stiction[:, joint]
-        reversal = 1.0 + noise.reversal * np.exp(-((v / noise.reversal_velocity) ** 2))
-        drifts = noise.coulomb**2 * np.outer(dry, dry)
-        slow = (noise.slow * sd) ** 2 + drifts + noise.viscous**2 * np.outer(viscous, viscous)
-        fading = np.exp(-np.abs(t[:, None] - t) / noise.correlation_time)
+        reversal = 1.0 + REVERSAL * np.exp(-((v / REVERSAL_VELOCITY) ** 2))
+        drifts = COULOMB**2 * np.outer(dry, dry)
+        slow = (SLOW * sd) ** 2 + drifts + VISCOUS**2 * np.outer(viscous, viscous)
+        fading = np.exp(-np.abs(t[:, None] - t) / CORRELATION_TIME)
         rest = np.abs(v) < V_REST
         # Successive samples at rest have one number; a motion in between begins another rest.
         episode = np.cumsum(np.diff(rest, prepend=False) | (np.diff(t, prepend=t[:1]) > GAP))
         same = np.outer(rest, rest) & (episode[:, None] == episode)
         held = np.where(same, np.outer(level, level) / 3.0, 0.0)
-        white = np.diag((noise.white * sd * reversal) ** 2)
+        white = np.diag((WHITE * sd * reversal) ** 2)
         return np.asarray(slow * fading + white + held)

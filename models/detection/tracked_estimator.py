@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.models.arrays import Array, contiguous
-from wrenchsight.models.calibration.friction_tracking import FrictionTracker, FrictionTrackingConfig
+from wrenchsight.models.calibration.friction_tracking import FrictionTracker
 from wrenchsight.models.calibration.payload_zero import PayloadZero, ZeroedPayload
 from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
@@ -48,7 +48,6 @@ class TrackedEstimator:
         config: of the estimator, its time step filled in; method bayesian, force_only or inverse,
             and an observer that does not read the wrench itself.
         detection: of contact.
-        tracking: of friction.
         follows_friction: whether friction is followed at all; without, the model's own allowance
             for drift stays in the band, and a payload can be zeroed.
 
@@ -67,7 +66,6 @@ class TrackedEstimator:
         model: IdentifiedModel,
         config: WrenchEstimatorConfig,
         detection: ContactDetectionConfig | None = None,
-        tracking: FrictionTrackingConfig | None = None,
         follows_friction: bool = True,
     ) -> None:
         if model.torque_error is None:
@@ -83,9 +81,7 @@ class TrackedEstimator:
         self._plain = WrenchEstimator(robot, model, config)
         self._detector = ContactDetector.of(self._plain, detection)
         self.tracker = FrictionTracker(
-            *(model, own.observer.pole, own.observer.time_step, force_sd),
-            own.resolution,
-            tracking,
+            *(model, own.observer.pole, own.observer.time_step, force_sd), own.resolution
         )
         self.zero: ZeroedPayload | None = None
         self._zeroing: PayloadZero | None = None

@@ -28,6 +28,8 @@ from wrenchsight.models.friction.slip_elements import (
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 
 TERMS = ("coulomb", "viscous", "offset")
+UNITS = ("N m", "N m s/rad", "N m")
+UNIT_KEYS = ("nm", "nms_per_rad", "nm")  # as the keys of metrics have them
 
 
 def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:

@@ -82,7 +82,6 @@ class LiveEstimator:
 
     Args:
         robot, model: as `WrenchEstimator`.
-        config: how.
         step, rate: of the source.
 
     Raises:

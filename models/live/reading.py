@@ -1,6 +1,8 @@
 """What is read of one sample, as one row of numbers, which goes from process to process."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -27,13 +29,26 @@ _PLACE = {name: k for k, name in enumerate(_FIELDS)}
 _WRENCH = len(_FIELDS)
 _COVARIANCE = _WRENCH + 6
 _JOINTS = _COVARIANCE + 36
-_PUBLISHED = _PLACE["published"]
-_VALID, _CONTACT, _MISFIT = (_PLACE[name] for name in ("valid", "contact", "misfit"))
+
+_Kind = TypeVar("_Kind")
 
 
 def row_size(num_joints: int) -> int:
     """Numbers of a reading of an arm with n joints."""
     return _JOINTS + 2 * num_joints
+
+
+class _Field(Generic[_Kind]):
+    """A number of the row, under the name that it has there."""
+
+    def __init__(self, kind: Callable[[float], _Kind]) -> None:
+        self._kind = kind
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._place = _PLACE[name]
+
+    def __get__(self, reading: "Reading", owner: type) -> _Kind:
+        return self._kind(reading.row.item(self._place))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,86 +77,47 @@ class Reading:
     def unusable(self, received: float) -> "Reading":
         """The same, not to be used: the stream stands still, or the robot does."""
         row = self.row.copy()
-        row[[_VALID, _CONTACT, _MISFIT]] = 0.0
+        row[[_PLACE[name] for name in ("valid", "contact", "misfit")]] = 0.0
         row[_PLACE["received"]] = received
         return Reading(row)
 
-    def _number(self, name: str) -> float:
-        return self.row.item(_PLACE[name])
-
-    @property
-    def t(self) -> float:
-        """s, the controller's clock."""
-        return self.row.item(0)
-
-    @property
-    def received(self) -> float:
-        """s, monotonic clock of this computer, of the sample that the reading rests on."""
-        return self.row.item(1)
+    t = _Field(float)
+    """s, the controller's clock."""
+    received = _Field(float)
+    """s, monotonic clock of this computer, of the sample that the reading rests on."""
+    published = _Field(float)
+    """s, of the same clock, when the reading went to those who want it; 0 before."""
+    valid = _Field(bool)
+    """Whether it may be used; see `models.estimation.wrench.WrenchEstimate`."""
+    contact = _Field(bool)
+    """As `models.detection.contact_detector.Detection`; so are the next ones."""
+    misfit = _Field(bool)
+    """A contact that no force at E explains."""
+    link = _Field(int)
+    """The link whose contact explains a misfit; 0: not known."""
+    rest = _Field(bool)
+    """No joint moves."""
+    out_of_range = _Field(bool)
+    """A joint faster or more loaded than the model was fitted on."""
+    statistic = _Field(float)
+    """Of contact, in units of the level above which it begins."""
+    fault = _Field(int)
+    """What is wrong with the sample, see `models.observers.sample_check`; 0: nothing."""
+    dropout = _Field(bool)
+    """The sample was bridged, or lacks a number."""
+    running = _Field(bool)
+    """Whether the robot runs."""
+    condition_number = _Field(float)
+    """Of J, in m and rad."""
 
     @property
     def latency(self) -> float:
         """s, from the sample's coming to the reading's going; 0 before it goes."""
-        return self.row.item(_PUBLISHED) - self.row.item(1) if self.row.item(_PUBLISHED) else 0.0
+        return self.published - self.received if self.published else 0.0
 
     def publish(self, now: float) -> None:
         """Notes when the reading goes to those who want it, s."""
-        self.row[_PUBLISHED] = now
-
-    @property
-    def valid(self) -> bool:
-        """Whether it may be used; see `models.estimation.wrench.WrenchEstimate`."""
-        return self.row.item(_VALID) == 1.0
-
-    @property
-    def contact(self) -> bool:
-        """As `models.detection.contact_detector.Detection`; so are the next ones."""
-        return self.row.item(_CONTACT) == 1.0
-
-    @property
-    def misfit(self) -> bool:
-        """A contact that no force at E explains."""
-        return self.row.item(_MISFIT) == 1.0
-
-    @property
-    def link(self) -> int:
-        """The link whose contact explains a misfit; 0: not known."""
-        return int(self._number("link"))
-
-    @property
-    def rest(self) -> bool:
-        """No joint moves."""
-        return self._number("rest") == 1.0
-
-    @property
-    def out_of_range(self) -> bool:
-        """A joint faster or more loaded than the model was fitted on."""
-        return self._number("out_of_range") == 1.0
-
-    @property
-    def statistic(self) -> float:
-        """Of contact, in units of the level above which it begins."""
-        return self._number("statistic")
-
-    @property
-    def fault(self) -> int:
-        """What is wrong with the sample, see `models.observers.sample_check`; 0: nothing."""
-        return int(self._number("fault"))
-
-    @property
-    def dropout(self) -> bool:
-        """The sample was bridged, or lacks a number."""
-        return self._number("dropout") == 1.0
-
-    @property
-    def running(self) -> bool:
-        """Whether the robot runs."""
-        return self._number("running") == 1.0
-
-    @property
-    def condition_number(self) -> float:
-        """Of J, in m and rad."""
-        return self._number("condition_number")
+        self.row[_PLACE["published"]] = now
 
     @property
     def wrench(self) -> Array:

@@ -94,11 +94,6 @@ class PacketReader:
             del held[:start]
 
 
-def version_request() -> bytes:
-    """Asks for version 2 of the protocol."""
-    return packet(PacketType.PROTOCOL_VERSION, struct.pack(">H", VERSION))
-
-
 def outputs_request(frequency: float, names: Sequence[str]) -> bytes:
     """Asks for these fields at this frequency in Hz."""
     return packet(PacketType.OUTPUTS, _FREQUENCY.pack(frequency) + ",".join(names).encode("ascii"))
@@ -204,12 +199,7 @@ class Recipe:
         return numbers[begin:end]
 
 
-def type_of(name: str) -> str:
-    """The type of a field that a log can be played as; NOT_FOUND for others."""
-    return TYPES.get(name, NOT_FOUND)
-
-
-TYPES = {
+TYPES = {  # of the fields that a log can be played as
     "timestamp": "DOUBLE",
     "actual_q": "VECTOR6D",
     "actual_qd": "VECTOR6D",

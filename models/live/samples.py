@@ -1,15 +1,19 @@
 """What a live source gives: samples, and events in the place of errors."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
+
+import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import one_line
 
 _NOTHING: Mapping[str, Array] = MappingProxyType({})
 LONGEST_TEXT = 300  # characters of an event
+EVENT_SIZE = 256  # numbers of its row: 2 kB
 
 
 class EventKind(StrEnum):
@@ -54,6 +58,21 @@ class StreamEvent:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", one_line(self.text)[:LONGEST_TEXT])
+
+    @property
+    def row(self) -> Array:
+        """(EVENT_SIZE,) numbers that bear it from process to process."""
+        text = json.dumps([self.kind, self.text, self.received, self.count])
+        if len(text) > 8 * EVENT_SIZE:  # of letters that JSON writes at length
+            short = self.text.encode("ascii", "replace").decode()
+            text = json.dumps([self.kind, short, self.received, self.count])
+        return np.frombuffer(text.encode().ljust(8 * EVENT_SIZE, b"\0"))
+
+    @classmethod
+    def of_row(cls, row: Array) -> "StreamEvent":
+        """The event of such a row."""
+        kind, words, received, count = json.loads(row.tobytes().rstrip(b"\0"))
+        return cls(EventKind(kind), words, received, count)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,22 @@
 """Rotational inertia as URDF states it, and whether it can be a body's."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wrenchsight.models.arrays import Array
 
 
-def inertia_matrix(values: list[float]) -> Array:
+def inertia_matrix(values: Sequence[float] | Array) -> Array:
     """(3, 3) of ixx, iyy, izz, ixy, ixz, iyz."""
     ixx, iyy, izz, ixy, ixz, iyz = values
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+
+def inertia_values(inertia: Array) -> list[float]:
+    """ixx, iyy, izz, ixy, ixz, iyz of a matrix (3, 3)."""
+    places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    return [float(inertia[place]) for place in places]
 
 
 def unphysical(inertia: Array) -> str:

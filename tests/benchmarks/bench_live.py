@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from pyarrow import parquet
-from sample_models import harmonic_motion, knowing_model
+from sample_models import free_motion, knowing_model
 
 from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
 from wrenchsight.analyses.methods.live.recorder import Recorder
@@ -53,9 +53,7 @@ def moving_arm(robot: Robot, seconds: float) -> Recording:
     """A moving arm that carries its weight."""
     model = knowing_model(robot, 3.0, 5.0)
     t = H * np.arange(round(seconds / H))
-    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.3)
-    q += robot.home
-    tau = model.chain(robot).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    q, v, tau = free_motion(robot, model, t)
     return Recording(t=BEGIN + t, q=q, v=v, current=robot.motor_current(tau), source="")
 
 

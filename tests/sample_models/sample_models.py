@@ -143,3 +143,13 @@ def harmonic_motion(
         v += w * amplitude * np.cos(angle)
         vdot -= w**2 * amplitude * np.sin(angle)
     return q, v, vdot
+
+
+def free_motion(
+    robot: Robot, model: IdentifiedModel, t: Array, size: float = 0.3
+) -> tuple[Array, Array, Array]:
+    """Positions, velocities and motor torque of a motion about home that nothing touches."""
+    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], size)
+    q += robot.home
+    tau = model.chain(robot).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    return q, v, np.asarray(tau)

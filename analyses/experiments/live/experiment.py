@@ -36,8 +36,11 @@ from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.live.session import live
 from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.analyses.methods.live.start_checks import StartChecks
-from wrenchsight.analyses.methods.live.watch_config import WatchConfig, WatchSettings
-from wrenchsight.analyses.methods.live.watched import load_watched
+from wrenchsight.analyses.methods.live.watch_config import (
+    WatchConfig,
+    WatchSettings,
+    load_watched,
+)
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,

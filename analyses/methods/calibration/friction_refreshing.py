@@ -34,7 +34,7 @@ from wrenchsight.models.calibration.friction_refresh import (
 )
 from wrenchsight.models.calibration.residual_noise import V_REST, ResidualRows
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.friction.sliding_friction import TERMS, with_sliding
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS, UNITS, with_sliding
 from wrenchsight.models.identification.identified_model import FrictionSource, IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
 from wrenchsight.models.recordings.recording import Recording
@@ -49,7 +49,6 @@ ProgressCallback = Callable[[float, str], None]
 LITTLE = 0.2  # share of the prior's variance; a log that removes less says little
 LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
-UNITS = {"coulomb": "N m", "viscous": "N m s/rad", "offset": "N m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,21 +83,20 @@ class RefreshResult:
         """All figures, as written to metrics.json; lists per joint."""
         result = self.refresh
         before, after = self.rmse
-        units = {"coulomb": "nm", "viscous": "nms_per_rad", "offset": "nm"}
         return {
             "duration_s": float(self.before.t[-1] - self.before.t[0]),
             "rmse_nm": {"before": before, "after": after, "stated_sd": self.before.sd},
             **{
                 term: {
-                    f"before_{units[term]}": getattr(result.before, term),
-                    f"after_{units[term]}": getattr(result.after, term),
-                    f"change_{units[term]}": result.change[:, k],
-                    f"change_sd_{units[term]}": result.standard_deviation[:, k],
-                    f"prior_sd_{units[term]}": result.prior_deviation[:, k],
+                    f"before_{unit}": getattr(result.before, term),
+                    f"after_{unit}": getattr(result.after, term),
+                    f"change_{unit}": result.change[:, k],
+                    f"change_sd_{unit}": result.standard_deviation[:, k],
+                    f"prior_sd_{unit}": result.prior_deviation[:, k],
                     "standard_errors": result.standard_errors[:, k],
                     "told_pct": 100.0 * result.told[:, k],
                 }
-                for k, term in enumerate(TERMS)
+                for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
             },
         }
 
@@ -120,9 +118,6 @@ def refresh_model(
 
     Args:
         logs: free motion, without contact: one recording, or several with the samples that count.
-        robot: its robot.
-        model: of it.
-        config: see `RefreshConfig`.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`; no joint moves.
@@ -273,9 +268,9 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
         )
     law = outcome.after
     warnings += [
-        f"{names[j]}: {term} friction comes out negative, {value[j]:.2g} {UNITS[term]}; log more "
+        f"{names[j]}: {term} friction comes out negative, {value[j]:.2g} {unit}; log more "
         "motion of it"
-        for term, value in (("coulomb", law.coulomb), ("viscous", law.viscous))
+        for term, unit, value in zip(TERMS, UNITS, (law.coulomb, law.viscous), strict=False)
         for j in np.flatnonzero((value < 0.0) & (getattr(outcome.before, term) >= 0.0))
     ]
     return warnings

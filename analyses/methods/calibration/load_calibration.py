@@ -133,10 +133,7 @@ def calibrate(
     Args:
         recordings: one log or more without a load.
         loaded: one log or more with a weighed load on the flange.
-        robot: of all logs.
         validation: logs without a load to predict, not fitted.
-        config: of the identification.
-        progress: called with the share done and the current step.
 
     Raises:
         InputError: as `identify`; a loaded log without motor current.
@@ -210,8 +207,6 @@ def calibrate_logs(
 
     Args:
         settings: its `load` are LOG=MASS or LOG=MASS,X,Y,Z each, see `known_load`.
-        out: folder of the results.
-        progress: called with the share done and the current step.
 
     Raises:
         InputError: as `Robot.load`, `read_recording`, `result_folder`, `known_load`, `calibrate`.

@@ -28,7 +28,6 @@ from wrenchsight.models.calibration.model_uncertainty import uncertain_parameter
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
-from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -41,13 +40,7 @@ EDGE = 1.0  # periods within a stretch, into which the filter carries what is ou
 
 @dataclass(frozen=True, eq=False)
 class ModelResidual:
-    """A low-passed log beside a model of its robot.
-
-    Attributes:
-        log: the log.
-        robot: its robot.
-        model: of it.
-    """
+    """A low-passed log beside a model of its robot."""
 
     log: LowPassedLog
     robot: Robot
@@ -64,9 +57,6 @@ class ModelResidual:
         """Low-passes a recording as the model's own logs were.
 
         Args:
-            recording: the log.
-            robot: its robot.
-            model: of it.
             where: (N,) samples that count; None: all.
 
         Raises:
@@ -125,19 +115,11 @@ class ModelResidual:
         """
         log, law = self.log, self.model.friction
         carried = self._rigid if load is None else self._rigid + self._load @ load
-        dry, viscous = dry_and_viscous(law, log.q, log.v, carried)
         predicted = self._rigid + law.torque_along(log.q, log.v, carried)
         at = self._chosen
-        return ResidualRows(
-            t=log.t[at],
-            v=log.v[at],
-            residual=log.tau[at] - log.match(predicted)[at],
-            dry=log.match(dry)[at],
-            viscous=log.match(viscous)[at],
-            stiction=stiction(law, carried)[at],
-            sliding=log.match(sliding_columns(law, log.q, log.v, carried))[at],
-            sd=self.residual_sd,
-        )
+        residual = log.tau[at] - log.match(predicted)[at]
+        signals = log.t, log.q, log.v, carried
+        return ResidualRows.of_law(law, signals, residual, self.residual_sd, at, log.match)
 
     def load_rows(self, load: Array | None = None) -> LoadRows:
         """As `rows`, with what a load's and the model's own parameters add."""

@@ -20,7 +20,6 @@ from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
     LoadPrior,
@@ -32,9 +31,11 @@ from wrenchsight.models.calibration.load_parameters import (
     flange_map,
     inertia_matrix,
     realisable_inertia,
+    tool_parameters,
 )
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
@@ -42,6 +43,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.coupling import refuse_coupling
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig
+from wrenchsight.models.robot.rotational_inertia import inertia_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -106,18 +108,17 @@ class PayloadResult:
             "com_m": load.com,
             "com_sd_m": sd[1:4],
             "com_observable": self.com_observable,
-            "inertia_kgm2": [load.inertia[place] for place in _PLACES],
+            "inertia_kgm2": inertia_values(load.inertia),
             "inertia_sd_kgm2": sd[4:],
             "inertia_observable": self.inertia_observable,
-            "realisable_inertia_kgm2": [load.realisable[place] for place in _PLACES],
+            "realisable_inertia_kgm2": inertia_values(load.realisable),
             "load_torque_rms_nm": np.sqrt(np.mean(self.torque**2, axis=0)),
             "residual_rms_nm": np.sqrt(np.mean(unexplained**2, axis=0)),
             "stated_sd_nm": self.rows.sd,
             "scatter_over_stated": load.scale,
             "friction_change": {
-                "coulomb_nm": load.friction_change[:, 0],
-                "viscous_nms_per_rad": load.friction_change[:, 1],
-                "offset_nm": load.friction_change[:, 2],
+                f"{term}_{unit}": load.friction_change[:, k]
+                for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
             },
         }
 
@@ -164,9 +165,6 @@ class PayloadResult:
             self.model.save(out / "model.yaml")
 
 
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
 def identify_payload(
     logs: Logs,
     robot: Robot,
@@ -180,11 +178,8 @@ def identify_payload(
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
             that count.
-        robot: its robot.
-        model: of it, without the load.
-        config: see `PayloadConfig`.
+        model: of the robot without the load.
         empty: motion without the load, of the same day; likewise.
-        progress: called with the share done and the current step.
 
     Raises:
         InputError: a setting that makes no sense; as `ModelResidual.of`.
@@ -195,11 +190,7 @@ def identify_payload(
     bare = None
     if empty is not None:
         bare = LoadRows.joined([own.load_rows() for own in residuals_of(empty, robot, model)])
-    prior = LoadPrior(
-        mass=robot.payload,
-        gain=config.gain_sd,
-        drift=FrictionDrift(),
-    )
+    prior = LoadPrior(mass=robot.payload, gain=config.gain_sd)
     law = model.friction.coulomb_viscous
     parameters = np.zeros(10)
     for k in range(PASSES):
@@ -285,10 +276,7 @@ def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
     """Load (10,) and the robot's tool as one body; the tool's pictures stay."""
     entry = robot.config.tool
     if entry is not None:
-        inertia = np.zeros((3, 3))
-        for place, value in zip(_PLACES, entry.inertia, strict=True):
-            inertia[place] = inertia[place[::-1]] = value
-        body = body + body_parameters(entry.mass, np.array(entry.com), inertia)
+        body = body + tool_parameters(entry)
     mass = max(float(body[0]), 1e-9)
     com = body[1:4] / mass
     about = inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
@@ -296,12 +284,7 @@ def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
     plain = (
         ToolConfig(name=name) if entry is None else replace(entry, name=f"{entry.name}_and_{name}")
     )
-    return replace(
-        plain,
-        mass=mass,
-        com=com.tolist(),
-        inertia=[float(tensor[place]) for place in _PLACES],
-    )
+    return replace(plain, mass=mass, com=com.tolist(), inertia=inertia_values(tensor))
 
 
 def _checked(config: PayloadConfig) -> PayloadConfig:

@@ -40,6 +40,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstim
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.path_friction import PERIOD, PathFriction, PathPlaces
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
 from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -260,20 +261,13 @@ class SpecimenRefit:
         return {
             "rows": self.fit.rows,
             "scatter_nm": [None if np.isnan(x) else float(x) for x in self.fit.scatter],
-            "coulomb": {
-                "before_nm": before.coulomb,
-                "after_nm": after.coulomb,
-                "sd_nm": deviation[:, 0],
-            },
-            "viscous": {
-                "before_nms_per_rad": before.viscous,
-                "after_nms_per_rad": after.viscous,
-                "sd_nms_per_rad": deviation[:, 2],
-            },
-            "offset": {
-                "before_nm": before.offset,
-                "after_nm": after.offset,
-                "sd_nm": deviation[:, 3],
+            **{
+                term: {
+                    f"before_{unit}": getattr(before, term),
+                    f"after_{unit}": getattr(after, term),
+                    f"sd_{unit}": deviation[:, k],
+                }
+                for term, unit, k in zip(TERMS, UNIT_KEYS, (0, 2, 3), strict=True)
             },
             "load": {"before": self.before.load, "after": self.fit.law.load, "sd": deviation[:, 1]},
         } | ({} if self.robot is None else self._sensor_metrics())

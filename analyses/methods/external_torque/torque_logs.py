@@ -41,11 +41,7 @@ from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector, 
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
-from wrenchsight.models.estimation.wrench import (
-    WrenchReconstruction,
-    WrenchReconstructionConfig,
-    live_prior,
-)
+from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
@@ -189,12 +185,15 @@ def _estimate(
     progress(0.0, "prior and torque noise")
     warnings: list[str] = []
     config, knowledge, rule = _known(logs, robot, settings.estimate, warnings)
-    reconstruction = _with_valid(config.estimator.reconstruction, robot)
-    reading = WrenchReconstruction(reconstruction, knowledge.torque_covariance)
+    entry = config.estimator.reconstruction
+    if robot is not None:  # `valid` rests on the rated payload, else on the reading's own prior
+        entry = entry.with_live(*live_prior(robot.payload))
+    reading = WrenchReconstruction(entry, knowledge.torque_covariance)
     runs = []
     for k, (log, name) in enumerate(zip(logs, _names(logs), strict=True)):
         progress(0.3 + 0.6 * k / len(logs), f"reading {name}")
-        runs.append(_read(log, name, len(logs) == 1, reading, config, robot, out))
+        runs.append(_Run(log, name, "" if len(logs) == 1 else f"_{name}", config))
+        _read(log, runs[-1], reading, robot, out)
     results, notices = _compared(runs, config.reference, out)
     for run in runs:
         warnings += [sentence for sentence in run.summary.warnings() if sentence not in warnings]
@@ -315,53 +314,48 @@ def _known(
     return config, Knowledge(entry.prior_force_sd, entry.prior_moment_sd, np.diag(sd**2)), rule
 
 
-def _with_valid(
-    config: WrenchReconstructionConfig, robot: Robot | None
-) -> WrenchReconstructionConfig:
-    """What `valid` rests on: the rated payload, or without a robot the reading's own prior."""
-    return config if robot is None else config.with_live(*live_prior(robot.payload))
-
-
 class _Run:
     """One log as it is read: its table is written, and what metrics and comparison need kept."""
 
-    def __init__(self, log: TorqueLog, name: str, table: Path, config: EstimateConfig) -> None:
-        self.name, self.table = name, table
-        self.notices: tuple[str, ...] = ()
-        self.summary = EstimateSummary(
-            [f"joint {j + 1}" for j in range(log.num_joints)], Validity(), 0.0
-        )
-        self.config = config
+    def __init__(self, log: TorqueLog, name: str, suffix: str, config: EstimateConfig) -> None:
+        self.name, self.suffix, self.config = name, suffix, config
+        self.table = f"wrench{suffix}.{config.table}"
+        names = [f"joint {j + 1}" for j in range(log.num_joints)]
+        self.summary = EstimateSummary(names, Validity(), 0.0)
+        self.touches = TorqueTouches(log)
         self.beside: SensorLogCollector | None = None
         self.rows: RowsBesideSensor | None = None
-        self.touches: TorqueTouches | None = None
+        self.notices: tuple[str, ...] = ()
         self.doubts: list[str] = []
+
+    def start(self, chunk: Recording) -> None:
+        """Fills in what the first rows of the log tell."""
+        step = float(plausible_step(chunk))
+        estimator = self.config.estimator
+        observer = replace(estimator.observer, time_step=step)
+        self.config = replace(self.config, estimator=replace(estimator, observer=observer))
+        if self.config.reference.columns:
+            self.beside, self.rows = SensorLogCollector(step), RowsBesideSensor(_ROWS)
 
 
 def _read(
     log: TorqueLog,
-    name: str,
-    alone: bool,
+    run: _Run,
     reading: WrenchReconstruction,
-    config: EstimateConfig,
     robot: Robot | None,
     out: OutputFolder,
-) -> _Run:
+) -> None:
     """Reads every row of a log, and writes its table and figure."""
-    suffix = "" if alone else f"_{name}"
-    run = _Run(log, name, out / f"wrench{suffix}.{config.table}", config)
-    touches = TorqueTouches(log)
-    reader = log.reader()
-    covariance = config.covariance
+    touches, reader, config = run.touches, log.reader(), run.config
     with ExitStack() as stack:
-        writer = WrenchTableWriter(run.table, log.num_joints, covariance)
+        writer = WrenchTableWriter(out / run.table, log.num_joints, config.covariance)
         table = stack.enter_context(writer)
         bag: WrenchBagWriter | None = None
         if config.mcap:
-            bag = stack.enter_context(_bag(log, out / f"wrench{suffix}.mcap", robot))
+            bag = stack.enter_context(_bag(log, out / f"wrench{run.suffix}.mcap", robot))
         for chunk, J, tau_ext in log.chunks(reader):
             if not run.summary.count:
-                _start(run, chunk)
+                run.start(chunk)
             batch = reading.reconstruct(J, tau_ext)
             found, odds, trusted = touches.take(chunk, J, tau_ext)
             batch = batch._replace(valid=batch.valid & trusted)
@@ -388,23 +382,11 @@ def _read(
                 )
                 run.rows.add(chunk.t, batch, R_WE, sensor)
     touches.episodes.finish()
-    run.touches = touches
     run.notices = reader.notices
     if touches.sign.contradicts:
         run.doubts.append(touches.sign.sentence(log.path.name, log.exerted_on))
     reads_moments = config.estimator.reconstruction.method != "force_only"
-    out.write_figure(f"wrench{suffix}", run.summary.figure(reads_moments))
-    return run
-
-
-def _start(run: _Run, chunk: Recording) -> None:
-    """Fills in what the first rows of a log tell."""
-    step = float(plausible_step(chunk))
-    estimator = run.config.estimator
-    observer = replace(estimator.observer, time_step=step)
-    run.config = replace(run.config, estimator=replace(estimator, observer=observer))
-    if run.config.reference.columns:
-        run.beside, run.rows = SensorLogCollector(step), RowsBesideSensor(_ROWS)
+    out.write_figure(f"wrench{run.suffix}", run.summary.figure(reads_moments))
 
 
 def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
@@ -433,20 +415,16 @@ def _compared(
         if mounting is not None:
             entry = mounting
             if reference.tare == "start":  # each log has its own
-                entry = replace(mounting, tare=tare_of(sensor_logs[k], reference))
+                own = sensor_logs[k]
+                entry = replace(mounting, tare=tare_of(own.t, own.sensor, reference))
             comparison = compare_with_sensor(sensor_logs[k], reference, entry)
             metrics["reference"] = comparison.metrics()
             if run.rows is not None:
                 run.rows.hold_against(entry, reference.contact_force)
-            suffix = "" if len(runs) == 1 else f"_{run.name}"
-            out.write_figure(f"reference{suffix}", comparison.figure("from external torque"))
-        count, valid = run.summary.count, run.summary.num_valid
-        contacts = () if run.touches is None else tuple(run.touches.episodes.lines())
-        results.append(
-            TorqueLogResult(
-                *(run.name, count, valid / count, run.table, metrics, comparison, contacts)
-            )
-        )
+            out.write_figure(f"reference{run.suffix}", comparison.figure("from external torque"))
+        count, contacts = run.summary.count, tuple(run.touches.episodes.lines())
+        of_log = run.name, count, run.summary.num_valid / count, out / run.table
+        results.append(TorqueLogResult(*of_log, metrics, comparison, contacts))
     return results, notices
 
 
@@ -456,13 +434,11 @@ def _own_metrics(run: _Run) -> dict[str, Any]:
     for key in ("faults", "outside_model", "prior"):
         del metrics[key]
     del metrics["invalid"]["observer_settling_pct"]
-    if run.touches is not None:
-        error, sign = run.touches.error, run.touches.sign
-        told = np.isfinite(sign.correlation)
-        metrics["contact"] = run.touches.episodes.metrics()
-        metrics["free_torque_sd_nm"] = {"rest": error.rest_sd, "moving": error.moving_sd}
-        metrics["torque_sign"] = {
-            "contacts": sign.contacts,
-            "correlation": sign.correlation if told else None,
-        }
+    error, sign = run.touches.error, run.touches.sign
+    metrics["contact"] = run.touches.episodes.metrics()
+    metrics["free_torque_sd_nm"] = {"rest": error.rest_sd, "moving": error.moving_sd}
+    metrics["torque_sign"] = {
+        "contacts": sign.contacts,
+        "correlation": sign.correlation if np.isfinite(sign.correlation) else None,
+    }
     return metrics

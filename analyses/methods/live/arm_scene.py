@@ -32,9 +32,6 @@ class LinkShape(NamedTuple):
 class ArmScene:
     """An arm whose links are moved.
 
-    Args:
-        robot: whose arm it is.
-
     Attributes:
         shapes: what its links look like; where its files do not say, what they collide with.
     """

@@ -17,7 +17,7 @@ import numpy as np
 from foxglove import channels, messages
 from foxglove.websocket import ServerListener
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Sphere
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 
 from wrenchsight.analyses.methods.live.arm_scene import ArmScene, LinkShape
 from wrenchsight.models.arrays import Array
@@ -42,7 +42,6 @@ class FoxgloveView:
     """A sink that serves.
 
     Args:
-        robot: whose arm it is.
         port: that is listened on; where it is taken, any.
 
     Attributes:
@@ -164,18 +163,11 @@ def _arrow(reading: Reading, stamp: Any) -> Any:
     force = np.nan_to_num(reading.wrench[3:]) * METRES_PER_NEWTON
     length = float(np.linalg.norm(force))
     axis = force / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
-    # The turn that takes x to the axis, about the line halfway between them.
-    turn = np.array([1.0 + axis[0], 0.0, -axis[2], axis[1]])
-    if turn[0] < 1e-9:
-        turn = np.array([0.0, 0.0, 0.0, 1.0])
-    w, x, y, z = (turn / np.linalg.norm(turn)).tolist()
+    turn = RotationMatrix.MakeFromOneVector(axis, 0)  # an arrow lies along x
     head = min(0.045, 0.5 * length)
     red, green, blue = _VALID if reading.valid else _NOT_VALID
     arrow = messages.ArrowPrimitive(
-        pose=messages.Pose(
-            position=messages.Vector3(x=0.0, y=0.0, z=0.0),
-            orientation=messages.Quaternion(x=x, y=y, z=z, w=w),
-        ),
+        pose=_pose(RigidTransform(turn, np.zeros(3))),
         shaft_length=length - head,
         shaft_diameter=0.016,
         head_length=head,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.models.files.input_error import InputError, printable
+from wrenchsight.models.files.input_error import InputError, needing_extra, printable
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.robot.robot import Robot
@@ -55,6 +55,9 @@ class FrankaSource:
     @classmethod
     def open(cls, address: SourceAddress, robot: Robot) -> "FrankaSource":
         """As `SourceOpener`."""
+        with needing_extra("franka", "franka://"):
+            import pylibfranka  # noqa: F401
+
         address.require_known("torque")
         if robot.num_joints != _NUM_JOINTS:
             problem = f"has {_NUM_JOINTS} joints, {robot.name} has {robot.num_joints}"

@@ -151,7 +151,7 @@ class LcmPublisher:
         self.lost = 0
 
     @classmethod
-    def open(cls, address: SourceAddress) -> "LcmPublisher":
+    def open(cls, address: SourceAddress, robot: Robot) -> "LcmPublisher":
         """From its address.
 
         Raises:

@@ -39,19 +39,16 @@ class LiveSummary:
     _times: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
     _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=_WINDOW))
     _valid: deque[bool] = field(default_factory=lambda: deque(maxlen=_WINDOW))
-    _contact: bool = False
 
     def add(self, rows: Array, events: list[StreamEvent]) -> None:
         """Takes what is new."""
         self.events.extend(events)
-        self._contact = False
         for row in rows:
             reading = Reading(row)
             self.count += self.last is None or reading.t != self.last.t
             self._times.append(reading.t)
             self._latencies.append(reading.latency)
             self._valid.append(reading.valid)
-            self._contact |= reading.contact
             self.last = reading
 
     @property

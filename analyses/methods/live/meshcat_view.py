@@ -18,9 +18,6 @@ _ARROW, _ARM = "/force", "/arm"
 class MeshcatView:
     """A sink that draws.
 
-    Args:
-        robot: whose arm it is.
-
     Attributes:
         url: of the page.
     """

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 
+from wrenchsight.analyses.methods.live.links import link
 from wrenchsight.analyses.methods.live.rtde_controller import LOOPBACK, RtdeController
-from wrenchsight.models.files.input_error import InputError, needing_extra
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.rtde import PORT
 from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.recordings.recording import Recording
@@ -16,7 +17,6 @@ def play(recording: Recording, robot: Robot, url: str, tell: Callable[[str], Non
     """Plays it once, from the first reader on; returns when it is over.
 
     Args:
-        robot: whose recording it is.
         url: rtde://HOST[:PORT] or ros2://TOPIC; only where it names an address or a network beyond
             this computer's own loopback do others see it.
         tell: what a person is to know.
@@ -48,16 +48,7 @@ def _rtde(
             pass
 
 
-def _ros2(
-    recording: Recording, robot: Robot, address: SourceAddress, tell: Callable[[str], None]
-) -> None:
-    with needing_extra("ros2", "ros2://"):
-        from wrenchsight.analyses.methods.live.ros2_player import play_joint_states
-
-    play_joint_states(recording, robot, address, tell)
-
-
 Player = Callable[[Recording, Robot, SourceAddress, Callable[[str], None]], None]
 
-PLAYERS: dict[str, Player] = {"rtde": _rtde, "ros2": _ros2}
+PLAYERS: dict[str, Player] = {"rtde": _rtde, "ros2": link("ros2_player:play_joint_states", "ros2")}
 """By scheme. A further kind is one line here."""

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
-from wrenchsight.models.files.input_error import InputError, needing_extra
+from wrenchsight.analyses.methods.live.links import link
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.source import SourceAddress
 from wrenchsight.models.robot.robot import Robot
@@ -77,22 +78,13 @@ class UdpPublisher:
             self._socket.close()
 
 
-def _lcm(address: SourceAddress, robot: Robot) -> Publisher:
-    from wrenchsight.analyses.methods.live.lcm_links import LcmPublisher
-
-    return LcmPublisher.open(address)
-
-
-def _ros2(address: SourceAddress, robot: Robot) -> Publisher:
-    with needing_extra("ros2", "ros2://"):
-        from wrenchsight.analyses.methods.live.ros2_publisher import Ros2Publisher
-
-    return Ros2Publisher.open(address, robot)
-
-
 PublisherOpener = Callable[[SourceAddress, Robot], Publisher]
 
-PUBLISHERS: dict[str, PublisherOpener] = {"udp": UdpPublisher, "lcm": _lcm, "ros2": _ros2}
+PUBLISHERS: dict[str, PublisherOpener] = {
+    "udp": UdpPublisher,
+    "lcm": link("lcm_links:LcmPublisher.open"),
+    "ros2": link("ros2_publisher:Ros2Publisher.open", "ros2"),
+}
 """By scheme. A further kind is one line here."""
 
 
@@ -101,7 +93,6 @@ def open_publisher(url: str, robot: Robot) -> Publisher:
 
     Args:
         url: where to.
-        robot: whose readings it sends.
 
     Raises:
         InputError: no such kind, or an address that is none.

@@ -17,22 +17,21 @@ from contextlib import suppress
 import numba
 import numpy as np
 
-from wrenchsight.analyses.methods.live.event_rows import EVENT_COUNT, EVENT_SIZE, event_row
 from wrenchsight.analyses.methods.live.publishers import Publisher, open_publisher
 from wrenchsight.analyses.methods.live.ring import Ring
 from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.analyses.methods.live.start_checks import StartChecks
-from wrenchsight.analyses.methods.live.watch_config import WatchSettings
-from wrenchsight.analyses.methods.live.watched import load_watched
+from wrenchsight.analyses.methods.live.watch_config import WatchSettings, load_watched
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveEstimator
 from wrenchsight.models.live.reading import Reading, row_size
-from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.live.samples import EVENT_SIZE, EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import Source
 from wrenchsight.models.robot.robot import Robot
 
 READING_COUNT = 1 << 14  # rows of the ring: half a minute at 500 Hz
+EVENT_COUNT = 256  # rows of that of events
 _WAIT = 0.02  # s, longest wait for the source
 _INTERRUPTIONS = (EventKind.LOST, EventKind.GARBAGE, EventKind.REFUSED, EventKind.ENDED)
 _WARMING, _WARMING_STEP = 560, 0.01  # samples that compile what is still to be compiled, and s
@@ -50,7 +49,6 @@ def read_stream(
     """Reads a source until it ends, or `go_on` says no.
 
     Args:
-        source: that is read.
         live: that reads it.
         emit: given each reading and event.
         checks: of the first seconds.
@@ -65,19 +63,15 @@ def read_stream(
             else:
                 emit(item)
                 out = live.interrupt(item.received) if item.kind in _INTERRUPTIONS else []
-                if item.kind is EventKind.ENDED:
-                    go_on = _no
             for one in out:
                 emit(one)
                 if checks is not None and isinstance(one, Reading):
                     checks.add(one)
+            if isinstance(item, StreamEvent) and item.kind is EventKind.ENDED:
+                return
         if not items:
             for one in live.idle(time.monotonic()):
                 emit(one)
-
-
-def _no() -> bool:
-    return False
 
 
 def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> None:
@@ -119,7 +113,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
             item.publish(time.monotonic())
             readings.write(item.row)
         else:
-            events.write(event_row(item))
+            events.write(item.row)
         with suppress(BlockingIOError, BrokenPipeError):  # nobody waits
             os.write(wake, b".")
 

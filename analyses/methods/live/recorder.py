@@ -5,11 +5,10 @@
 replaced, whole, once a second: a kill costs no more than what came since.
 """
 
-import textwrap
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -39,7 +38,6 @@ class Recorder:
 
     Args:
         folder: a new one, or an empty one.
-        robot: whose readings they are.
         form: "mcap" or "parquet".
         begin: what is done once, before the first reading is written.
 
@@ -65,8 +63,7 @@ class Recorder:
                 raise InputError(folder, "", "is not empty", "give a new folder to --record")
         self._folder, self._robot, self._form, self._begin = folder, robot, form, begin
         self._rows: list[Array] = []
-        self._newest: _File | None = None
-        self._finished = _Finished()
+        self._files: list[_File] = []  # the newest last
         self._segment = 0
         self._saved = time.monotonic()
         self._failed = False
@@ -112,7 +109,7 @@ class Recorder:
         if not self._rows:
             return ""
         try:
-            if self._newest is None:
+            if not self._files:
                 self._begin()
             self._write(np.array(self._rows))
         except InputError as error:
@@ -130,8 +127,7 @@ class Recorder:
 
     def _not_saved(self) -> int:
         """Of the rows that are held, those that no file has."""
-        newest = self._newest
-        saved = newest.readings if newest is not None and newest.name == self._name() else 0
+        saved = sum(file.readings for file in self._files[-1:] if file.name == self._name())
         return len(self._rows) - saved
 
     def _write(self, rows: Array) -> None:
@@ -158,18 +154,16 @@ class Recorder:
                     np.array([reading.statistic for reading in readings]),
                     flags,
                 )
-        newest = _File(name, len(rows), float(t[0]), float(t[-1]))
-        if self._newest is not None and self._newest.name != name:
-            self._finished.add(self._newest)
-        self._newest = newest
+        if self._files and self._files[-1].name == name:
+            self._files.pop()
+        self._files.append(_File(name, len(rows), float(t[0]), float(t[-1])))
         if self._form == "mcap":
-            self._write_metadata(newest)
+            self._write_metadata()
 
-    def _write_metadata(self, newest: "_File") -> None:
-        """What makes a ROS 2 bag of the folder; what is said of finished files is kept as text."""
-        done = self._finished
-        first, last = min(done.first, newest.first), max(done.last, newest.last)
-        count = done.readings + newest.readings
+    def _write_metadata(self) -> None:
+        """What makes a ROS 2 bag of the folder."""
+        files = self._files
+        count = sum(file.readings for file in files)
         topics = [
             {
                 "topic_metadata": {
@@ -182,78 +176,45 @@ class Recorder:
             }
             for name, kind in _TOPICS
         ]
+        first, last = min(file.first for file in files), max(file.last for file in files)
         information = {
             "version": 5,
             "storage_identifier": "mcap",
-            **_span(first, last),
+            "duration": {"nanoseconds": _duration(first, last)},
+            "starting_time": {"nanoseconds_since_epoch": round(1e9 * first)},
             "message_count": len(_TOPICS) * count,
             "topics_with_message_count": topics,
             "compression_format": "",
             "compression_mode": "",
         }
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-        text += f"  relative_file_paths:\n{done.paths}{newest.path()}"
-        text += f"  files:\n{done.entries}{newest.entry()}"
+        # A long recording has thousands of files, and is told of each second: yaml would take long.
+        text += "  relative_file_paths:\n" + "".join(f"  - {file.name}\n" for file in files)
+        text += "  files:\n" + "".join(file.entry() for file in files)
         path = self._folder / "metadata.yaml"
         with whole_file(path) as partial, writing_to(path):
             partial.write_text(text, encoding="utf-8")
 
 
-@dataclass(frozen=True)
-class _File:
-    """One of a recording.
-
-    Attributes:
-        readings: in it.
-        first, last: their times, s.
-    """
+class _File(NamedTuple):
+    """One of a recording, with the times (s) of its first and last reading."""
 
     name: str
     readings: int
     first: float
     last: float
 
-    def path(self) -> str:
-        """Its line in metadata.yaml's list of paths."""
-        return f"  - {self.name}\n"
-
     def entry(self) -> str:
         """Its lines in metadata.yaml's list of files."""
-        entry = {
-            "path": self.name,
-            **_span(self.first, self.last),
-            "message_count": len(_TOPICS) * self.readings,
-        }
-        return textwrap.indent(yaml.safe_dump([entry], sort_keys=False), "  ")
+        return (
+            "  - duration:\n"
+            f"      nanoseconds: {_duration(self.first, self.last)}\n"
+            f"    message_count: {len(_TOPICS) * self.readings}\n"
+            f"    path: {self.name}\n"
+            "    starting_time:\n"
+            f"      nanoseconds_since_epoch: {round(1e9 * self.first)}\n"
+        )
 
 
-@dataclass
-class _Finished:
-    """What metadata.yaml says of the files that no longer change: a long recording has thousands.
-
-    Attributes:
-        paths, entries: as text.
-        readings: in them.
-        first, last: their times, s.
-    """
-
-    paths: str = ""
-    entries: str = ""
-    readings: int = 0
-    first: float = np.inf
-    last: float = -np.inf
-
-    def add(self, file: _File) -> None:
-        """One more."""
-        self.paths += file.path()
-        self.entries += file.entry()
-        self.readings += file.readings
-        self.first, self.last = min(self.first, file.first), max(self.last, file.last)
-
-
-def _span(first: float, last: float) -> dict[str, dict[str, int]]:
-    """As rosbag2 writes a stretch of time."""
-    return {
-        "duration": {"nanoseconds": round(1e9 * (last - first))},
-        "starting_time": {"nanoseconds_since_epoch": round(1e9 * first)},
-    }
+def _duration(first: float, last: float) -> int:
+    return round(1e9 * (last - first))

@@ -7,7 +7,6 @@ and counts them; nobody else notices. The memory has no name and goes with its l
 import mmap
 import os
 import tempfile
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -68,7 +67,6 @@ class Ring:
         os.close(self.descriptor)
 
 
-@dataclass
 class RingReader:
     """One reader's place in a ring.
 
@@ -76,13 +74,9 @@ class RingReader:
         dropped: rows that it was too slow for.
     """
 
-    ring: Ring
-    dropped: int = 0
-    _next: int = field(default=-1)
-
-    def __post_init__(self) -> None:
-        if self._next < 0:
-            self._next = self.ring.written
+    def __init__(self, ring: Ring) -> None:
+        self.ring, self.dropped = ring, 0
+        self._next = ring.written
 
     def read(self, most: int = 1 << 16) -> Array:
         """(N, size) rows that are new, `most` at most, the oldest first."""

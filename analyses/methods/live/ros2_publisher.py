@@ -37,7 +37,6 @@ class Ros2Publisher:
     Args:
         participant: of DDS.
         topic: of the wrench.
-        robot: whose readings they are.
         frame: name of E's frame; "": E_W is made.
         by_computer: whether stamps are this computer's time.
 

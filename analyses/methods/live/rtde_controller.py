@@ -18,6 +18,7 @@ from wrenchsight.models.live.rtde import (
     NOT_FOUND,
     PORT,
     ROBOT_RUNS,
+    TYPES,
     VERSION,
     PacketReader,
     PacketType,
@@ -25,7 +26,6 @@ from wrenchsight.models.live.rtde import (
     Recipe,
     packet,
     read_outputs_request,
-    type_of,
 )
 from wrenchsight.models.recordings.recording import Recording
 
@@ -149,8 +149,7 @@ class RtdeController:
             client.send(packet(kind, b"".join(n.to_bytes(4, "big") for n in _SOFTWARE)))
         elif kind is PacketType.OUTPUTS:
             frequency, names = read_outputs_request(payload)
-            there = [name in self._names for name in names]
-            types = [type_of(n) if has else NOT_FOUND for n, has in zip(names, there, strict=True)]
+            types = [TYPES[n] if n in self._names else NOT_FOUND for n in names]
             client.recipe = Recipe(1, tuple(names), tuple(types))
             client.period = 1.0 / frequency if frequency > 0.0 else 0.0
             client.send(client.recipe.answer())
@@ -271,7 +270,7 @@ def _signals(part: Recording) -> dict[str, Array]:
         found["actual_current_as_torque"] = part.tau_J
     for own, signal in part.extra.items():
         name = _OWN_NAMES.get(own, own)
-        size = _SIZES.get(type_of(name))
+        size = _SIZES.get(TYPES.get(name, ""))
         if size is not None and signal.size == size * len(part.t):
             found[name] = signal
     return found

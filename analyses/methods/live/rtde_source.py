@@ -9,7 +9,6 @@ Standard library alone. Each packet is a sample: the official client keeps the n
 
 import select
 import socket
-import struct
 import time
 from collections.abc import Iterator
 
@@ -22,6 +21,7 @@ from wrenchsight.models.live.rtde import (
     ROBOT_RUNS,
     SAFE_TO_READ,
     SAFETY_MODES,
+    VERSION,
     PacketReader,
     PacketType,
     ProtocolError,
@@ -30,7 +30,6 @@ from wrenchsight.models.live.rtde import (
     outputs_request,
     packet,
     read_control_version,
-    version_request,
 )
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
@@ -187,7 +186,8 @@ class RtdeSource:
         self._packets = PacketReader()
         self._socket = socket.create_connection(self._address, ANSWER_TIME)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if not accepted(self._ask(version_request(), PacketType.PROTOCOL_VERSION)):
+        version = packet(PacketType.PROTOCOL_VERSION, VERSION.to_bytes(2, "big"))
+        if not accepted(self._ask(version, PacketType.PROTOCOL_VERSION)):
             raise ProtocolError("a no to version 2")
         answer = self._ask(packet(PacketType.CONTROL_VERSION), PacketType.CONTROL_VERSION)
         major, minor, *_ = read_control_version(answer)
@@ -226,27 +226,13 @@ class RtdeSource:
         deadline = time.monotonic() + ANSWER_TIME
         while (left := deadline - time.monotonic()) > 0.0:
             self._socket.settimeout(left)
-            # Byte by byte of the header's size, so that nothing of the data after it is taken.
-            size, code = struct.unpack(">HB", self._exactly(3))
-            if size < 3:
-                raise ProtocolError(f"a packet of {size} bytes")
-            payload = self._exactly(size - 3)
-            if code == kind:
-                return payload
-        raise TimeoutError("no answer")
-
-    def _exactly(self, size: int) -> bytes:
-        assert self._socket is not None
-        data = bytearray()
-        deadline = time.monotonic() + ANSWER_TIME
-        while len(data) < size:
-            part = self._socket.recv(size - len(data))
-            if not part:
+            data = self._socket.recv(_CHUNK)
+            if not data:
                 raise ConnectionError("closed the connection")
-            data += part
-            if time.monotonic() > deadline:
-                raise TimeoutError("no answer")
-        return bytes(data)
+            for code, payload in self._packets.feed(data):
+                if code == kind:
+                    return payload  # what came after it is kept
+        raise TimeoutError("no answer")
 
     def _lost(self, kind: EventKind, reason: str) -> StreamEvent:
         self._disconnect()

@@ -12,15 +12,17 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from wrenchsight.analyses.methods.live.event_rows import EVENT_COUNT, EVENT_SIZE, event_of
-from wrenchsight.analyses.methods.live.reader_process import READING_COUNT
+from wrenchsight.analyses.methods.live.reader_process import EVENT_COUNT, READING_COUNT
 from wrenchsight.analyses.methods.live.ring import Ring, RingReader
-from wrenchsight.analyses.methods.live.watch_config import WatchConfig, WatchSettings
-from wrenchsight.analyses.methods.live.watched import load_watched
+from wrenchsight.analyses.methods.live.watch_config import (
+    WatchConfig,
+    WatchSettings,
+    load_watched,
+)
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.reading import Reading, row_size
-from wrenchsight.models.live.samples import EventKind, StreamEvent
+from wrenchsight.models.live.samples import EVENT_SIZE, EventKind, StreamEvent
 from wrenchsight.models.robot.robot import Robot
 
 _MODULE = "wrenchsight.analyses.methods.live.reader_process"
@@ -90,7 +92,7 @@ class LiveSession:
 
     def new_events(self) -> list[StreamEvent]:
         """What happened since the last call; kept in `events`, too."""
-        found = [event_of(row) for row in self._my_events.read()]
+        found = [StreamEvent.of_row(row) for row in self._my_events.read()]
         self.events.extend(found)
         return found
 

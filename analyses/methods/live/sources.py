@@ -1,37 +1,12 @@
 """The kinds of live sources that there are; `open_source` opens one."""
 
-from wrenchsight.analyses.methods.live.replay_source import ReplaySource
-from wrenchsight.analyses.methods.live.rtde_source import RtdeSource
-from wrenchsight.models.files.input_error import needing_extra
-from wrenchsight.models.live.source import SOURCES, Source, SourceAddress, open_source
-from wrenchsight.models.robot.robot import Robot
-
-
-def _lcm(address: SourceAddress, robot: Robot) -> Source:
-    from wrenchsight.analyses.methods.live.lcm_links import LcmSource
-
-    return LcmSource.open(address, robot)
-
-
-def _ros2(address: SourceAddress, robot: Robot) -> Source:
-    with needing_extra("ros2", "ros2://"):
-        from wrenchsight.analyses.methods.live.ros2_source import Ros2Source
-
-    return Ros2Source.open(address, robot)
-
-
-def _franka(address: SourceAddress, robot: Robot) -> Source:
-    with needing_extra("franka", "franka://"):
-        import pylibfranka  # noqa: F401
-    from wrenchsight.analyses.methods.live.franka_source import FrankaSource
-
-    return FrankaSource.open(address, robot)
-
+from wrenchsight.analyses.methods.live.links import link
+from wrenchsight.models.live.source import SOURCES, open_source
 
 __all__ = ["SOURCES", "open_source"]
 
-SOURCES["rtde"] = RtdeSource.open
-SOURCES["replay"] = ReplaySource.open
-SOURCES["lcm"] = _lcm
-SOURCES["ros2"] = _ros2
-SOURCES["franka"] = _franka
+SOURCES["rtde"] = link("rtde_source:RtdeSource.open")
+SOURCES["replay"] = link("replay_source:ReplaySource.open")
+SOURCES["lcm"] = link("lcm_links:LcmSource.open")
+SOURCES["ros2"] = link("ros2_source:Ros2Source.open", "ros2")
+SOURCES["franka"] = link("franka_source:FrankaSource.open")

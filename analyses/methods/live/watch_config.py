@@ -1,13 +1,16 @@
-"""How a live robot is watched: the settings of `watch`."""
+"""How a live robot is watched: the settings of `watch`, and what they name, loaded."""
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from wrenchsight.analyses.methods.reading.estimate_config import (
     EstimateConfig,
     checked_config,
     stated_prior,
 )
+from wrenchsight.models.calibration.known_tool import with_known_tool
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.robot.robot import Robot
 
@@ -96,3 +99,25 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
     estimator = replace(estimator, reconstruction=reconstruction)
     live = replace(config.live, estimator=estimator)
     return replace(settings, watch=replace(config, live=live))
+
+
+def load_watched(settings: WatchSettings) -> tuple[WatchSettings, Robot, IdentifiedModel]:
+    """Robot, model and the settings with what they leave open filled in.
+
+    Raises:
+        InputError: as `Robot.load`, `IdentifiedModel.load` and `checked_settings`.
+    """
+    if not settings.robot:
+        raise InputError("watch", "--robot", "is missing", "name a bundled robot or a robot.yaml")
+    robot = Robot.load(settings.robot)
+    settings = checked_settings(settings, robot)
+    if settings.model is None:
+        robot.require_inertias("watch without --model")
+        return settings, robot, IdentifiedModel.nominal(robot)
+    config, path = settings.watch, Path(settings.model)
+    model = IdentifiedModel.load(path, robot, config.other_robot)
+    if model.torque_error is None and (config.live.track or config.live.zero_s):
+        problem = "states no torque error, so that friction is not followed and nothing is zeroed"
+        raise InputError(path, "", problem, "identify it again, or leave --track and --zero out")
+    model = with_known_tool(model, robot, path, config.tool, config.other_robot)
+    return settings, robot, model

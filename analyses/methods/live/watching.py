@@ -7,9 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 from rich.console import Console
 from rich.live import Live
 
+from wrenchsight.analyses.methods.live.links import link
 from wrenchsight.analyses.methods.live.live_display import LiveSummary, say_event
 from wrenchsight.analyses.methods.live.recorder import Recorder
 from wrenchsight.analyses.methods.live.ring import RingReader
@@ -18,7 +20,7 @@ from wrenchsight.analyses.methods.live.watch_config import WatchSettings
 from wrenchsight.analyses.output.console import say
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.files.input_error import InputError, needing_extra
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.samples import EventKind, StreamEvent
 from wrenchsight.models.robot.robot import Robot
 
@@ -54,20 +56,10 @@ class ServedView(Sink, Protocol):
     url: str
 
 
-def _meshcat(robot: Robot) -> ServedView:
-    from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
-
-    return MeshcatView(robot)
-
-
-def _foxglove(robot: Robot) -> ServedView:
-    with needing_extra("view", "--view foxglove"):
-        from wrenchsight.analyses.methods.live.foxglove_view import FoxgloveView
-
-    return FoxgloveView(robot)
-
-
-SERVED_VIEWS = {"meshcat": _meshcat, "foxglove": _foxglove}
+SERVED_VIEWS: dict[str, Callable[[Robot], ServedView]] = {
+    "meshcat": link("meshcat_view:MeshcatView"),
+    "foxglove": link("foxglove_view:FoxgloveView", "view", "--view foxglove"),
+}
 """By word of --view. A further kind is one line here, and its word in `watch_config.VIEWS`."""
 
 
@@ -134,7 +126,6 @@ def watch(settings: WatchSettings, console: Console) -> int:
     """The command `watch`: reads a robot until it ends, or its time is over.
 
     Args:
-        settings: all of it.
         console: to show readings on.
 
     Returns:
@@ -164,24 +155,39 @@ def watch(settings: WatchSettings, console: Console) -> int:
         wanted = [recorder] if settings.record is not None else []
         wanted += [view] if settings.view in SERVED_VIEWS else []
         threads = [SinkThread(make, session.follow(), tell) for make in wanted]
-        summary, timer = LiveSummary(settings.source), _Timer(settings.duration_s)
-        plain = settings.view == "lines" or not console.is_terminal
-        reader = session.follow()
+        summary, reader = LiveSummary(settings.source), session.follow()
+        shows = settings.view != "none"
+        plain = settings.view == "lines" or not console.is_terminal or not shows
+        end = np.inf
 
         def step() -> bool:
-            over = session.ended or timer.is_over(summary)
+            nonlocal end
+            now = time.monotonic()
+            if settings.duration_s and summary.last is not None:
+                end = min(end, now + settings.duration_s)  # since the first reading
+            over = session.ended or now >= end
             events = session.new_events() + [told.pop(0) for _ in range(len(told))]
             summary.add(reader.read(), events)
             summary.dropped = sum(thread.reader.dropped for thread in threads) + reader.dropped
-            if plain and settings.view != "none":
+            if plain and shows:
                 for event in events:
                     if not session.is_refusal(event):
                         say_event(console, event)
             return not over
 
+        def say_line() -> None:
+            if shows and summary.last is not None:
+                say(console, summary.line())
+
         try:
-            if plain or settings.view == "none":
-                _lines(console, settings, summary, step)
+            if plain:
+                said = time.monotonic()
+                while step():
+                    if time.monotonic() - said >= LINE_TIME:
+                        said = time.monotonic()
+                        say_line()
+                    time.sleep(0.05)
+                say_line()
             else:
                 with Live(console=console, auto_refresh=False) as picture:
                     while step():
@@ -195,34 +201,3 @@ def watch(settings: WatchSettings, console: Console) -> int:
                 say_event(console, event)
         session.check()
         return summary.count
-
-
-def _lines(
-    console: Console, settings: WatchSettings, summary: LiveSummary, step: Callable[[], bool]
-) -> None:
-    shown = time.monotonic()
-    while step():
-        if time.monotonic() - shown >= LINE_TIME:
-            shown = time.monotonic()
-            _say_line(console, settings, summary)
-        time.sleep(0.05)
-    _say_line(console, settings, summary)
-
-
-def _say_line(console: Console, settings: WatchSettings, summary: LiveSummary) -> None:
-    if settings.view != "none" and summary.last is not None:
-        say(console, summary.line())
-
-
-class _Timer:
-    """Ends a watch some time after its first reading; never for a time of zero."""
-
-    def __init__(self, duration: float) -> None:
-        self._duration = duration
-        self._end: float | None = None
-
-    def is_over(self, summary: LiveSummary) -> bool:
-        now = time.monotonic()
-        if self._end is None and summary.last is not None and self._duration:
-            self._end = now + self._duration
-        return self._end is not None and now >= self._end

@@ -137,70 +137,63 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         ("method", reconstruction.method, METHODS),
         ("table", config.table, TABLES),
     ):
-        if value not in known:
-            raise _refusal(name, f'unknown {name} "{value}"', f"give {' or '.join(known)}")
+        found = f'unknown {name} "{value}"'
+        _require(value in known, name, found, f"give {' or '.join(known)}")
     if config.prior not in PRIORS:
         try:
             force_sd, moment_sd = (float(x) for x in config.prior.split(","))
         except ValueError:
             force_sd = moment_sd = float("nan")
-        if not all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd)):
-            found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
-            raise _refusal("prior", found, "give N and N m, such as 30,2")
+        makes_sense = all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd))
+        found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
+        _require(makes_sense, "prior", found, "give N and N m, such as 30,2")
     rate = config.detection.false_alarms_per_hour
-    if not LEAST_RATE <= rate <= LARGEST_RATE:
-        found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
-        raise _refusal("false_alarms_per_hour", found, "1 is the default")
-    if config.drift is not None and not 0.0 <= config.drift <= LARGEST_DRIFT:
-        found = f"is {config.drift:g}, expected 0 to {LARGEST_DRIFT:g}"
-        raise _refusal("drift", found, "0.05 is 5 % of the viscous torque")
+    found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
+    _require(LEAST_RATE <= rate <= LARGEST_RATE, "false_alarms_per_hour", found, "1 is the default")
+    drift = config.drift or 0.0
+    found = f"is {drift:g}, expected 0 to {LARGEST_DRIFT:g}"
+    _require(0.0 <= drift <= LARGEST_DRIFT, "drift", found, "0.05 is 5 % of the viscous torque")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
-        if number is not None and not LEAST_SD <= number <= LARGEST_SD:
-            found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
-            raise _refusal(name, found, "give N or N m")
-    for name, number in (
-        ("damping", reconstruction.damping),
-        ("truncation", reconstruction.truncation),
-        ("time_step", observer.time_step),
-        ("max_gap", config.max_gap),
-    ):
-        if not (np.isfinite(number) and number >= 0):
-            found = f"is {number}, expected zero or more"
-            raise _refusal(name, found, "leave it out for the default")
+        found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
+        holds = number is None or LEAST_SD <= number <= LARGEST_SD
+        _require(holds, name, found, "give N or N m")
+    default = "leave it out for the default"
     for name, number, least, largest in (
+        ("damping", reconstruction.damping, 0.0, np.inf),
+        ("truncation", reconstruction.truncation, 0.0, np.inf),
         ("time_step", observer.time_step, LEAST_STEP, LONGEST),
         ("max_gap", config.max_gap, 0.0, LONGEST),
     ):
-        if number and not least <= number <= LONGEST:
-            found = f"is {number:g} s, expected {least:g} to {largest:g}"
-            raise _refusal(name, found, "leave it out for the default")
-    if isinstance(observer, MomentumObserverConfig) and any(
-        0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0
-    ):
-        found = f"is {min(observer.K_0):g} /s, expected {LEAST_K_0:g} or more"
-        raise _refusal("K_0", found, "20 is the default")
-    if not all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd):
-        found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
-        raise _refusal("torque_sd", found, "give N m, one for all joints or one each")
+        holds = bool(np.isfinite(number) and number >= 0)
+        _require(holds, name, f"is {number}, expected zero or more", default)
+        found = f"is {number:g} s, expected {least:g} to {largest:g}"
+        _require(not number or least <= number <= largest, name, found, default)
+    if isinstance(observer, MomentumObserverConfig):
+        low = any(0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0)
+        found = f"is {min(observer.K_0, default=0.0):g} /s, expected {LEAST_K_0:g} or more"
+        _require(not low, "K_0", found, "20 is the default")
+    found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
+    holds = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
+    _require(holds, "torque_sd", found, "give N m, one for all joints or one each")
     if config.contact.axis:
         ContactFrame.of(config.contact)
         for name in _POSITIVE:
             number = getattr(config.contact, name)
-            if not (np.isfinite(number) and number > 0.0):
-                found = f"is {number:g}, expected a positive number"
-                raise _refusal(f"contact.{name}", found, "leave it out for the default")
-        if config.smooth:
-            found = "has no place where the contact's direction is known: that reading is late by "
-            found += f"{1000 * config.contact.lag:.0f} ms already"
-            raise _refusal("smooth", found, "leave --smooth or --contact-axis out")
+            holds = bool(np.isfinite(number) and number > 0.0)
+            found = f"is {number:g}, expected a positive number"
+            _require(holds, f"contact.{name}", found, default)
+        found = "has no place where the contact's direction is known: that reading is late by "
+        found += f"{1000 * config.contact.lag:.0f} ms already"
+        _require(not config.smooth, "smooth", found, "leave --smooth or --contact-axis out")
     if robot is not None:
         _check_for_robot(config, robot)
     return config
 
 
-def _refusal(option: str, problem: str, remedy: str) -> InputError:
-    return InputError("estimate", option, problem, remedy)
+def _require(holds: bool, option: str, problem: str, remedy: str) -> None:
+    if not holds:
+        raise InputError("estimate", option, problem, remedy)
 
 
 def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
@@ -210,29 +203,27 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
     try:
         made = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
-        raise _refusal("observer", str(error), "see the command's --help") from None
-    for option, given, found in (
-        ("smooth", config.smooth, "reads each sample with what comes after it"),
-        ("drift", config.drift is not None, "is what --track finds"),
-    ):
-        if config.track and given:
-            raise _refusal(option, found, f"leave --track or --{option} out")
-    if config.track and robot.is_coupled:
+        remedy = "see the command's --help"
+        raise InputError("estimate", "observer", str(error), remedy) from None
+    kind, reads_wrench = kind_name(type(made)), made.kernels.wrench is not None
+    if config.track:
+        found = "reads each sample with what comes after it"
+        _require(not config.smooth, "smooth", found, "leave --track or --smooth out")
+        found = "is what --track finds"
+        _require(config.drift is None, "drift", found, "leave --track or --drift out")
         found = f"is not for {robot.name}: friction of coupled joints is that of several motors"
-        raise _refusal("track", found, "leave it out")
-    if config.track and known_of_wrench(reconstruction) is None:
-        found = f"is {reconstruction.method}, under which friction is not followed"
-        raise _refusal("method", found, "give bayesian, force_only or inverse")
-    if config.track and made.kernels.wrench is not None:
-        found = f"is {kind_name(type(made))}, which reads the wrench itself"
-        raise _refusal("observer", found, "follow friction with the momentum observer")
-    if config.smooth and known_of_wrench(reconstruction) is None:
-        found = f"is {reconstruction.method}, for which smoothing has no prior"
-        raise _refusal("method", found, "give bayesian, force_only or inverse")
-    if made.kernels.wrench is not None and known_of_wrench(reconstruction) is None:
-        name = kind_name(type(made))
-        found = f"is {reconstruction.method}, for which the {name} observer has no prior"
-        raise _refusal("method", found, "give bayesian, force_only or inverse")
+        _require(not robot.is_coupled, "track", found, "leave it out")
+    for asked, lacks in (
+        (config.track, "under which friction is not followed"),
+        (config.smooth, "for which smoothing has no prior"),
+        (reads_wrench, f"for which the {kind} observer has no prior"),
+    ):
+        holds = not asked or known_of_wrench(reconstruction) is not None
+        found = f"is {reconstruction.method}, {lacks}"
+        _require(holds, "method", found, "give bayesian, force_only or inverse")
+    if config.track:
+        found = f"is {kind}, which reads the wrench itself"
+        _require(not reads_wrench, "observer", found, "follow friction with the momentum observer")
 
 
 def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:

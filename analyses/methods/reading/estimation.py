@@ -25,7 +25,6 @@ from wrenchsight.analyses.methods.reading.estimate_data_set import (
     write_data_set,
 )
 from wrenchsight.analyses.methods.reading.first_pass import first_pass
-from wrenchsight.analyses.methods.reading.known_tool import with_known_tool
 from wrenchsight.analyses.methods.reading.log_readings import LogReadings
 from wrenchsight.analyses.methods.reading.uniform_log import (
     Part,
@@ -41,6 +40,7 @@ from wrenchsight.analyses.methods.sensors.reference_config import (
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.result_marker import file_checksum
+from wrenchsight.models.calibration.known_tool import with_known_tool
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
@@ -117,7 +117,7 @@ def estimate_log(
             model = IdentifiedModel.nominal(robot)
         else:
             model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
-            model = with_known_tool(model, robot, config, Path(model_path))
+            model = with_known_tool(model, robot, Path(model_path), config.tool, config.other_robot)
 
         def opened(path: Path) -> RecordingReader:
             reader = RecordingReader(

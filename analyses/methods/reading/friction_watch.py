@@ -26,10 +26,10 @@ from wrenchsight.models.calibration.load_or_drift import (
 )
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
 from wrenchsight.models.calibration.residual_noise import ResidualRows
-from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.first_order import low_pass
 
 ROW_TIME = 0.1  # s
 MOST_ROWS = 6000  # ten minutes
@@ -59,9 +59,10 @@ class FrictionWatch:
         robot: Robot | None = None,
     ) -> None:
         self._model, self._chain, self._time_step = model, chain, time_step
-        self._keep = None if pole is None else np.exp(-pole * time_step)
+        n = chain.num_joints
+        self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
         self._every = max(1, round(ROW_TIME / time_step))
-        self._memory = np.zeros((5, chain.num_joints))
+        self._memory = np.zeros((n, 5))
         self._rows: list[ResidualRows] = []
         self._robot = robot
         self._regressor: ObservedRegressor | None = None
@@ -90,37 +91,23 @@ class FrictionWatch:
             return
         self._first = float(t[0]) if self._first is None else self._first
         free = known & self._clear_of_contact(t, free)
-        law = self._model.friction
-        carried = self._chain.gravity_torque(q)
-        dry, viscous = dry_and_viscous(law, q, v, carried)
-        sliding = sliding_columns(law, q, v, carried)
-        seen = np.stack([dry, viscous, *np.moveaxis(sliding, 2, 0)])
-        seen = np.where(np.isfinite(seen), seen, 0.0)  # the filter would never forget it
-        if self._keep is not None:
-            from scipy.signal import lfilter
-
-            for j, keep in enumerate(self._keep):
-                part, memory = lfilter(
-                    [1.0 - keep], [1.0, -keep], seen[:, :, j], zi=self._memory[:, j, None]
-                )
-                seen[:, :, j], self._memory[:, j] = part, memory[:, 0]
         at = np.flatnonzero(known & np.isfinite(tau_ext).all(axis=1))[:: self._every]
         self._count += len(at)
         self._free.append(free[at])
         if self._regressor is not None:
             self._columns.append(self._regressor.along(q, v, at))
+        log, sd = (t, q, v, self._chain.gravity_torque(q)), self._model.residual_covariance
         self._rows.append(
-            ResidualRows(
-                t=t[at],
-                v=v[at],
-                residual=-tau_ext[at],
-                dry=seen[0][at],
-                viscous=seen[1][at],
-                stiction=stiction(law, carried)[at],
-                sliding=np.moveaxis(seen[2:], 0, 2)[at],
-                sd=np.sqrt(np.diag(self._model.residual_covariance)),
+            ResidualRows.of_law(
+                *(self._model.friction, log, -tau_ext[at], np.sqrt(np.diag(sd)), at, self._seen)
             )
         )
+
+    def _seen(self, torque: Array) -> Array:
+        """(N, n, 5) through the observer's pole; what is not finite counts as none."""
+        torque = np.where(np.isfinite(torque), torque, 0.0)
+        low_pass(self._keep, self._memory, torque)
+        return torque
 
     def _clear_of_contact(self, t: Array, free: Flags) -> Flags:
         """(N,) MARGIN away from contact; also keeps the longest stretch of this."""

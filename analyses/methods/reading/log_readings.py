@@ -41,7 +41,6 @@ class LogReadings:
     """Judges the parts of a log one after the other, and writes and sums them up.
 
     Args:
-        settings: of the run.
         config: as used, with the time step.
         begin: s, time of the first sample.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
 from wrenchsight.analyses.methods.sensors.mounting import Mounting, find_mounting
-from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, check_columns
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
 from wrenchsight.analyses.methods.sensors.sensor_log import WINDOW, SensorLog
 from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
 from wrenchsight.models.arrays import Array, Flags
@@ -119,15 +119,13 @@ def compare_with_sensor(
     """Finds what the configuration leaves open, and holds the reading against the sensor.
 
     Args:
-        log: of both.
         config: what is given of the sensor.
         mounted: how it is mounted, where that has been found before.
 
     Raises:
-        InputError: another number of columns than 1, 3 or 6, or as `find_mounting`.
+        InputError: as `find_mounting`.
     """
     k = log.sensor.shape[1]
-    check_columns(k)
     mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
     reading = mounting.seen(log.reading, log.R_WE, k)

@@ -23,7 +23,6 @@ from wrenchsight.analyses.methods.sensors.reference_config import (
     FOUND,
     REFERENCE,
     ReferenceConfig,
-    check_tare,
     tare_numbers,
 )
 from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog
@@ -73,12 +72,7 @@ class Mounting:
         own = self.sign * (late - self.tare)
         if own.shape[1] == 1:
             return own
-        axes = self.axes(R_WE)
-        parts = [
-            np.einsum("kij,kj->ki", axes, own[:, start : start + 3])
-            for start in range(0, own.shape[1], 3)
-        ]
-        return np.concatenate(parts, axis=1)
+        return _turned(self.axes(R_WE), own)
 
     def axes(self, R_WE: Array) -> Array:
         """(N, 3, 3) axes of the sensor in W."""
@@ -100,14 +94,14 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     """The mounting that the configuration gives or leaves to be found, and notices.
 
     Raises:
-        InputError: the tare has other numbers than the sensor; the log is too short.
+        InputError: the log is too short.
     """
     k = log.sensor.shape[1]
     if len(log.t) < 2:
         raise InputError(
             "estimate", "--reference", "the log is too short to compare with", "record a longer one"
         )
-    plain = Mounting("world", np.eye(3), 1, tare_of(log, config), 0.0)
+    plain = Mounting("world", np.eye(3), 1, tare_of(log.t, log.sensor, config), 0.0)
     coarse = log.every(max(1, len(log.t) // _ROWS))
     candidates = _candidates(plain, config, k)
     wants_delay = config.delay == FOUND
@@ -128,7 +122,8 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
             "are taken; give --reference-frame and --reference-sign"
         )
     if config.tare == "fit":
-        best = replace(best, tare=_fitted_tare(coarse, best))
+        mean = _error(coarse, best, k).mean(axis=0)  # which it makes zero
+        best = replace(best, tare=best.tare - best.sign * mean)
     if len(candidates) > 1:
         error, size = error_of(coarse, best, True), _size(coarse, best)
         if error > _POOR * size:
@@ -155,14 +150,9 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
         raise InputError("identify", "--reference", problem, remedy)
     sensor, known = recording.extra[REFERENCE], np.asarray(np.isfinite(recording.q).all(axis=1))
     q = np.where(known[:, None], recording.q, 0.0)
-    R = Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix()
-    tare, given = np.zeros(sensor.shape[1]), tare_numbers(config)
-    if given is not None:
-        tare = np.array(given)
-    elif config.tare == "start":
-        tare = sensor[recording.t <= recording.t[0] + TARE_TIME].mean(axis=0)
     mounting = Mounting(
-        *(config.frame, np.asarray(R), 1 if config.sign == "robot" else -1, tare),
+        *(config.frame, _stated_axes(config), 1 if config.sign == "robot" else -1),
+        tare_of(recording.t, sensor, config),
         0.0 if config.delay == FOUND else float(config.delay),
     )
     R_WE, _ = robot.chain.pose(q)
@@ -179,34 +169,35 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
 
 def _size(log: SensorLog, mounting: Mounting) -> float:
     """RMS of the sensor's force, N."""
-    force = _force_vector(log, mounting)
-    return float(np.sqrt(np.nanmean(np.sum(force**2, axis=1))))
+    return float(np.sqrt(np.nanmean(np.sum(_force_vector(log, mounting) ** 2, axis=1))))
 
 
 def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
     """RMS difference of the forces, N.
 
     Args:
-        log: of both.
         mounting: of the sensor.
         with_offset: whether a constant in the sensor's axes counts.
     """
-    error = _force_error(log, mounting)
+    error = _error(log, mounting, min(log.sensor.shape[1], 3))
     if not with_offset:
         error = error - error.mean(axis=0)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
-def tare_of(log: SensorLog, config: ReferenceConfig) -> Array:
-    """(k,) what the configuration says the sensor reads without load; zero where it is fitted."""
-    k = log.sensor.shape[1]
+def tare_of(t: Array, sensor: Array, config: ReferenceConfig) -> Array:
+    """(k,) what the configuration says that a sensor (N, k) reads without load; zero where it is
+    fitted."""
     given = tare_numbers(config)
     if given is not None:
-        check_tare(config, k)
         return np.array(given)
     if config.tare == "start":
-        return np.asarray(log.sensor[log.t <= log.t[0] + TARE_TIME].mean(axis=0))
-    return np.zeros(k)
+        return np.asarray(sensor[t <= t[0] + TARE_TIME].mean(axis=0))
+    return np.zeros(sensor.shape[1])
+
+
+def _stated_axes(config: ReferenceConfig) -> Array:
+    return np.asarray(Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix())
 
 
 def _candidates(plain: Mounting, config: ReferenceConfig, columns: int) -> list[Mounting]:
@@ -222,7 +213,7 @@ def _candidates(plain: Mounting, config: ReferenceConfig, columns: int) -> list[
             replace(plain, frame=frame, R=R, sign=sign)
             for R, frame, sign in product(turns, ("world", "tool"), signs)
         ]
-    R = np.asarray(Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix())
+    R = _stated_axes(config)
     return [replace(plain, frame=config.frame, R=R, sign=sign) for sign in signs]
 
 
@@ -261,14 +252,19 @@ def _force_vector(log: SensorLog, mounting: Mounting) -> Array:
     return sensor[:, :3] if sensor.shape[1] > 1 else sensor * mounting.direction(log.R_WE)
 
 
-def _force_error(log: SensorLog, mounting: Mounting) -> Array:
+def _error(log: SensorLog, mounting: Mounting, columns: int) -> Array:
     """Reading less sensor in the sensor's axes, where both are there."""
-    k = min(log.sensor.shape[1], 3)
-    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)[:, :k]
-    error = mounting.seen(log.reading, log.R_WE, k) - sensor
-    if k == 3:
-        error = np.einsum("kji,kj->ki", mounting.axes(log.R_WE), error)
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)[:, :columns]
+    error = mounting.seen(log.reading, log.R_WE, columns) - sensor
+    if columns > 1:
+        error = _turned(mounting.axes(log.R_WE).transpose(0, 2, 1), error)
     return np.asarray(error[np.isfinite(error).all(axis=1)])
+
+
+def _turned(R: Array, x: Array) -> Array:
+    """R (N, 3, 3) times each three columns of x (N, k)."""
+    parts = [np.einsum("kij,kj->ki", R, x[:, s : s + 3]) for s in range(0, x.shape[1], 3)]
+    return np.concatenate(parts, axis=1)
 
 
 def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) -> float | None:
@@ -281,20 +277,6 @@ def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) ->
     if max(errors) <= _FLAT * min(errors) or abs(best) >= reach * step:
         return None
     return best
-
-
-def _fitted_tare(log: SensorLog, mounting: Mounting) -> Array:
-    """What makes the mean difference zero in the sensor's axes."""
-    k = log.sensor.shape[1]
-    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
-    error = sensor - mounting.seen(log.reading, log.R_WE, k)
-    if k > 1:
-        axes = mounting.axes(log.R_WE)
-        error = np.concatenate(
-            [np.einsum("kji,kj->ki", axes, error[:, s : s + 3]) for s in range(0, k, 3)], axis=1
-        )
-    error = error[np.isfinite(error).all(axis=1)]
-    return np.asarray(mounting.tare + mounting.sign * error.mean(axis=0))
 
 
 def _shifted(t: Array, signal: Array, delay: float) -> Array:

@@ -33,30 +33,6 @@ class ReferenceConfig:
     rest_speed: float = 0.01  # rad/s of the fastest joint, below which the arm rests
 
 
-def check_columns(count: int) -> None:
-    """Raises InputError unless the sensor has as many columns as SIZES allow."""
-    if count not in SIZES:
-        raise InputError(
-            "estimate",
-            "--reference",
-            f"names {count} columns, expected 1 (a force along an axis), 3 (a force) or 6 (with "
-            "moments)",
-            "name the sensor's columns, force first: fx,fy,fz",
-        )
-
-
-def check_tare(config: ReferenceConfig, columns: int) -> None:
-    """Raises InputError if `tare` has other numbers than the sensor has columns."""
-    given = tare_numbers(config)
-    if given is not None and len(given) != columns:
-        raise InputError(
-            "estimate",
-            "--reference-tare",
-            f"has {len(given)} numbers for {columns} columns",
-            "give one for each",
-        )
-
-
 def tare_numbers(config: ReferenceConfig) -> list[float] | None:
     """The numbers of `tare`; None where it is a rule."""
     return None if config.tare in TARES else [float(word) for word in config.tare.split(",")]
@@ -121,7 +97,14 @@ def reference_columns(reference: ReferenceConfig) -> dict[str, SignalColumns]:
     """
     if not reference.columns:
         return {}
-    items = column_items(reference.columns, REFERENCE, "estimate")
-    check_columns(len(items))
-    check_tare(reference, len(items))
+    count = len(column_items(reference.columns, REFERENCE, "estimate"))
+    if count not in SIZES:
+        problem = f"names {count} columns, expected 1 (a force along an axis), 3 (a force) or 6 "
+        problem += "(with moments)"
+        remedy = "name the sensor's columns, force first: fx,fy,fz"
+        raise InputError("estimate", "--reference", problem, remedy)
+    tare = tare_numbers(reference)
+    if tare is not None and len(tare) != count:
+        problem = f"has {len(tare)} numbers for {count} columns"
+        raise InputError("estimate", "--reference-tare", problem, "give one for each")
     return {REFERENCE: SignalColumns(reference.columns)}

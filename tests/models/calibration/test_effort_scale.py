@@ -31,7 +31,7 @@ def _moving(robot: Robot, seed: int, duration: float = 60.0) -> Recording:
     return Recording(t, q, v, tau / _UNITS, "log")
 
 
-def test_gravity_tells_the_scale_within_its_error(ur10e: Robot) -> None:
+def test_gravity_tells_the_scale_within_its_error(ur10e):
     """Over seeds: no bias, and standard errors of the size of the errors."""
     found = [scale_from_gravity([_moving(ur10e, seed)], ur10e) for seed in range(8)]
     for one in found:
@@ -43,14 +43,14 @@ def test_gravity_tells_the_scale_within_its_error(ur10e: Robot) -> None:
     assert np.abs(z.mean(axis=0)).max() < 1.2  # of 0.35 each
 
 
-def test_several_logs_tell_more_than_one(ur10e: Robot) -> None:
+def test_several_logs_tell_more_than_one(ur10e):
     logs = [_moving(ur10e, seed) for seed in range(4)]
     one, four = scale_from_gravity(logs[:1], ur10e), scale_from_gravity(logs, ur10e)
     ratio = four.standard_error[1:4] / one.standard_error[1:4]
     assert (ratio < 0.75).all()  # a half, but for the spread of standard errors
 
 
-def test_a_vertical_axis_shows_nothing(ur10e: Robot) -> None:
+def test_a_vertical_axis_shows_nothing(ur10e):
     found = scale_from_gravity([_moving(ur10e, 1)], ur10e)
     assert np.isnan(found.torque_per_unit[[0, 5]]).all()
     assert found.gravity[0] == pytest.approx(0.0, abs=1e-9)
@@ -67,7 +67,7 @@ def _held(postures: np.ndarray, tau: np.ndarray, rng: np.random.Generator) -> Re
 
 
 @pytest.mark.parametrize("postures", [2, 6])
-def test_one_weight_in_two_postures(ur10e: Robot, postures: int) -> None:
+def test_one_weight_in_two_postures(ur10e, postures):
     """Whatever the arm weighs: its own torque is taken off."""
     rng = np.random.default_rng(3)
     q = ur10e.home + rng.uniform(-0.6, 0.6, (postures, 6))
@@ -85,7 +85,7 @@ def test_one_weight_in_two_postures(ur10e: Robot, postures: int) -> None:
         scale_from_weight([empty], [laden[:50]], ur10e, weight)
 
 
-def test_what_cannot_be_told_is_one_line(ur10e: Robot, coupled_wrist: Robot) -> None:
+def test_what_cannot_be_told_is_one_line(ur10e, coupled_wrist):
     with pytest.raises(InputError, match="lasts less than the 15 s"):
         scale_from_gravity([_moving(ur10e, 1, 8.0)], ur10e)
     with pytest.raises(InputError, match="motors that share joints"):

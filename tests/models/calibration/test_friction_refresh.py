@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrenchsight.models.calibration import residual_noise
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift, refresh_friction
-from wrenchsight.models.calibration.residual_noise import ResidualNoise, ResidualRows
+from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 
 LAW = CoulombViscous(np.array([15.0, 3.0]), np.array([20.0, 3.0]), np.array([0.1, 0.0]))
@@ -56,15 +57,18 @@ def test_changes_lie_within_the_stated_errors():
     np.testing.assert_allclose(scores.mean(axis=0), 0.0, atol=4.0 / np.sqrt(SEEDS))
 
 
-def test_independent_rows_would_state_errors_that_are_too_small():
+def test_independent_rows_would_state_errors_that_are_too_small(monkeypatch):
     """Why the residual's correlation counts: without it the same logs miss by far."""
-    white = ResidualNoise(white=0.8, slow=0.0, reversal=0.0, coulomb=0.0, viscous=0.0)
     drift = FrictionDrift(10.0, 10.0, 10.0)
     misses = []
     for seed in range(100):
         rng = np.random.default_rng(seed)
         rows = noisy(quiet_rows(duration=8.0, seed=seed), np.zeros((2, 3)), rng)
-        found = refresh_friction(rows, LAW, drift, white)
+        with monkeypatch.context() as white:
+            white.setattr(residual_noise, "WHITE", 0.8)
+            for name in ("SLOW", "REVERSAL", "COULOMB", "VISCOUS"):
+                white.setattr(residual_noise, name, 0.0)
+            found = refresh_friction(rows, LAW, drift)
         misses.append(np.abs(found.standard_errors) > 1.96)
     assert np.mean(misses) > 0.2  # stated: 0.05
 

@@ -22,7 +22,7 @@ def _torque(model: IdentifiedModel, robot: Robot) -> np.ndarray:
     return np.asarray(model.chain(robot).inverse_dynamics(q, v, vdot))
 
 
-def test_the_tool_s_torque_is_added(ur10e: Robot) -> None:
+def test_the_tool_s_torque_is_added(ur10e):
     tooled = ur10e.with_tool(_TOOL, _FRAME)
     bare = replace(IdentifiedModel.nominal(ur10e), fitted_robot=FittedRobot.of(ur10e))
     found = with_tool_of(bare, tooled)
@@ -32,7 +32,7 @@ def test_the_tool_s_torque_is_added(ur10e: Robot) -> None:
     assert np.abs(_torque(bare, tooled) - _torque(oracle, tooled)).max() > 10.0
 
 
-def test_the_tool_that_the_model_had_is_taken_off(ur10e: Robot) -> None:
+def test_the_tool_that_the_model_had_is_taken_off(ur10e):
     point = ToolConfig(mass=2.0, com=[0.0, 0.05, 0.1], inertia=[1e-9, 1e-9, 1e-9, 0.0, 0.0, 0.0])
     before, after = ur10e.with_tool(point, PoseConfig()), ur10e.with_tool(_TOOL, _FRAME)
     model = replace(IdentifiedModel.nominal(before), fitted_robot=FittedRobot.of(before))

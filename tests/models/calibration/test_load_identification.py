@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from ur10e_logs import LAW, quiet_rows
 
+from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadPrior,
     estimate_load,
@@ -39,7 +40,7 @@ def measured(log, load, rng, gains=None, drift=True):
     rows = log.rows
     change = np.zeros((6, 3))
     if drift:
-        change = EXACT.drift.deviation(rows, LAW) * rng.normal(size=(6, 3))
+        change = FrictionDrift().deviation(rows, LAW) * rng.normal(size=(6, 3))
     residual = residual + np.einsum("mjk,jk->mj", rows.drift, change)
     for j in range(6):
         residual[:, j] += np.linalg.cholesky(rows.covariance(j)) @ rng.normal(size=len(rows.t))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from wrenchsight.models.calibration.residual_noise import BLOCK, V_REST, ResidualNoise, ResidualRows
+from wrenchsight.models.calibration import residual_noise
+from wrenchsight.models.calibration.residual_noise import BLOCK, V_REST, ResidualRows
 
 
 def rows(m=40, n=2, seed=0, **changes):
@@ -21,7 +22,7 @@ def rows(m=40, n=2, seed=0, **changes):
     return ResidualRows(**parts | changes)
 
 
-def test_covariance_by_hand():
+def test_covariance_by_hand(monkeypatch):
     one = ResidualRows(
         t=np.array([0.0, 0.3]),
         v=np.array([[0.5], [-0.04]]),
@@ -32,14 +33,16 @@ def test_covariance_by_hand():
         sliding=np.zeros((2, 1, 3)),
         sd=np.array([1.5]),
     )
-    noise = ResidualNoise(0.5, 0.6, 3.0, 0.08, 0.03, 0.05, 0.4)
+    shares = {"WHITE": 0.5, "REVERSAL": 3.0, "COULOMB": 0.03, "CORRELATION_TIME": 0.4}
+    for name, share in shares.items():
+        monkeypatch.setattr(residual_noise, name, share)
     reversal = 1.0 + 3.0 * np.exp(-((np.array([0.5, 0.04]) / 0.08) ** 2))
     white = (0.5 * 1.5 * reversal) ** 2
     slow = (0.6 * 1.5) ** 2
     first = slow + (0.03 * 6.0) ** 2 + (0.05 * 2.0) ** 2 + white[0]
     second = slow + (0.03 * 5.0) ** 2 + (0.05 * 0.2) ** 2 + white[1]
     both = (slow - 0.03**2 * 6.0 * 5.0 - 0.05**2 * 2.0 * 0.2) * np.exp(-0.3 / 0.4)
-    np.testing.assert_allclose(one.covariance(0, noise), [[first, both], [both, second]])
+    np.testing.assert_allclose(one.covariance(0), [[first, both], [both, second]])
 
 
 def test_whitening_is_a_square_root_of_the_inverse_covariance():

@@ -37,7 +37,7 @@ def _rows(rng: np.random.Generator, gain: float = 0.0, noise: float = 0.5) -> Sl
     return SlidingRows(side, v, load, friction + gain * external, external)
 
 
-def test_the_other_specimens_friction_is_found() -> None:
+def test_the_other_specimens_friction_is_found():
     rows = _rows(np.random.default_rng(3))
     fit = fit_specimen(_KNOWN, [rows, _NONE], SpecimenPrior(dependence=1.0))
     found = [fit.law.coulomb[0], fit.law.load[0]]
@@ -53,7 +53,7 @@ def test_the_other_specimens_friction_is_found() -> None:
     assert fit.gain_sd < 0.01
 
 
-def test_a_joint_without_rows_keeps_what_is_known() -> None:
+def test_a_joint_without_rows_keeps_what_is_known():
     fit = fit_specimen(_KNOWN, [_rows(np.random.default_rng(4)), _NONE])
     assert fit.law.coulomb[1] == 3.0
     assert fit.law.coulomb_viscous.viscous[1] == 3.0
@@ -61,7 +61,7 @@ def test_a_joint_without_rows_keeps_what_is_known() -> None:
     assert fit.rows.tolist() == [400, 0]
 
 
-def test_shocks_weigh_little() -> None:
+def test_shocks_weigh_little():
     rng = np.random.default_rng(5)
     rows = _rows(rng)
     shocked = rows.torque + np.where(rng.random(400) < 0.1, 40.0, 0.0)
@@ -75,7 +75,7 @@ def test_shocks_weigh_little() -> None:
     assert fit.law.coulomb[0] == pytest.approx(plain.law.coulomb[0], abs=0.3)
 
 
-def test_torque_constants_are_found_where_a_known_force_tells_them() -> None:
+def test_torque_constants_are_found_where_a_known_force_tells_them():
     rows = _rows(np.random.default_rng(6), gain=0.04)
     prior = SpecimenPrior(dependence=1.0)
     fit = fit_specimen(_KNOWN, [rows, _NONE], prior)
@@ -86,7 +86,7 @@ def test_torque_constants_are_found_where_a_known_force_tells_them() -> None:
     assert (untold.gain, untold.gain_sd) == (0.0, prior.gain)
 
 
-def test_the_gain_is_one_for_the_arm() -> None:
+def test_the_gain_is_one_for_the_arm():
     rows = [_rows(np.random.default_rng(k), gain=gain) for k, gain in ((7, 0.03), (8, 0.05))]
     fit = fit_specimen(_KNOWN, rows, SpecimenPrior(dependence=1.0))
     assert fit.gain == pytest.approx(0.04, abs=0.01)

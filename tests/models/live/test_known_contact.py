@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion, knowing_model
+from sample_models import free_motion, knowing_model
 
 from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.contact.contact_reading import ContactReader
@@ -27,9 +27,7 @@ def pressed(ur10e):
     """A model, and two seconds with FORCE against E along tool z from the first second on."""
     model = knowing_model(ur10e, 3.0, 5.0)
     t = H * np.arange(1000)
-    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.1)
-    q += ur10e.home
-    tau = model.chain(ur10e).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    q, v, tau = free_motion(ur10e, model, t, 0.1)
     R_WE, _ = ur10e.chain.pose(q)
     force = -np.where(t < 1.0, 0.0, FORCE)[:, None] * R_WE[:, :, 2]
     tau -= np.einsum("kaj,ka->kj", ur10e.chain.jacobian(q)[:, 3:], force)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion, knowing_model, sample_torque_error
+from sample_models import free_motion, knowing_model, sample_torque_error
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -29,9 +29,7 @@ def model(ur10e):
 def samples(ur10e, model):
     """Two seconds without contact."""
     t = H * np.arange(1000)
-    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.3)
-    q += ur10e.home
-    tau = model.chain(ur10e).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    q, v, tau = free_motion(ur10e, model, t)
     current = ur10e.motor_current(tau)
     return [Sample(100.0 + t[k], 5.0 + t[k], q[k], v[k], current[k]) for k in range(len(t))]
 

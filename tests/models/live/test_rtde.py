@@ -16,12 +16,11 @@ from wrenchsight.models.live.rtde import (
     packet,
     read_control_version,
     read_outputs_request,
-    version_request,
 )
 
 
 def test_requests_are_the_bytes_of_the_guide():
-    assert version_request() == b"\x00\x05V\x00\x02"
+    assert packet(PacketType.PROTOCOL_VERSION, b"\x00\x02") == b"\x00\x05V\x00\x02"
     # 500.0 is 0x407F400000000000
     assert outputs_request(500.0, ["timestamp", "actual_q"]) == (
         b"\x00\x1dO\x40\x7f\x40\x00\x00\x00\x00\x00timestamp,actual_q"

@@ -1,9 +1,7 @@
 """`identify --scale` on logs of a real UR10e, and what it writes."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from wrenchsight.models.robot.robot import Robot
 _LOG = "ur10e/ur-20_02_10-30sec_12harm.csv"
 
 
-def test_a_real_arms_amperes(data: Callable[[str], Path], tmp_path: Path, ur10e: Robot) -> None:
+def test_a_real_arms_amperes(data, tmp_path, ur10e):
     """Its constants come from the controller's target torque and current: 12 9.8 10.8 N m/A.
 
     The maker's masses are not exact: 10 %.
@@ -44,7 +42,7 @@ def test_a_real_arms_amperes(data: Callable[[str], Path], tmp_path: Path, ur10e:
     assert "masses of the URDF" in told
 
 
-def test_torques_get_a_gain(data: Callable[[str], Path], tmp_path: Path, ur10e: Robot) -> None:
+def test_torques_get_a_gain(data, tmp_path, ur10e):
     """Where the log states torques, the robot's file has no factor for them."""
     log = read_recording(data(_LOG), robot=ur10e)
     tau = 2.0 * np.asarray(ur10e.joint_torque(log.current))

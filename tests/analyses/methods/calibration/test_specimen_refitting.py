@@ -1,7 +1,6 @@
 """Friction of another specimen: logs of an arm whose level is known, in stretches and with gaps."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,7 +70,7 @@ def model(ur10e: Robot) -> IdentifiedModel:
     )
 
 
-def test_the_level_of_joints_that_move_is_found(ur10e: Robot, model: IdentifiedModel) -> None:
+def test_the_level_of_joints_that_move_is_found(ur10e, model):
     tooled = ur10e.with_tool(_TOOL, PoseConfig())  # of which the model knows nothing
     logs = []
     for sign in (1.0, -1.0, 1.0, -1.0):
@@ -100,9 +99,7 @@ def _pressed(robot: Robot, sign: float, gain: float, ripple: float) -> Recording
     return replace(log, current=current, extra={REFERENCE: force[:, None]})
 
 
-def test_a_force_sensor_tells_torque_constants_and_the_residual_along_paths(
-    ur10e: Robot, model: IdentifiedModel
-) -> None:
+def test_a_force_sensor_tells_torque_constants_and_the_residual_along_paths(ur10e, model):
     ours = replace(model, inertial_parameters=ur10e.chain.inertial_parameters / 1.04)
     runs = [_pressed(ur10e, sign, 0.04, 4.0) for sign in (1.0, -1.0) * 4]
     config = ReferenceConfig(columns="F", frame="world", sign="robot")
@@ -147,14 +144,14 @@ def refit_of_law(refit: SpecimenRefit) -> IdentifiedModel:
     return replace(refit.model, friction=refit.fit.law, inertial_parameters=inertial)
 
 
-def test_a_crawl_is_not_carried_over() -> None:
+def test_a_crawl_is_not_carried_over():
     law = replace(_law(_KNOWN), stribeck=np.full(6, -2.0))
     law = replace(law, stribeck_velocity=np.array([0.4, 0.01, 0.4, 0.05, 0.05, 0.05]))
     kept = carried_over(law).stribeck
     np.testing.assert_array_equal(kept == 0.0, law.stribeck_velocity < CRAWL)
 
 
-def test_what_cannot_be_refitted_is_one_line(ur10e: Robot, model: IdentifiedModel) -> None:
+def test_what_cannot_be_refitted_is_one_line(ur10e, model):
     log = _recording(ur10e, 1.0)
     plain = IdentifiedModel.nominal(ur10e)
     with pytest.raises(InputError, match="--friction presliding"):
@@ -163,9 +160,7 @@ def test_what_cannot_be_refitted_is_one_line(ur10e: Robot, model: IdentifiedMode
         refit_specimen([(log, log.t < 0.02)], ur10e, model)
 
 
-def test_the_command_takes_stretches_of_several_logs(
-    ur10e: Robot, model: IdentifiedModel, tmp_path: Path
-) -> None:
+def test_the_command_takes_stretches_of_several_logs(ur10e, model, tmp_path):
     model.save(tmp_path / "model.yaml")
     for name, sign in (("up.csv", 1.0), ("down.csv", -1.0)):
         write_recording(_recording(ur10e, sign, push=40.0), tmp_path / name)
@@ -183,9 +178,7 @@ def test_the_command_takes_stretches_of_several_logs(
             refit_logs(settings, tmp_path / "wrong")
 
 
-def test_a_log_that_contradicts_itself_is_taken_where_that_is_asked_for(
-    ur10e: Robot, model: IdentifiedModel, tmp_path: Path
-) -> None:
+def test_a_log_that_contradicts_itself_is_taken_where_that_is_asked_for(ur10e, model, tmp_path):
     model.save(tmp_path / "model.yaml")
     log = _recording(ur10e, 1.0)
     write_recording(replace(log, v=0.7 * log.v), tmp_path / "log.csv")

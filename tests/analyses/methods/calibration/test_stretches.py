@@ -6,7 +6,7 @@ from wrenchsight.analyses.methods.calibration.stretches import logs_of
 from wrenchsight.models.recordings.recording import Recording
 
 
-def test_all_stretches_of_a_log_count_and_a_log_without_counts_whole() -> None:
+def test_all_stretches_of_a_log_count_and_a_log_without_counts_whole():
     t = 5.0 + np.arange(11) / 10.0
     zeros = np.zeros((11, 2))
 

@@ -64,9 +64,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     return {name: table[name].to_numpy() for name in table.column_names}
 
 
-def test_the_jacobian_alone_reads_force_noise_and_task(
-    torque_log: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_the_jacobian_alone_reads_force_noise_and_task(torque_log, tmp_path):
     path = torque_log(q=False)
     assert is_torque_log(path, None, "found")
     result = estimate_torque_logs([path], None, tmp_path)
@@ -91,9 +89,7 @@ def test_the_jacobian_alone_reads_force_noise_and_task(
     assert result.metrics()["prior"]["force_sd_n"] == pytest.approx(expected, rel=0.1)
 
 
-def test_positions_and_a_robot_give_the_same_as_its_jacobian(
-    torque_log: Callable[..., Path], panda: Robot, tmp_path: Path
-) -> None:
+def test_positions_and_a_robot_give_the_same_as_its_jacobian(torque_log, panda, tmp_path):
     config = EstimateConfig(prior="8,0.5", torque_sd=[NOISE])
     by_q = estimate_torque_logs([torque_log(J=False)], panda.source, tmp_path / "q", config=config)
     by_J = estimate_torque_logs([torque_log()], None, tmp_path / "J", config=config)
@@ -104,9 +100,7 @@ def test_positions_and_a_robot_give_the_same_as_its_jacobian(
     assert by_J.config.torque_sd == [NOISE] * 7
 
 
-def test_logs_are_read_together_and_each_has_its_table(
-    torque_log: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_logs_are_read_together_and_each_has_its_table(torque_log, tmp_path):
     paths = [torque_log(seed, q=False) for seed in (1, 2)]
     reference = ReferenceConfig("fx_sensor,fy_sensor,fz_sensor", contact_force=1.0)
     result = estimate_torque_logs(paths, None, tmp_path, config=EstimateConfig(reference=reference))
@@ -137,9 +131,7 @@ def test_logs_are_read_together_and_each_has_its_table(
         ({"mcap": True}, ("--mcap", "where E is")),
     ],
 )
-def test_what_has_no_part_in_it_is_refused(
-    torque_log: Callable[..., Path], tmp_path: Path, changes: dict, words: tuple[str, ...]
-) -> None:
+def test_what_has_no_part_in_it_is_refused(torque_log, tmp_path, changes, words):
     with pytest.raises(InputError) as caught:
         estimate_torque_logs(
             [torque_log(q=False, rows=300)], None, tmp_path, config=EstimateConfig(**changes)
@@ -149,19 +141,17 @@ def test_what_has_no_part_in_it_is_refused(
     assert not list(tmp_path.glob("wrench*"))
 
 
-def test_positions_alone_need_a_robot(torque_log: Callable[..., Path], tmp_path: Path) -> None:
+def test_positions_alone_need_a_robot(torque_log, tmp_path):
     with pytest.raises(InputError, match="no robot is named"):
         estimate_torque_logs([torque_log(J=False, rows=300)], None, tmp_path)
 
 
-def test_a_log_of_another_arm_is_refused(
-    torque_log: Callable[..., Path], ur10e: Robot, tmp_path: Path
-) -> None:
+def test_a_log_of_another_arm_is_refused(torque_log, ur10e, tmp_path):
     with pytest.raises(InputError, match="7 joints, but ur10e has 6"):
         estimate_torque_logs([torque_log(rows=300)], ur10e.source, tmp_path)
 
 
-def test_six_joints_say_that_their_noise_is_hardly_told(ur10e: Robot, tmp_path: Path) -> None:
+def test_six_joints_say_that_their_noise_is_hardly_told(ur10e, tmp_path):
     rng = np.random.default_rng(3)
     rows = 400
     q = np.array([0.3, -1.2, 1.4, -1.0, 1.2, 0.2]) + 0.3 * np.sin(
@@ -180,9 +170,7 @@ def test_six_joints_say_that_their_noise_is_hardly_told(ur10e: Robot, tmp_path: 
     assert fz.mean() == pytest.approx(-20.0, abs=0.5)
 
 
-def test_the_command_says_what_the_experiment_says(
-    data_holding: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_the_command_says_what_the_experiment_says(data_holding, tmp_path):
     data = data_holding(*RECORDINGS)
     logs = read_pose_logs(data)
     knowledge = knowledge_of_logs(logs)

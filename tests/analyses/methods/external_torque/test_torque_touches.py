@@ -1,8 +1,6 @@
 """A real Panda that a hand touches, link by link: found, named, and its torque's sign."""
 
-from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pyarrow.csv as pa_csv
@@ -41,9 +39,7 @@ def right_share(t: np.ndarray, label: np.ndarray, found: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("name", "link"), [("link2_f2", 2), ("link5_c3", 5), ("link7_a4", 7)])
 @pytest.mark.parametrize("sensed", [False, True])
-def test_touches_are_found_and_their_link_is_named(
-    data: Callable[[str], Path], tmp_path: Path, name: str, link: int, sensed: bool
-) -> None:
+def test_touches_are_found_and_their_link_is_named(data, tmp_path, name, link, sensed):
     log = data(touch(name))
     description = tmp_path / "sensors.yaml"
     description.write_text(SENSORS)
@@ -71,7 +67,7 @@ def test_touches_are_found_and_their_link_is_named(
     assert not [line for line in result.warnings if "contradicted" in line]
 
 
-def test_a_torque_of_the_wrong_sign_is_told(data: Callable[[str], Path], tmp_path: Path) -> None:
+def test_a_torque_of_the_wrong_sign_is_told(data, tmp_path):
     config = EstimateConfig(torque_sign="environment")
     result = estimate_torque_logs([data(touch("link4_d3"))], "panda", tmp_path, config=config)
     (line,) = [line for line in result.warnings if "contradicted" in line]
@@ -79,7 +75,7 @@ def test_a_torque_of_the_wrong_sign_is_told(data: Callable[[str], Path], tmp_pat
     assert result.metrics()["torque_sign"]["correlation"] < -0.9
 
 
-def test_sensors_need_a_robot(tmp_path: Path) -> None:
+def test_sensors_need_a_robot(tmp_path):
     log = tmp_path / "log.csv"
     header = ["t", *(f"q{j}" for j in range(1, 8)), *(f"tau_J{j}" for j in range(1, 8))]
     rows = np.column_stack([np.arange(50) / 100.0, np.zeros((50, 14))])

@@ -5,17 +5,17 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from importlib.util import find_spec
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from read_sources import read_until
 
 from wrenchsight.analyses.methods.live.franka_source import PORT, FrankaSource
 from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.live.samples import EventKind, Sample
+from wrenchsight.models.live.samples import EventKind
 from wrenchsight.models.robot.robot import Robot
 
 JOINTS = np.arange(1.0, 8.0)
@@ -66,20 +66,6 @@ def serve(connection):
     print(asked, flush=True)
 
 
-def until(source, wanted, timeout=30.0):
-    """Reads until an item is as wanted; all items."""
-    items, end = [], time.monotonic() + timeout
-    while time.monotonic() < end:
-        items += source.read(0.01)
-        if any(wanted(item) for item in items):
-            return items
-    raise AssertionError(items[-5:])
-
-
-def kind_of(item):
-    return getattr(item, "kind", None)
-
-
 @pytest.mark.skipif(find_spec("pylibfranka") is None, reason="the extra franka is not installed")
 @pytest.mark.parametrize("torque", ["measured", "external"])
 def test_a_robot_is_read_by_libfranka_and_asked_for_nothing_else(torque):
@@ -88,7 +74,9 @@ def test_a_robot_is_read_by_libfranka_and_asked_for_nothing_else(torque):
         if peer.stdout.readline() != "up\n":
             pytest.skip(f"port {PORT} is taken")
         source = open_source(f"franka://127.0.0.1?torque={torque}", Robot.load("panda"))
-        items = until(source, lambda item: kind_of(item) is EventKind.LOST)
+        samples, events = read_until(
+            source, lambda _, events: events and events[-1].kind is EventKind.LOST
+        )
         source.close()
         asked = peer.stdout.readline()
     finally:
@@ -96,8 +84,7 @@ def test_a_robot_is_read_by_libfranka_and_asked_for_nothing_else(torque):
         peer.wait()
         peer.stdout.close()
     assert asked == f"[{CONNECT}, {GET_MODEL}]\n"
-    assert items[0].kind is EventKind.CONNECTED
-    samples = [item for item in items if isinstance(item, Sample)]
+    assert events[0].kind is EventKind.CONNECTED
     steps = np.diff([sample.t for sample in samples])
     assert len(samples) > 0.5 * NUM_STATES
     assert (steps > 0.0009).all()
@@ -136,7 +123,7 @@ def test_a_robot_that_is_lost_comes_back():
     items = []
     while len(items) < 6:
         items += source.read(1.0)
-    kinds = [kind_of(item) for item in items]
+    kinds = [getattr(item, "kind", None) for item in items]
     told = [EventKind.REFUSED, EventKind.CONNECTED, None, None, EventKind.LOST, EventKind.CONNECTED]
     assert kinds == told  # refused twice, said once
     assert "\x1b" not in items[0].text

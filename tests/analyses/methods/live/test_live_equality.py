@@ -1,7 +1,6 @@
 """A log replayed through a controller on this computer reads as `estimate` reads the log."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 )
 @pytest.mark.parametrize(("scheme", "track"), [("rtde", False), ("replay", False), ("rtde", True)])
 def test_a_replayed_log_reads_as_estimate_reads_it(
-    data, ur10e, tmp_path: Path, no_figures, one_thread, name, log_format, scheme, track
+    data, ur10e, tmp_path, no_figures, one_thread, name, log_format, scheme, track
 ):
     log = data(name)
     model = replace(knowing_model(ur10e, 3.0, 5.0), fitted_robot=FittedRobot.of(ur10e))

@@ -5,14 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.methods.live.event_rows import (
-    EVENT_COUNT,
-    EVENT_SIZE,
-    event_of,
-    event_row,
-)
 from wrenchsight.analyses.methods.live.ring import Ring, RingReader
-from wrenchsight.models.live.samples import EventKind, StreamEvent
+from wrenchsight.models.live.samples import EVENT_SIZE, EventKind, StreamEvent
 
 
 def test_each_row_comes_once_in_order():
@@ -76,10 +70,10 @@ def test_no_row_is_ever_torn():
 @pytest.mark.parametrize("text", ["", "plain", "ü" * 400, "\x1b[2J\n\U0001f600" * 200])
 def test_events_go_through_as_they_are(text):
     event = StreamEvent(EventKind.LATE, text, 12.5, 3)
-    ring = Ring(EVENT_SIZE, EVENT_COUNT)
+    ring = Ring(EVENT_SIZE, 16)
     reader = RingReader(ring)
-    ring.write(event_row(event))
-    found = event_of(reader.read()[0])
+    ring.write(event.row)
+    found = StreamEvent.of_row(reader.read()[0])
     assert (found.kind, found.received, found.count) == (event.kind, 12.5, 3)
     assert found.text.isprintable()
     assert found.text == event.text or "?" in found.text

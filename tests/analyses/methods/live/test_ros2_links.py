@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from read_sources import read_until
 
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
@@ -26,7 +27,7 @@ from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.models.estimation.wrench_bag import COVARIANCE, TF
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.reading import Reading
-from wrenchsight.models.live.samples import EventKind, Sample
+from wrenchsight.models.live.samples import EventKind
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.rosbag.messages import JOINT_STATE, WRENCH, typestore
 
@@ -106,6 +107,10 @@ def until(condition, timeout=10.0):
     raise AssertionError("it did not come")
 
 
+def kinds_of(events):
+    return {event.kind for event in events}
+
+
 def state(names, t, effort=True, extra=()):
     """A JointState of joints whose numbers tell which joint they are of."""
     names = [*names, *extra]
@@ -158,17 +163,6 @@ def test_bytes_are_those_of_cyclonedds_and_of_rosbags_alike(kind, fields):
     assert ros2_dds.dds_type(kind).__idl_typename__ == f"{package}::msg::dds_::{name}_"
 
 
-def read_all(source, count, items):
-    """Reads until there are so many samples."""
-
-    def enough():
-        items.extend(source.read(0.02))
-        return sum(isinstance(item, Sample) for item in items) >= count
-
-    until(enough)
-    return [item for item in items if isinstance(item, Sample)]
-
-
 def test_joints_are_found_by_name_and_what_is_no_sample_is_left_out(ur10e, url):
     source, peer = open_source(f"{url}&effort=current", ur10e), Peer(url)
     writer = peer.writer()
@@ -187,8 +181,7 @@ def test_joints_are_found_by_name_and_what_is_no_sample_is_left_out(ur10e, url):
         state(turned, 1.010),
     ):
         writer.write(message)
-    items = []
-    samples = read_all(source, 3, items)
+    samples, events = read_until(source, lambda s, _: len(s) == 3)
     assert [sample.t for sample in samples] == [1.0, 1.002, 1.01]
     expected = [sum(map(ord, name)) for name in names]
     for sample in samples:
@@ -196,19 +189,18 @@ def test_joints_are_found_by_name_and_what_is_no_sample_is_left_out(ur10e, url):
         np.testing.assert_array_equal(sample.v, np.negative(expected))
         np.testing.assert_array_equal(sample.effort, np.multiply(expected, 10))
         assert not sample.is_torque
-    said = [item.text for item in items if getattr(item, "kind", None) is EventKind.RECIPE]
+    said = [event.text for event in events if event.kind is EventKind.RECIPE]
     for word in ("without effort", names[5], names[0], "time stamp"):
         assert any(word in text for text in said), (word, said)
     writer.write(state(names, 1.2))  # and what is still to be read when it goes
     del writer
-    until(lambda: any(getattr(x, "kind", "") is EventKind.LOST for x in source.read(0.02)))
-    until(lambda: any(getattr(x, "kind", "") is EventKind.REFUSED for x in source.read(0.02)))
+    read_until(source, lambda _, events: kinds_of(events) >= {EventKind.LOST, EventKind.REFUSED})
     writer = peer.writer()
     until(writer.get_matched_subscriptions)
     writer.write(state(names, 2.0))
-    items = []
-    assert read_all(source, 1, items)[0].t == 2.0
-    assert items[0].kind is EventKind.CONNECTED
+    samples, events = read_until(source, lambda s, _: s)
+    assert samples[0].t == 2.0
+    assert events[0].kind is EventKind.CONNECTED
     source.close()
     assert source.read(0.0) == []
 
@@ -227,8 +219,7 @@ def test_gravity_decides_of_the_unit_and_a_played_arm_is_read(ur10e, url, unit):
         target=play, args=(recording, ur10e, f"{url}&effort={effort}", said.append)
     )
     player.start()
-    items = []
-    samples = read_all(source, n, items)
+    samples, events = read_until(source, lambda s, _: len(s) == n)
     player.join()
     assert "0.8 s" in said[0]
     for name, wanted in (("q", q), ("v", v)):
@@ -237,7 +228,7 @@ def test_gravity_decides_of_the_unit_and_a_played_arm_is_read(ur10e, url, unit):
     assert {sample.is_torque for sample in samples} == {unit == "N m"}
     tau = ur10e.joint_torque(current)
     np.testing.assert_array_equal([s.effort for s in samples], tau if unit == "N m" else current)
-    (check,) = [x.text for x in items if getattr(x, "kind", "") is EventKind.CHECK]
+    (check,) = [event.text for event in events if event.kind is EventKind.CHECK]
     assert f"in {unit}" in check
     assert "?effort=" in check
 

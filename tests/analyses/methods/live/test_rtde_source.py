@@ -10,12 +10,13 @@ import time
 
 import numpy as np
 import pytest
+from read_sources import read_until
 
 from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.rtde import PacketType, packet
-from wrenchsight.models.live.samples import EventKind, Sample
+from wrenchsight.models.live.samples import EventKind
 from wrenchsight.models.recordings.recording import Recording
 
 H = 0.002
@@ -31,17 +32,6 @@ def log(count=400, torque=False):
     )
 
 
-def read_all(source, until, longest=10.0):
-    """Samples and events until `until(samples, events)`."""
-    samples, events = [], []
-    end = time.monotonic() + longest
-    while not until(samples, events):
-        assert time.monotonic() < end, [str(e) for e in events]
-        for item in source.read(0.05):
-            (samples if isinstance(item, Sample) else events).append(item)
-    return samples, events
-
-
 def opened(controller, robot, options=""):
     return open_source(f"rtde://127.0.0.1:{controller.port}{options}", robot)
 
@@ -50,7 +40,7 @@ def test_each_sample_comes_once_bit_by_bit(ur10e):
     recording = log()
     with RtdeController([recording[:150], recording[150:]], port=0, rate=0.0) as controller:
         source = opened(controller, ur10e)
-        samples, events = read_all(source, lambda s, _: len(s) == 400)
+        samples, events = read_until(source, lambda s, _: len(s) == 400)
         source.close()
     assert [event.kind for event in events] == [EventKind.CONNECTED]
     np.testing.assert_array_equal([s.t for s in samples], recording.t)
@@ -65,7 +55,7 @@ def test_each_sample_comes_once_bit_by_bit(ur10e):
 def test_the_frequency_that_is_asked_for_comes(ur10e):
     with RtdeController([log()], port=0, rate=0.0) as controller:
         source = opened(controller, ur10e, "?frequency=125")
-        samples, _ = read_all(source, lambda s, _: len(s) == 100)
+        samples, _ = read_until(source, lambda s, _: len(s) == 100)
         source.close()
     np.testing.assert_allclose(np.diff([s.t for s in samples]), 0.008, rtol=1e-6)
     assert source.step == 0.008
@@ -75,13 +65,13 @@ def test_torque_is_read_where_the_controller_has_it(ur10e):
     recording = log(torque=True)
     with RtdeController([recording], port=0, rate=0.0) as controller:
         source = opened(controller, ur10e, "?effort=torque")
-        samples, _ = read_all(source, lambda s, _: len(s) == 400)
+        samples, _ = read_until(source, lambda s, _: len(s) == 400)
         source.close()
     assert all(s.is_torque for s in samples)
     np.testing.assert_array_equal([s.effort for s in samples], recording.tau_J)
     with RtdeController([log()], port=0) as controller:
         source = opened(controller, ur10e, "?effort=torque")
-        _, events = read_all(source, lambda _, e: bool(e))
+        _, events = read_until(source, lambda _, e: bool(e))
         source.close()
     assert events[0].kind is EventKind.REFUSED
     assert "actual_current_as_torque" in events[0].text
@@ -95,7 +85,7 @@ def test_a_robot_that_does_not_run_says_so(ur10e, mode, safety, word):
     with RtdeController([log()], port=0, rate=0.0) as controller:
         controller.robot_mode, controller.safety_mode = mode, safety
         source = opened(controller, ur10e)
-        samples, _ = read_all(source, lambda s, _: bool(s))
+        samples, _ = read_until(source, lambda s, _: bool(s))
         source.close()
     assert not samples[0].running
     assert word in samples[0].state
@@ -112,7 +102,7 @@ def test_nobody_there_is_one_event_until_somebody_is(ur10e):
     assert [event.kind for event in events] == [EventKind.REFUSED]
     with RtdeController([log()], port=port, rate=0.0):
         began = time.monotonic()
-        _, events = read_all(source, lambda s, _: bool(s))
+        _, events = read_until(source, lambda s, _: bool(s))
         assert time.monotonic() - began < 1.0  # the promise: back within a second
     source.close()
     assert events[0].kind is EventKind.CONNECTED
@@ -121,9 +111,9 @@ def test_nobody_there_is_one_event_until_somebody_is(ur10e):
 def test_a_lost_connection_comes_back(ur10e):
     with RtdeController([log(3000)], port=0) as controller:
         source = opened(controller, ur10e)
-        read_all(source, lambda s, _: len(s) >= 20)
+        read_until(source, lambda s, _: len(s) >= 20)
         controller.drop_clients()
-        _, events = read_all(source, lambda s, _: len(s) >= 20)
+        _, events = read_until(source, lambda s, _: len(s) >= 20)
         source.close()
     assert [event.kind for event in events][:2] == [EventKind.LOST, EventKind.CONNECTED]
     assert "again" in events[1].text
@@ -145,7 +135,7 @@ def test_garbage_between_packets_is_said_and_survived(ur10e, bad, kind):
 
     with RtdeController([log(1500)], port=0, rate=2.0, tamper=tamper) as controller:
         source = opened(controller, ur10e)
-        samples, events = read_all(source, lambda s, _: len(s) >= 300)
+        samples, events = read_until(source, lambda s, _: len(s) >= 300)
         source.close()
     kinds = [event.kind for event in events]
     expected = [EventKind.CONNECTED] + ([kind] if kind else [])
@@ -163,7 +153,7 @@ def test_packets_cut_anywhere_are_put_together(ur10e):
 
     with RtdeController([log()], port=0, rate=0.0, tamper=tamper) as controller:
         source = opened(controller, ur10e)
-        samples, _ = read_all(source, lambda s, _: len(s) == 400)
+        samples, _ = read_until(source, lambda s, _: len(s) == 400)
         source.close()
     np.testing.assert_array_equal([s.t for s in samples], log().t)
 
@@ -182,7 +172,7 @@ def test_somebody_else_on_the_port_is_refused(ur10e, answer):
 
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
-        _, events = read_all(source, lambda _, e: bool(e))
+        _, events = read_until(source, lambda _, e: bool(e))
         source.close()
         thread.join()
     assert events[0].kind is EventKind.REFUSED
@@ -202,7 +192,7 @@ def test_nothing_is_ever_written_but_what_a_reader_asks(ur10e):
 
         patch = pytest.MonkeyPatch()
         patch.setattr(socket.socket, "sendall", spy)
-        read_all(source, lambda s, _: len(s) == 400)
+        read_until(source, lambda s, _: len(s) == 400)
         patch.undo()
         source.close()
     kinds, at = [], 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from called_commands import refused
-from sample_models import harmonic_motion, knowing_model
+from sample_models import free_motion, knowing_model
 
 from wrenchsight.analyses.methods.live.publishers import DATAGRAM, MAGIC, VALID
 from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
@@ -37,9 +37,7 @@ def recording(ur10e):
     """Three seconds without contact, of the model that reads them."""
     model = knowing_model(ur10e, 3.0, 5.0)
     t = H * np.arange(1500)
-    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.3)
-    q += ur10e.home
-    tau = model.chain(ur10e).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    q, v, tau = free_motion(ur10e, model, t)
     return Recording(t=10.0 + t, q=q, v=v, current=ur10e.motor_current(tau), source="")
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from sample_models import harmonic_motion, sample_torque_error
+from sample_models import free_motion, sample_torque_error
 
 from wrenchsight.analyses.methods.live.reader_process import read_stream
 from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
@@ -58,9 +58,7 @@ def long_recording(ur10e, model):
 
 def motion(ur10e, model, count):
     t = H * np.arange(count)
-    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.7, 1.9], 0.3)
-    q += ur10e.home
-    tau = model.chain(ur10e).inverse_dynamics(q, v, vdot) + model.friction.feedforward.torque(v)
+    q, v, tau = free_motion(ur10e, model, t)
     return Recording(t=20.0 + t, q=q, v=v, current=ur10e.motor_current(tau), source="")
 
 

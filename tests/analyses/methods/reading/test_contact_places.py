@@ -35,7 +35,7 @@ def detection(spans=CONTACTS) -> Detection:
     return Detection(np.where(contact, 3.0, 0.1), contact, none, none.astype(np.int8), none, none)
 
 
-def test_a_touch_of_a_link_voids_its_samples_and_one_at_e_does_not(J: np.ndarray) -> None:
+def test_a_touch_of_a_link_voids_its_samples_and_one_at_e_does_not(J):
     t, sd = T * np.arange(N), np.full((N, 7), 0.1)
     tau = np.zeros((N, 7))
     tau[100:150] = ON_LINK
@@ -52,7 +52,7 @@ def test_a_touch_of_a_link_voids_its_samples_and_one_at_e_does_not(J: np.ndarray
     assert odds[500, :6].sum() < 0.02
 
 
-def test_what_a_sample_lacks_does_not_spoil_its_contact(J: np.ndarray) -> None:
+def test_what_a_sample_lacks_does_not_spoil_its_contact(J):
     t, sd = T * np.arange(N), np.full((N, 7), 0.1)
     tau = np.tile(ON_LINK, (N, 1))
     tau[120], J = np.nan, J.copy()
@@ -66,7 +66,7 @@ def test_what_a_sample_lacks_does_not_spoil_its_contact(J: np.ndarray) -> None:
     assert not trusted[100:150].any()
 
 
-def test_a_contact_is_read_from_what_was_before_it() -> None:
+def test_a_contact_is_read_from_what_was_before_it():
     t, contact = T * np.arange(N), detection().contact
     tau = np.full((N, 7), 2.0)
     tau[contact] += 5.0

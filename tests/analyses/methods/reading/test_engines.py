@@ -6,7 +6,7 @@ from wrenchsight.analyses.methods.reading.engines import covariance_about, with_
 from wrenchsight.models.estimation.estimator import EstimateBatch
 
 
-def test_the_second_moment_is_that_of_draws() -> None:
+def test_the_second_moment_is_that_of_draws():
     """40,000 draws tell a variance to .7 %."""
     rng = np.random.default_rng(0)
     root, mean, reading = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)

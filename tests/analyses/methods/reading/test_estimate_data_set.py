@@ -1,7 +1,6 @@
 """A LeRobot data set read as one log: each frame of the copy has what was read at its time."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,9 +31,7 @@ def _episode(robot: Robot, force: np.ndarray, seed: int) -> dict[str, np.ndarray
 
 
 @pytest.mark.parametrize(("version", "table"), [("v2.1", "csv"), ("v3.0", "parquet")])
-def test_each_frame_has_its_wrench(
-    tmp_path: Path, ur10e: Robot, no_figures: None, version: str, table: str
-) -> None:
+def test_each_frame_has_its_wrench(tmp_path, ur10e, no_figures, version, table):
     episodes = [_episode(ur10e, force, e) for e, force in enumerate(_FORCES)]
     episodes[1]["observation.effort"][70] = np.nan  # a frame without a number
     root = write_data_set(tmp_path / "set", version, episodes, _FPS)

@@ -56,7 +56,7 @@ def _compared(log: Path, model: Path, out: Path, reference: ReferenceConfig) -> 
     return estimate_log(log, "sts_sre4_600", model, out, config=config)
 
 
-def test_the_sensor_is_found_as_it_is_mounted(log: Path, model_file: Path, tmp_path: Path) -> None:
+def test_the_sensor_is_found_as_it_is_mounted(log, model_file, tmp_path):
     result = _compared(log, model_file, tmp_path / "out", ReferenceConfig("FX, FY, FZ", tare="fit"))
     reference = result.metrics()["reference"]
     mounting = reference["mounting"]
@@ -76,7 +76,7 @@ def test_the_sensor_is_found_as_it_is_mounted(log: Path, model_file: Path, tmp_p
     assert not result.notices
 
 
-def test_a_log_compared_as_given(log: Path, model_file: Path, tmp_path: Path) -> None:
+def test_a_log_compared_as_given(log, model_file, tmp_path):
     given = ReferenceConfig(
         "FX,FY,FZ", "tool", [0.0, 0.0, np.pi / 2], "environment", "1,-2,3", "0.04"
     )
@@ -85,9 +85,7 @@ def test_a_log_compared_as_given(log: Path, model_file: Path, tmp_path: Path) ->
     assert reference["all"]["fz"]["rmse_n"] < 0.5  # the observer's lag of a force that swells
 
 
-def test_without_a_reference_nothing_is_compared(
-    log: Path, sts: Robot, model_file: Path, tmp_path: Path
-) -> None:
+def test_without_a_reference_nothing_is_compared(log, sts, model_file, tmp_path):
     with pytest.raises(InputError, match='unknown column "FX"'):
         _compared(log, model_file, tmp_path / "out", ReferenceConfig())
 
@@ -103,16 +101,14 @@ def test_without_a_reference_nothing_is_compared(
     ],
 )
 def test_bad_columns_are_refused_before_anything_is_written(
-    log: Path, model_file: Path, tmp_path: Path, columns: str, tare: str, message: str
-) -> None:
+    log, model_file, tmp_path, columns, tare, message
+):
     with pytest.raises(InputError, match=message):
         _compared(log, model_file, tmp_path / "out", ReferenceConfig(columns, tare=tare))
     assert not (tmp_path / "out" / "wrench.csv").exists()
 
 
-def test_columns_that_the_description_names_may_be_the_sensors(
-    log: Path, model_file: Path, tmp_path: Path
-) -> None:
+def test_columns_that_the_description_names_may_be_the_sensors(log, model_file, tmp_path):
     """A log in its plain form has further signals as name.1, name.2, ..."""
     renamed = tmp_path / "renamed.csv"
     text = log.read_text()

@@ -112,10 +112,22 @@ def log(recording: Recording, tmp_path: Path) -> Path:
     return path
 
 
-def _estimate(
-    log: Path, model_file: Path | None, out: Path, config: EstimateConfig = _GIVEN
-) -> EstimateResult:
-    return estimate_log(log, _ROBOT, model_file, out, config=config)
+@pytest.fixture
+def estimated(log: Path, model_file: Path, tmp_path: Path) -> Callable[..., EstimateResult]:
+    """Reads the log, or what is written in its place, with the true model; into the folder out."""
+
+    def run(
+        config: EstimateConfig = _GIVEN,
+        out: str = "out",
+        of: Recording | None = None,
+        model: Path | None = model_file,
+        log: Path = log,
+    ) -> EstimateResult:
+        if of is not None:
+            write_recording(of, log)
+        return estimate_log(log, _ROBOT, model, tmp_path / out, config=config)
+
+    return run
 
 
 def _table(result: EstimateResult) -> np.ndarray:
@@ -126,12 +138,9 @@ def _table(result: EstimateResult) -> np.ndarray:
 
 
 @pytest.mark.parametrize("method", ["bayesian", "inverse"])
-def test_a_constant_wrench_is_read_back(
-    log: Path, model_file: Path, tmp_path: Path, recording: Recording, method: str
-) -> None:
-    # As the arm moves, so does J^T F, and the observer lags it by 1 / K_0: 0.2 N at K_0 = 20 here.
+def test_a_constant_wrench_is_read_back(estimated, recording, method):
     config = _config(**_PRIOR, method=method, K_0=[200.0])
-    result = _estimate(log, model_file, tmp_path / "out", config)
+    result = estimated(config)
     table = _table(result)
     assert table.shape == (recording.num_samples, len(columns_of(6)))
     np.testing.assert_array_equal(table[:, 0], recording.t)
@@ -146,8 +155,8 @@ def test_a_constant_wrench_is_read_back(
     assert result.notices == ()
 
 
-def test_the_settling_observer_is_not_valid(log: Path, model_file: Path, tmp_path: Path) -> None:
-    result = _estimate(log, model_file, tmp_path / "out")
+def test_the_settling_observer_is_not_valid(estimated):
+    result = estimated()
     valid = _table(result)[:, 14]
     np.testing.assert_array_equal(np.flatnonzero(valid == 0), np.arange(150))  # 3 / K_0 = 0.15 s
     assert result.metrics()["invalid"] == {
@@ -158,9 +167,9 @@ def test_the_settling_observer_is_not_valid(log: Path, model_file: Path, tmp_pat
     assert result.valid_share == pytest.approx(0.9)
 
 
-def test_the_metrics_are_those_of_the_table(log: Path, model_file: Path, tmp_path: Path) -> None:
+def test_the_metrics_are_those_of_the_table(estimated, tmp_path):
     out = tmp_path / "out"
-    result = _estimate(log, model_file, out)
+    result = estimated()
     written = json.loads((out / "metrics.json").read_text())
     table = _table(result)
     valid = table[:, 14] == 1
@@ -181,9 +190,7 @@ def test_the_metrics_are_those_of_the_table(log: Path, model_file: Path, tmp_pat
     assert written["prior"] == {"force_sd_n": 1000.0, "moment_sd_nm": 100.0, "rule": "given"}
 
 
-def test_the_figure_shows_six_panels_with_bands(
-    log: Path, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_figure_shows_six_panels_with_bands(estimated, tmp_path, monkeypatch):
     labels: list[str] = []
     lines: list[np.ndarray] = []
     write = OutputFolder.write_figure
@@ -196,16 +203,14 @@ def test_the_figure_shows_six_panels_with_bands(
         return write(self, name, figure)
 
     monkeypatch.setattr(OutputFolder, "write_figure", watch)
-    result = _estimate(log, model_file, tmp_path / "out")
+    result = estimated()
     assert [label[0] + label[3] for label in labels] == ["fx", "mx", "fy", "my", "fz", "mz"]
     assert [label.split("[")[1] for label in labels] == ["N]", "N m]"] * 3
     np.testing.assert_array_equal(lines[4][::2], _table(result)[:, 3])
     assert (tmp_path / "out" / "figures" / "wrench.png").stat().st_size > 10_000
 
 
-def test_the_figure_of_forces_alone_draws_no_moments(
-    log: Path, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_figure_of_forces_alone_draws_no_moments(estimated, monkeypatch):
     shown: list[tuple[str, float]] = []
 
     def watch(self: OutputFolder, name: str, figure: Any) -> None:
@@ -214,35 +219,35 @@ def test_the_figure_of_forces_alone_draws_no_moments(
     monkeypatch.setattr(OutputFolder, "write_figure", watch)
     config = EstimateConfig()
     config.estimator.reconstruction.method = "force_only"
-    result = _estimate(log, model_file, tmp_path / "out", config)
+    result = estimated(config)
     assert [label[0] + label[3] for label, _ in shown] == ["fx", "fy", "fz"]
     first = _table(result)[0, 0]
     assert all(t == pytest.approx(first) for _, t in shown)  # the time of the file
 
 
-def test_the_prior_is_found_in_the_log(log: Path, model_file: Path, tmp_path: Path) -> None:
-    found = _estimate(log, model_file, tmp_path / "a", EstimateConfig()).metrics()["prior"]
+def test_the_prior_is_found_in_the_log(estimated):
+    found = estimated(EstimateConfig(), out="a").metrics()["prior"]
     # One constant wrench: its power per axis is the variance that explains it best. The torques
     # hardly tell its settling first tenth, hence the width.
     assert found["force_sd_n"] == pytest.approx(np.linalg.norm(_FORCE) / np.sqrt(3), rel=0.3)
     assert found["moment_sd_nm"] == pytest.approx(np.linalg.norm(_MOMENT) / np.sqrt(3), rel=0.3)
     assert found["rule"] == "evidence of the log"
     half = _config(prior_force_sd=50.0)
-    found = _estimate(log, model_file, tmp_path / "b", half).metrics()["prior"]
+    found = estimated(half, out="b").metrics()["prior"]
     assert found["force_sd_n"] == 50.0
     assert 0.1 < found["moment_sd_nm"] < 10.0
     assert found["rule"] == "evidence of the log, force given"
 
 
-def test_a_run_can_be_repeated_from_its_config(log: Path, model_file: Path, tmp_path: Path) -> None:
-    first = _estimate(log, model_file, tmp_path / "a", _config(K_0=[15.0]))
+def test_a_run_can_be_repeated_from_its_config(estimated, log, model_file, tmp_path):
+    first = estimated(_config(K_0=[15.0]), out="a")
     written = yaml.safe_load((tmp_path / "a" / "config.yaml").read_text())
     assert written["log"] == str(log)
     assert written["model"] == str(model_file)
     assert written["robot"] == _ROBOT
     again = load_configuration(tmp_path / "a" / "config.yaml", EstimateSettings).estimate
     assert asdict(again) == asdict(first.config)
-    _estimate(log, model_file, tmp_path / "b", again)
+    estimated(again, out="b")
     same = [(tmp_path / run / "wrench.csv").read_bytes() for run in "ab"]
     assert same[0] == same[1]
 
@@ -250,20 +255,12 @@ def test_a_run_can_be_repeated_from_its_config(log: Path, model_file: Path, tmp_
 # --- chunks ---------------------------------------------------------------------------------
 
 
-def _difference(a: np.ndarray, b: np.ndarray) -> float:
-    np.testing.assert_array_equal(np.isfinite(a), np.isfinite(b))
-    finite = np.isfinite(a)
-    return float(np.max(np.abs(a[finite] - b[finite]) / np.maximum(1.0, np.abs(a[finite]))))
-
-
-def test_chunks_do_not_show(
-    log: Path, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = _estimate(log, model_file, tmp_path / "a", EstimateConfig())
+def test_chunks_do_not_show(estimated, monkeypatch):
+    whole = estimated(EstimateConfig(), out="a")
     monkeypatch.setattr(text_table, "BLOCK_BYTES", 5000)
     monkeypatch.setattr(resampling, "STEP_SAMPLES", 10)
     monkeypatch.setattr(uniform_log, "CHUNK_SAMPLES", 64)
-    parts = _estimate(log, model_file, tmp_path / "b", EstimateConfig())
+    parts = estimated(EstimateConfig(), out="b")
     assert whole.table.read_bytes() == parts.table.read_bytes()
     a, b = whole.metrics(), parts.metrics()
     assert a["prior"] == b["prior"]
@@ -271,25 +268,20 @@ def test_chunks_do_not_show(
     assert a["valid_pct"] == b["valid_pct"]
 
 
-def test_parquet_gives_the_same(
-    log: Path, recording: Recording, model_file: Path, tmp_path: Path
-) -> None:
+def test_parquet_gives_the_same(estimated, recording, tmp_path):
     write_recording(recording, tmp_path / "log.parquet")
-    a = _estimate(log, model_file, tmp_path / "a")
-    b = _estimate(tmp_path / "log.parquet", model_file, tmp_path / "b")
+    a = estimated(out="a")
+    b = estimated(out="b", log=tmp_path / "log.parquet")
     assert a.table.read_bytes() == b.table.read_bytes()
 
 
-def test_a_bag_gives_the_same_and_the_wrench_goes_into_one(
-    recording: Recording, model_file: Path, tmp_path: Path
-) -> None:
+def test_a_bag_gives_the_same_and_the_wrench_goes_into_one(estimated, recording, tmp_path):
     log = replace(recording, t=np.round(recording.t, 6))  # what a stamp holds
     config = EstimateConfig(prior="live", mcap=True)
     results = []
     for name in ("log.csv", "log.mcap"):
         write_recording(log, tmp_path / name)
-        out = tmp_path / f"out-{name}"
-        results.append(_estimate(tmp_path / name, model_file, out, config))
+        results.append(estimated(config, f"out-{name}", log=tmp_path / name))
     a, b = results
     assert a.table.read_bytes() == b.table.read_bytes()
     t, wrench = read_wrench_bag(b.table.with_name("wrench.mcap"))
@@ -298,12 +290,9 @@ def test_a_bag_gives_the_same_and_the_wrench_goes_into_one(
     np.testing.assert_array_equal(wrench, table[:, [4, 5, 6, 1, 2, 3]])
 
 
-def test_a_bridged_dropout_is_not_valid(
-    recording: Recording, model_file: Path, tmp_path: Path
-) -> None:
+def test_a_bridged_dropout_is_not_valid(estimated, recording):
     kept = np.delete(np.arange(recording.num_samples), np.arange(900, 950))
-    write_recording(recording[kept], tmp_path / "log.csv")
-    result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out")
+    result = estimated(of=recording[kept])
     table = _table(result)
     assert len(table) == recording.num_samples
     invalid = np.flatnonzero(table[:, 14] == 0)
@@ -316,9 +305,7 @@ def test_a_bridged_dropout_is_not_valid(
 # --- warnings ----------------------------------------------------------------------------------
 
 
-def test_leaving_the_models_ranges_is_said(
-    log: Path, sts: Robot, recording: Recording, tmp_path: Path
-) -> None:
+def test_leaving_the_models_ranges_is_said(estimated, sts, recording, tmp_path):
     path = tmp_path / "narrow.yaml"
     q = recording.q
     q_max = q.max(axis=0)
@@ -333,7 +320,7 @@ def test_leaving_the_models_ranges_is_said(
         tau_max=(0.0 * q_max + 1000.0).tolist(),
     )
     replace(IdentifiedModel.nominal(sts), validity=validity).save(path)
-    result = _estimate(log, path, tmp_path / "out")
+    result = estimated(model=path)
     outside = result.metrics()["outside_model"]
     assert 20.0 <= outside["motion_pct"] <= 30.2
     assert outside["q_pct"][2] == pytest.approx(20.0, abs=0.2)
@@ -345,22 +332,19 @@ def test_leaving_the_models_ranges_is_said(
     assert "(mostly speed of joint_2)" in text
 
 
-def test_without_a_model_no_reading_is_valid(log: Path, tmp_path: Path) -> None:
+def test_without_a_model_no_reading_is_valid(estimated):
     """Nothing holds a band that rests on the drives' effort limits to the arm."""
-    result = _estimate(log, None, tmp_path / "out")
+    result = estimated(model=None)
     assert "not identified" in result.warnings[0] and "no reading is valid" in result.warnings[0]
     assert result.valid_share == 0.0 and not _table(result)[:, 14].any()
     assert not any("of the readings" in warning for warning in result.warnings[1:])
 
 
-def test_a_log_without_force_warns(
-    recording: Recording, sts: Robot, model_file: Path, tmp_path: Path
-) -> None:
+def test_a_log_without_force_warns(estimated, recording, sts):
     J = sts.chain.jacobian(recording.q)[:, [3, 4, 5, 0, 1, 2]]
     tau = np.einsum("kij,i->kj", J, _WRENCH)
     free = recording.current + tau / (sts.torque_per_ampere * sts.current_sign)
-    write_recording(replace(recording, current=free), tmp_path / "log.csv")
-    result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", EstimateConfig())
+    result = estimated(EstimateConfig(), of=replace(recording, current=free))
     assert any("the prior that explains the log best" in line for line in result.warnings)
     # A third of the live prior, so that a short contact in a quiet log is not read as noise.
     found, live = result.metrics()["prior"], live_prior(sts.payload)
@@ -368,27 +352,21 @@ def test_a_log_without_force_warns(
 
 
 @pytest.mark.parametrize(("prior", "rule"), [("live", "live"), ("30,2", "given")])
-def test_a_prior_that_is_stated(
-    log: Path, sts: Robot, model_file: Path, tmp_path: Path, prior: str, rule: str
-) -> None:
-    found = _estimate(log, model_file, tmp_path / "out", EstimateConfig(prior=prior))
+def test_a_prior_that_is_stated(estimated, sts, prior, rule):
+    found = estimated(EstimateConfig(prior=prior))
     expected = live_prior(sts.payload) if prior == "live" else (30.0, 2.0)
     own = found.metrics()["prior"]
     assert (own["force_sd_n"], own["moment_sd_nm"], own["rule"]) == (*expected, rule)
 
 
 @pytest.mark.parametrize("prior", ["quiet", "30", "30,2,1", "0,1", "30,nan", "1e-200,1"])
-def test_a_prior_that_makes_no_sense(
-    log: Path, model_file: Path, tmp_path: Path, prior: str
-) -> None:
+def test_a_prior_that_makes_no_sense(estimated, tmp_path, prior):
     with pytest.raises(InputError, match="prior"):
-        _estimate(log, model_file, tmp_path / "out", EstimateConfig(prior=prior))
+        estimated(EstimateConfig(prior=prior))
     assert not (tmp_path / "out").exists()
 
 
-def test_friction_that_may_have_drifted_widens_the_band(
-    log: Path, sts: Robot, model_file: Path, tmp_path: Path
-) -> None:
+def test_friction_that_may_have_drifted_widens_the_band(estimated, sts, model_file, tmp_path):
     model = IdentifiedModel.load(model_file, sts)
     one, zero = np.ones(sts.num_joints), np.zeros(sts.num_joints)
     error = torque_error(constant=0.05)
@@ -396,17 +374,17 @@ def test_friction_that_may_have_drifted_widens_the_band(
     path = tmp_path / "model.yaml"
     replace(model, friction=viscous, torque_error=error).save(path)
     usual, wide = (
-        _table(_estimate(log, path, tmp_path / name, replace(_GIVEN, drift=drift)))[:, 7:13]
+        _table(estimated(replace(_GIVEN, drift=drift), out=name, model=path))[:, 7:13]
         for name, drift in (("usual", None), ("wide", 0.5))
     )
     # 5 N m s/rad in place of .5; the lag's share is that of the reading, whatever the drift.
     assert (wide > usual).mean() > 0.9
     assert wide.mean() > 1.5 * usual.mean()
     with pytest.raises(InputError, match=r"drift.*no torque error"):
-        _estimate(log, model_file, tmp_path / "none", replace(_GIVEN, drift=0.5))
+        estimated(replace(_GIVEN, drift=0.5), out="none")
     for drift in (-0.1, 11.0, float("nan")):
         with pytest.raises(InputError, match="drift"):
-            _estimate(log, path, tmp_path / "none", replace(_GIVEN, drift=drift))
+            estimated(replace(_GIVEN, drift=drift), out="none", model=path)
 
 
 # --- bad input ---------------------------------------------------------------------------------
@@ -440,33 +418,31 @@ def _line(call: Callable[[], object]) -> str:
         ({"time_step": float("nan")}, ["time_step"]),
     ],
 )
-def test_settings_that_make_no_sense(
-    log: Path, model_file: Path, tmp_path: Path, change: dict[str, object], words: list[str]
-) -> None:
+def test_settings_that_make_no_sense(estimated, tmp_path, change, words):
     config = _config(**change)
-    line = _line(lambda: _estimate(log, model_file, tmp_path / "out", config))
+    line = _line(lambda: estimated(config))
     for word in words:
         assert word in line
     assert not (tmp_path / "out").exists()
 
 
-def test_a_model_of_another_robot(model_file: Path, tmp_path: Path) -> None:
+def test_a_model_of_another_robot(model_file, tmp_path):
     line = _line(lambda: estimate_log(Path("x.csv"), "ur10e", model_file, tmp_path / "out"))
     assert "model.yaml" in line
     assert "sts_sre4_600" in line
     assert not (tmp_path / "out").exists()
 
 
-def test_a_log_of_another_robot(log: Path, tmp_path: Path) -> None:
+def test_a_log_of_another_robot(estimated, log, tmp_path):
     lines = log.read_text().splitlines()
     columns = [k for k, name in enumerate(lines[0].split(",")) if name[-1] not in "6"]
     short = [",".join(line.split(",")[k] for k in columns) for line in lines]
     path = tmp_path / "five.csv"
     path.write_text("\n".join(short) + "\n")
-    assert "lacks the columns q6, v6, i6" in _line(lambda: _estimate(path, None, tmp_path / "out"))
+    assert "lacks the columns q6, v6, i6" in _line(lambda: estimated(model=None, log=path))
 
 
-def test_a_log_without_joint_signals(tmp_path: Path) -> None:
+def test_a_log_without_joint_signals(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,tau\n" + "".join(f"{0.01 * k},0\n" for k in range(30)))
     description = tmp_path / "format.yaml"
@@ -475,41 +451,34 @@ def test_a_log_without_joint_signals(tmp_path: Path) -> None:
     assert "holds no joint positions" in line
 
 
-def _spoiled(log: Path, row: int, column: int, cell: str) -> None:
+def _files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_fault_deep_in_the_log_leaves_the_old_results(estimated, log, tmp_path, monkeypatch):
+    estimated()
+    before = _files(tmp_path / "out")
     lines = log.read_text().splitlines()
-    cells = lines[row - 1].split(",")
-    cells[column - 1] = cell
-    lines[row - 1] = ",".join(cells)
+    cells = lines[1399].split(",")
+    cells[8] = "inf"
+    lines[1399] = ",".join(cells)
     log.write_text("\n".join(lines) + "\n")
-
-
-def test_a_fault_deep_in_the_log_leaves_the_old_results(
-    log: Path, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "out"
-    _estimate(log, model_file, out)
-    before = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    _spoiled(log, 1400, 9, "inf")
     monkeypatch.setattr(text_table, "BLOCK_BYTES", 20_000)
     monkeypatch.setattr(resampling, "STEP_SAMPLES", 10)
-    line = _line(lambda: _estimate(log, model_file, out))
-    assert "log.csv: line 1400, column 9 (v2): holds inf" in line
-    after = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    assert before == after
+    assert "log.csv: line 1400, column 9 (v2): holds inf" in _line(estimated)
+    assert _files(tmp_path / "out") == before
 
 
-def test_an_interrupt_leaves_the_old_results(log: Path, model_file: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    _estimate(log, model_file, out)
-    before = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+def test_an_interrupt_leaves_the_old_results(estimated, log, model_file, tmp_path):
+    estimated()
+    before = _files(tmp_path / "out")
 
     def interrupt(fraction: float, what: str) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        estimate_log(log, _ROBOT, model_file, out, config=_GIVEN, progress=interrupt)
-    after = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    assert before == after
+        estimate_log(log, _ROBOT, model_file, tmp_path / "out", config=_GIVEN, progress=interrupt)
+    assert _files(tmp_path / "out") == before
 
 
 @pytest.mark.parametrize(
@@ -523,58 +492,39 @@ def test_an_interrupt_leaves_the_old_results(log: Path, model_file: Path, tmp_pa
     ],
     ids=["degrees", "ms", "gap", "backwards", "short"],
 )
-def test_implausible_logs(
-    recording: Recording,
-    model_file: Path,
-    tmp_path: Path,
-    change: Callable[[Recording], Recording],
-    words: str,
-) -> None:
-    write_recording(change(recording), tmp_path / "log.csv")
-    line = _line(lambda: _estimate(tmp_path / "log.csv", model_file, tmp_path / "out"))
+def test_implausible_logs(estimated, recording, tmp_path, change, words):
+    line = _line(lambda: estimated(of=change(recording)))
     assert line.startswith(str(tmp_path / "log.csv"))
     assert words in line
     assert not any((tmp_path / "out").rglob("*.csv*"))
 
 
-def test_a_short_log_of_the_wrong_sign_is_doubted(
-    recording: Recording, model_file: Path, tmp_path: Path
-) -> None:
+def test_a_short_log_of_the_wrong_sign_is_doubted(estimated, recording):
     """A second and a half of slow motion cannot refuse it, at odds of 3 to 1; a note says so."""
     for sign, doubted in ((1.0, False), (-1.0, True)):
-        log = tmp_path / f"log{sign:g}.csv"
-        write_recording(replace(recording, current=sign * recording.current), log)
-        result = _estimate(log, model_file, tmp_path / f"out{sign:g}")
+        result = estimated(of=replace(recording, current=sign * recording.current))
         notes = (*result.notices, *result.warnings)
         assert doubted == any("signs of the currents are doubtful" in note for note in notes)
 
 
-def test_the_checks_can_be_left_out(recording: Recording, model_file: Path, tmp_path: Path) -> None:
-    write_recording(replace(recording, current=-recording.current), tmp_path / "log.csv")
+def test_the_checks_can_be_left_out(estimated, recording):
     config = _config(**_PRIOR, check=False)
-    result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", config)
+    result = estimated(config, of=replace(recording, current=-recording.current))
     assert result.num_samples == recording.num_samples
 
 
 @pytest.mark.parametrize("size", [1e6, 1e10, 1e300])
-def test_absurd_numbers_do_not_crash(
-    recording: Recording, model_file: Path, tmp_path: Path, size: float
-) -> None:
+def test_absurd_numbers_do_not_crash(estimated, recording, size):
     """Without the checks anything may come; the figure must take it, or one line refuse it."""
     current = recording.current.copy()
     current[700:] *= size
-    write_recording(replace(recording, current=current), tmp_path / "log.csv")
+    absurd = replace(recording, current=current)
     for method in ("bayesian", "inverse"):
         config = _config(method=method, check=False)
         if size < 1e9:
-            result = _estimate(tmp_path / "log.csv", model_file, tmp_path / "out", config)
-            assert result.num_samples == recording.num_samples
+            assert estimated(config, of=absurd).num_samples == recording.num_samples
         else:
-            line = _line(
-                lambda config=config: _estimate(
-                    tmp_path / "log.csv", model_file, tmp_path / "out", config
-                )
-            )
+            line = _line(lambda config=config: estimated(config, of=absurd))
             assert "log.csv: line 702, i" in line
             assert "beyond any robot" in line
 
@@ -598,7 +548,7 @@ def _write_long_log(path: Path, robot: Robot, num_rows: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_memory_does_not_grow_with_the_log(sts: Robot, tmp_path: Path) -> None:
+def test_the_memory_does_not_grow_with_the_log(sts, tmp_path):
     """700,000 samples against 200,000; ten million were tried by hand."""
     code = (
         "import sys, resource; from pathlib import Path\n"

@@ -1,7 +1,6 @@
 """estimate --smooth: the table is the smoothed reading, whatever the chunks; what it refuses."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,9 +36,7 @@ def recording(ur10e: Robot) -> Recording:
     return Recording(t, q, v, current, source="made up")
 
 
-def test_the_table_is_the_smoothed_reading(
-    ur10e: Robot, recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_table_is_the_smoothed_reading(ur10e, recording, tmp_path, monkeypatch):
     monkeypatch.setattr(OutputFolder, "write_figure", lambda self, name, figure: None)
     monkeypatch.setattr(uniform_log, "CHUNK_SAMPLES", 90)
     monkeypatch.setattr(smoothing, "PASS", 70)
@@ -75,9 +72,7 @@ def test_the_table_is_the_smoothed_reading(
         ({"method": "truncated"}, "smoothing has no prior"),
     ],
 )
-def test_what_cannot_be_smoothed_is_one_line(
-    tmp_path: Path, change: dict[str, str], problem: str
-) -> None:
+def test_what_cannot_be_smoothed_is_one_line(tmp_path, change, problem):
     config = EstimateConfig(smooth=True)
     config.estimator.reconstruction.method = change.get("method", "bayesian")
     with pytest.raises(InputError, match=problem) as caught:

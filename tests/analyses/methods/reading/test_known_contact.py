@@ -88,16 +88,12 @@ def _known(**changes: object) -> EstimateConfig:
     return replace(EstimateConfig(contact=contact, tool=True, check=False), **changes)
 
 
-def test_the_force_along_the_axis_is_read(
-    log: Path, robot_file: Path, model_file: Path, tmp_path: Path
-) -> None:
+def test_the_force_along_the_axis_is_read(log, robot_file, model_file, tmp_path):
     force = _pressed(log, robot_file, model_file, tmp_path / "out", _known())
     assert force == pytest.approx(_FORCE, abs=1.0)
 
 
-def test_a_tool_that_the_model_has_not_is_refused(
-    log: Path, robot_file: Path, model_file: Path, tmp_path: Path
-) -> None:
+def test_a_tool_that_the_model_has_not_is_refused(log, robot_file, model_file, tmp_path):
     with pytest.raises(InputError, match=r"a tool of 0 kg.*3 kg.*--tool"):
         estimate_log(
             log, robot_file, model_file, tmp_path / "out", config=EstimateConfig(check=False)
@@ -117,13 +113,6 @@ def test_a_tool_that_the_model_has_not_is_refused(
         (_known(smooth=True), "--smooth or --contact-axis"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(
-    log: Path,
-    robot_file: Path,
-    model_file: Path,
-    tmp_path: Path,
-    config: EstimateConfig,
-    message: str,
-) -> None:
+def test_what_makes_no_sense_is_one_line(log, robot_file, model_file, tmp_path, config, message):
     with pytest.raises(InputError, match=message):
         estimate_log(log, robot_file, model_file, tmp_path / "out", config=config)

@@ -63,9 +63,7 @@ def inside(table: Array, begin: float = 1.0) -> Array:
     ("name", "mass"),
     [("ur10e/ur-20_02_19_14harm50secLoad", 2.805), ("ur10e_more/ur-19_12_23_load", 1.069)],
 )
-def test_a_real_load_is_weighed(
-    data: Callable[[str], Path], model_file: Path, tmp_path: Path, name: str, mass: float
-) -> None:
+def test_a_real_load_is_weighed(data, model_file, tmp_path, name, mass):
     result, _ = read(data(f"{name}.csv"), model_file, tmp_path / "out", EstimateConfig())
     load: Any = result.metrics()["load"]
     assert load["told"]
@@ -77,9 +75,7 @@ def test_a_real_load_is_weighed(
     assert all("without the load" in line for line in refresh)
 
 
-def test_the_smoothed_band_holds_a_real_load(
-    ur10e: Robot, data: Callable[[str], Path], model_file: Path, tmp_path: Path
-) -> None:
+def test_the_smoothed_band_holds_a_real_load(ur10e, data, model_file, tmp_path):
     """Knowing nothing of load friction and single gears it held 86 to 87 % an axis."""
     log = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
     result, table = read(log, model_file, tmp_path / "out", EstimateConfig(smooth=True))
@@ -93,8 +89,8 @@ def test_the_smoothed_band_holds_a_real_load(
 
 
 def test_a_load_that_is_taken_up_half_way_is_told_and_no_drift_for_it(
-    ur10e: Robot, data: Callable[[str], Path], model_file: Path, tmp_path: Path
-) -> None:
+    ur10e, data, model_file, tmp_path
+):
     """2 kg from 25 s on, put into a real log's currents with the friction that the law adds."""
     mass, begin, com = 2.0, 25.0, np.array([0.03, 0.05, 0.06])
     log = resampled(read_recording(data("ur10e/ur-20_02_19_14harm50sec.csv"), robot=ur10e), 0.01)
@@ -122,9 +118,7 @@ def test_a_load_that_is_taken_up_half_way_is_told_and_no_drift_for_it(
     assert inside(table[table[:, 14] == 1.0]).min() > 0.9
 
 
-def test_an_empty_arm_carries_nothing(
-    data: Callable[[str], Path], model_file: Path, tmp_path: Path
-) -> None:
+def test_an_empty_arm_carries_nothing(data, model_file, tmp_path):
     log = data("ur10e_more/ur-19_12_23_free.csv")
     result, _ = read(log, model_file, tmp_path / "out", EstimateConfig())
     load: Any = result.metrics()["load"]
@@ -135,9 +129,7 @@ def test_an_empty_arm_carries_nothing(
     assert shown[1] > 0.15
 
 
-def test_the_kalman_observers_band_holds_a_drifted_log(
-    data: Callable[[str], Path], model_file: Path, tmp_path: Path
-) -> None:
+def test_the_kalman_observers_band_holds_a_drifted_log(data, model_file, tmp_path):
     """Its band knew of no drift, and held 36 to 94 % of such logs."""
     kalman = with_observer(EstimateConfig(), "kalman")
     log = data("ur10e_more/ur-19_12_23_free.csv")
@@ -147,9 +139,7 @@ def test_the_kalman_observers_band_holds_a_drifted_log(
     assert inside(usual).min() < 0.85
 
 
-def test_tracked_a_drifted_log_reads_better_within_its_band(
-    data: Callable[[str], Path], model_file: Path, tmp_path: Path
-) -> None:
+def test_tracked_a_drifted_log_reads_better_within_its_band(data, model_file, tmp_path):
     log = data("ur10e_more/ur-19_12_23_free.csv")
     result, table = read(log, model_file, tmp_path / "out", EstimateConfig(track=True))
     _, usual = read(log, model_file, tmp_path / "told", EstimateConfig(drift=0.05))
@@ -172,16 +162,12 @@ def test_tracked_a_drifted_log_reads_better_within_its_band(
         ({"drift": 0.1}, "drift"),
     ],
 )
-def test_what_does_not_go_with_tracking_is_refused(
-    ur10e: Robot, changes: dict[str, Any], what: str
-) -> None:
+def test_what_does_not_go_with_tracking_is_refused(ur10e, changes, what):
     with pytest.raises(InputError, match=what):
         checked_config(EstimateConfig(track=True, **changes), ur10e)
 
 
-def test_an_observer_or_a_method_that_cannot_be_tracked_is_refused(
-    ur10e: Robot, coupled_wrist: Robot
-) -> None:
+def test_an_observer_or_a_method_that_cannot_be_tracked_is_refused(ur10e, coupled_wrist):
     with pytest.raises(InputError, match="reads the wrench itself"):
         checked_config(with_observer(EstimateConfig(track=True), "kalman"), ur10e)
     config = EstimateConfig(track=True)

@@ -69,9 +69,7 @@ def read(log: Path, model_file: Path, out: Path, **settings: Any) -> tuple[Estim
     return result, np.genfromtxt(result.table, delimiter=",", skip_header=1)
 
 
-def test_the_band_holds_what_the_log_shows_of_friction(
-    sts: Robot, model_file: Path, tmp_path: Path
-) -> None:
+def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path):
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, MORE), log)
     result, table = read(log, model_file, tmp_path / "out")
@@ -100,9 +98,7 @@ def test_the_band_holds_what_the_log_shows_of_friction(
     assert (table[:, 7:13].mean(axis=0) > usual[:, 7:13].mean(axis=0)).all()
 
 
-def test_where_friction_is_the_models_the_band_is_too(
-    sts: Robot, model_file: Path, tmp_path: Path
-) -> None:
+def test_where_friction_is_the_models_the_band_is_too(sts, model_file, tmp_path):
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, 0.0 * MORE), log)
     result, table = read(log, model_file, tmp_path / "out")
@@ -112,9 +108,7 @@ def test_where_friction_is_the_models_the_band_is_too(
     np.testing.assert_array_equal(table, usual)
 
 
-def test_the_band_of_a_smoothed_reading_is_wider_too(
-    sts: Robot, model_file: Path, tmp_path: Path
-) -> None:
+def test_the_band_of_a_smoothed_reading_is_wider_too(sts, model_file, tmp_path):
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, MORE), log)
     _, table = read(log, model_file, tmp_path / "out", smooth=True)

@@ -20,7 +20,7 @@ def log(rows: int = 200) -> Recording:
     return Recording(t, q, v, current, "a log")
 
 
-def test_one_absurd_current_is_a_hole_and_spreads_to_no_neighbour() -> None:
+def test_one_absurd_current_is_a_hole_and_spreads_to_no_neighbour():
     wild, arm = log(), Robot.load("ur10e")
     clean = resampled(wild)
     wild.current[100, 1] = 999999.0
@@ -39,7 +39,7 @@ def test_one_absurd_current_is_a_hole_and_spreads_to_no_neighbour() -> None:
     )
 
 
-def test_a_sound_log_passes_as_it_is_in_any_chunks() -> None:
+def test_a_sound_log_passes_as_it_is_in_any_chunks():
     sound, screen = log(), SampleScreen(Robot.load("ur10e"))
     chunks = list(screen.screened([sound[:70], sound[70:71], sound[71:]]))
     np.testing.assert_array_equal(np.concatenate([c.current for c in chunks]), sound.current)

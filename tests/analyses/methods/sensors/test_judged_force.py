@@ -10,7 +10,7 @@ from wrenchsight.analyses.methods.sensors.judged_force import (
 )
 
 
-def test_bias_scatter_and_band() -> None:
+def test_bias_scatter_and_band():
     truth = np.array([10.0, 20.0, 30.0, 40.0])
     error = np.array([1.0, 3.0, 1.0, 3.0])
     reading = ForceReading(truth + error, np.ones(4), np.array([1, 1, 1, 0], bool))
@@ -23,7 +23,7 @@ def test_bias_scatter_and_band() -> None:
     assert judged.correlation == pytest.approx(np.corrcoef(reading.force, truth)[0, 1])
 
 
-def test_a_method_without_a_band_has_none() -> None:
+def test_a_method_without_a_band_has_none():
     judged = Judgement.of(ForceReading(np.ones(3)), np.zeros(3))
     assert judged is not None
     assert judged.inside_95 is None
@@ -31,14 +31,14 @@ def test_a_method_without_a_band_has_none() -> None:
     assert judged.correlation is None  # nothing varies
 
 
-def test_what_is_not_read_is_not_judged() -> None:
+def test_what_is_not_read_is_not_judged():
     judged = Judgement.of(ForceReading(np.array([np.nan, 2.0])), np.array([5.0, 1.0]))
     assert judged is not None
     assert (judged.count, judged.bias) == (1, 1.0)
     assert Judgement.of(ForceReading(np.full(2, np.nan)), np.ones(2)) is None
 
 
-def test_pooled_over_logs() -> None:
+def test_pooled_over_logs():
     judged = [
         Judgement.of(ForceReading(np.full(2, x), np.ones(2)), np.zeros(2)) for x in (1.0, 3.0)
     ]
