@@ -190,8 +190,7 @@ def loaded_pass(
     carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
     R_WE, _ = robot.chain.pose(recording.q)
     J = jacobian_at(loaded.J, R_WE, p_EP)
-    reference = payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
-    truth = mass * reference.direction
+    truth = mass * payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
     torque = np.einsum("kij,ki->kj", J[:, 3:], truth)
     reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
 

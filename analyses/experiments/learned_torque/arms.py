@@ -125,7 +125,7 @@ class Ur10e:
         tau = log.model - log.motion.torque  # the model's point is taken for all predictors
         p_EP = find_point_of_action(J[rows], R_WE[rows], tau[rows], self._covariance).p_EP
         mass = LOADED_LOGS[folder][name]
-        force = mass * payload_reference(self.robot, recording, FILTER.cutoff, p_EP).direction
+        force = mass * payload_reference(self.robot, recording, FILTER.cutoff, p_EP)
         J_P = jacobian_at(J, R_WE, p_EP)[:, 3:]
         known = np.einsum("kaj,ka->kj", J_P, force)
         motion = replace(log.motion, torque=log.motion.torque + known)

@@ -41,6 +41,7 @@ K_0 = 15.0  # 1/s
 REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
 LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
 MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
+INNER = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
 # Samples of them; the observer's band is far below their rate.
 LEARNING = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), 5)
 # Every method that is compared, with what sets it apart; the prior of the others, where they have
@@ -54,24 +55,6 @@ METHODS: dict[str, WrenchReconstructionConfig] = {
     "truncated": WrenchReconstructionConfig("truncated", truncation=0.05),
     "truncated_1e_5": WrenchReconstructionConfig("truncated", truncation=1e-5),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """The payload's force on the flange, from its mass and the motion alone.
-
-    Attributes:
-        direction: (N, 3) g - a_E in axes of W, m/s^2.
-        mass: kg, of the payload.
-    """
-
-    direction: Array
-    mass: float = MASS
-
-    @property
-    def force(self) -> Array:
-        """(N, 3) N, exerted on the robot, in axes of W."""
-        return self.mass * self.direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,36 +74,40 @@ class Reading:
     condition_number: Array
 
     @classmethod
-    def of(cls, estimate: WrenchEstimate, fresh: slice) -> "Reading":
-        """The force of an estimate at the samples `fresh`."""
+    def of(cls, estimate: WrenchEstimate) -> "Reading":
+        """The force of an estimate."""
         return cls(
-            estimate.wrench[fresh, 3:],
-            estimate.standard_deviation[fresh, 3:],
-            estimate.valid[fresh],
-            estimate.condition_number[fresh],
+            estimate.wrench[:, 3:],
+            estimate.standard_deviation[:, 3:],
+            estimate.valid,
+            estimate.condition_number,
         )
 
-    def metrics(self, reference: Reference) -> dict[str, Any]:
-        """Errors over all samples, and below `valid` over those that are flagged valid."""
-        error = np.linalg.norm(self.force - reference.force, axis=1)
+    def metrics(self, direction: Array) -> dict[str, Any]:
+        """Errors over all samples, and below `valid` over those that are flagged valid.
+
+        Args:
+            direction: (N, 3) m/s^2, as `payload_reference`: the true force is MASS times it.
+        """
+        error = np.linalg.norm(self.force - MASS * direction, axis=1)
         worst_deviation = np.linalg.norm(self.deviation, axis=1)
         return {
-            **self._errors(reference, np.ones(len(self.valid), bool)),
+            **self._errors(direction, np.ones(len(self.valid), bool)),
             "share_valid_pct": 100.0 * float(self.valid.mean()),
-            "valid": self._errors(reference, self.valid),
+            "valid": self._errors(direction, self.valid),
             "rank_correlation_with_error": {
                 "stated_sd": float(spearmanr(worst_deviation, error).statistic),
                 "condition_number": float(spearmanr(self.condition_number, error).statistic),
             },
         }
 
-    def _errors(self, reference: Reference, rows: Flags) -> dict[str, Any]:
+    def _errors(self, direction: Array, rows: Flags) -> dict[str, Any]:
         names = [f"rmse_f{axis}_n" for axis in AXES]
         if rows.sum() < 2:
             keys = (*names, "rmse_n", "max_error_n", "mass_kg", "correlation")
             return dict.fromkeys((*keys, "inside_68_pct", "inside_95_pct"))
-        force, truth = self.force[rows], reference.force[rows]
-        direction = reference.direction[rows]
+        force, direction = self.force[rows], direction[rows]
+        truth = MASS * direction
         error = force - truth
         share = np.abs(error) / self.deviation[rows]
         return {
@@ -136,8 +123,9 @@ class Reading:
 
 def payload_reference(
     robot: Robot, recording: Recording, cutoff: float, p_EP: Array | None = None
-) -> Reference:
-    """The force of the payload along a recording on a uniform grid.
+) -> Array:
+    """(N, 3) g - a_E in axes of W, m/s^2, along a recording on a uniform grid: a payload's force
+    on the robot by its mass.
 
     a_E is the second derivative of the position of the flange (or of a point P fixed to it),
     computed from positions that went through a zero-phase low-pass: no model, no current, no delay.
@@ -148,7 +136,7 @@ def payload_reference(
     if p_EP is not None:
         p_WE = p_WE + R_WE @ p_EP
     a_E = derivative(derivative(p_WE, step), step)
-    return Reference(np.asarray(robot.gravity) - a_E)
+    return np.asarray(robot.gravity) - a_E
 
 
 def force_of_load(
@@ -169,7 +157,7 @@ def force_of_load(
     R_WE, _ = robot.chain.pose(motion.q)
     learnt = J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING]
     place = find_point_of_action(*learnt, Sigma_tau).p_EP
-    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place).direction
+    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place)
 
 
 def estimator_config() -> WrenchEstimatorConfig:
@@ -190,19 +178,19 @@ class AtLoad:
         found: from the part before.
         prior: force sd (N) and moment sd (N m) of `bayesian_zero_mean`.
         readings: by method.
-        reference: the payload's force at that point.
+        direction: (N, 3) m/s^2, `payload_reference` at that point.
     """
 
     t: Array
     found: PointOfAction
     prior: tuple[float, float]
     readings: dict[str, Reading]
-    reference: Reference
+    direction: Array
 
     def metrics(self) -> dict[str, Any]:
         """Figures by method, the point found and the prior, as written to metrics.json."""
         return {
-            **{name: one.metrics(self.reference) for name, one in self.readings.items()},
+            **{name: one.metrics(self.direction) for name, one in self.readings.items()},
             "point_m": self.found.p_EP,
             "mean_force_n": self.found.mean_force_W,
             "force_sd_n": self.found.force_sd,
@@ -243,10 +231,10 @@ def read_at_load(
     ):
         estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
         estimate.wrench[:, 3:] += mean
-        readings[name] = Reading.of(estimate, slice(None))
-    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP).direction[test]
+        readings[name] = Reading.of(estimate)
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP)[test]
     t = loaded.t[test] - loaded.t[0]
-    return AtLoad(t, result, zero_mean, readings, Reference(direction))
+    return AtLoad(t, result, zero_mean, readings, direction)
 
 
 def estimate_run(
