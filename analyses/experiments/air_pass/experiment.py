@@ -30,7 +30,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.output.figures import (
-    COLOUR,
     SERIES,
     Figure,
     draw_bars,
@@ -101,12 +100,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "Error of the force at the load and of the joint torques, as read and less what "
                 "the pass without load has taught.",
             ),
-            (
-                "joint2",
-                _torque_figure(passes),
-                "Joint 2: what the observer reads beside the load's torque, and what it read at "
-                "the same place of the pass without load.",
-            ),
         ],
         comparison=_comparison(),
         notes=NOTES,
@@ -166,22 +159,6 @@ def _share_figure(metrics: dict[str, Any]) -> Figure:
                 bar.set(facecolor=SERIES[k // 2], alpha=1.0 if k % 2 else 0.45)
         panel.set_ylabel(label)
     legend_on_top(figure, axes[0, 0], ncols=3)
-    return figure
-
-
-def _torque_figure(passes: dict[str, LoadedPass]) -> Figure:
-    figure, axes = new_figure(len(LAWS), 1, height=2.2 * len(LAWS) + 0.4, share_x=True)
-    for panel, (key, law) in zip(axes[:, 0], LAWS.items(), strict=True):
-        entry = passes[key]
-        for error, colour, label in (
-            (entry.plain.torque_error, COLOUR["before"], "with the load"),
-            (entry.first_pass, COLOUR["estimate"], "without the load"),
-        ):
-            panel.plot(entry.t, error[:, 1], color=colour, lw=1.0, label=label)
-        panel.set_ylabel("tau_ext error [N m]")
-        panel.set_title(f"{law}: {100 * entry.repeated_share[1]:.0f} % of it did repeat")
-    axes[-1, 0].set_xlabel("time [s]")
-    legend_on_top(figure, axes[0, 0])
     return figure
 
 

@@ -31,8 +31,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.methods.reading.force_errors import ForceReading, draw_signal, reductions
-from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, new_figure
+from wrenchsight.analyses.methods.reading.force_errors import ForceReading, reductions
+from wrenchsight.analyses.output.figures import COLOUR
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -97,23 +97,6 @@ def _comparison() -> list[ComparisonRow]:
         for axis in AXES
     ]
     return [*rows, ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band")]
-
-
-def error_figure(readings: dict[str, ForceReading]) -> Figure:
-    """Errors over time of the article's two experiments and of ours, axis by axis."""
-    figure, axes = new_figure(3, 1, height=6.6, share_x=True)
-    shown = (
-        (BEFORE, COLOUR["before"], "article, without"),
-        (AFTER, COLOUR["after"], "article, with"),
-        (OURS, COLOUR["estimate"], "ours"),
-    )
-    for k, panel in enumerate(axes[:, 0]):
-        for key, colour, label in shown:
-            draw_signal(panel, readings[key].t, readings[key].error[:, k], colour, label)
-        panel.set_ylabel(f"error of f{AXES[k]} [N]")
-    axes[-1, 0].set_xlabel("time [s]")
-    legend_below(figure, axes[0, 0], 3)
-    return figure
 
 
 def _errors(key: str) -> str:
@@ -212,7 +195,6 @@ def _figures(readings: dict[str, ForceReading]) -> Iterator[Drawing]:
         ),
     ):
         yield name, axes_figure(readings[key], title, colour, limits), caption
-    yield "errors", error_figure(readings), "Errors of the three over time."
 
 
 EXPERIMENT = Experiment(

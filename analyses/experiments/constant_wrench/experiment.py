@@ -21,7 +21,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     found_path,
 )
-from wrenchsight.analyses.output.axes import legend_above, log_scale
+from wrenchsight.analyses.output.axes import legend_above
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -218,11 +218,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=[
             (
-                "condition-number",
-                _condition_figure(result),
-                "Condition number of the Jacobian along both paths (Fig. 8).",
-            ),
-            (
                 "wrench",
                 _wrench_figure(result),
                 "The constant wrench as eq. 22 reads it, forward and back; black: the true one "
@@ -273,24 +268,6 @@ def _comparison() -> list[ComparisonRow]:
             "reduction of the mean JCN", "reduction_pct.mean_jcn", 46.28, "of unlike means"
         ),
     ]
-
-
-def _condition_figure(result: ConstantWrench) -> Figure:
-    """The condition number along each path."""
-    figure, ((ax,),) = new_figure(1, 1, height=3.2)
-    for label, readings, colour, style in (
-        ("initial path", result.initial, COLOUR["before"], "-"),
-        ("optimised path", result.optimised, COLOUR["after"], "-"),
-        ("optimised path, elbow on the other side", result.other_elbow, COLOUR["after"], "--"),
-        ("path found here", result.found, SERIES[0], ":"),
-    ):
-        label = f"{label} (largest {np.max(readings.condition_number):.2f})"
-        ax.plot(readings.distance, readings.condition_number, style, color=colour, label=label)
-    log_scale(ax, "y")
-    ax.set_xlabel("distance along the path [m]")
-    ax.set_ylabel("condition number of J")
-    legend_on_top(figure, ax, ncols=2)
-    return figure
 
 
 def _wrench_figure(result: ConstantWrench) -> Figure:

@@ -51,15 +51,11 @@ from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
-    draw_bars,
     legend_below,
-    legend_on_top,
-    new_figure,
     panels_in_pairs,
 )
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -276,23 +272,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     if has_data:
         arms["real"] = real_arm(context, 0.5)
     context.progress(0.92, "figures")
-    figures: list[Drawing] = []
-    for name, arm in arms.items():
-        title = {"simulated": "simulated arm", "real": "UR10e"}[name]
-        figures += (
-            (
-                f"laws_{name}",
-                near_zero_figure(arm, title),
-                f"Friction of the {title} near zero velocity in held-out motion, and what three "
-                "laws say of the same motion.",
-            ),
-            (
-                f"errors_{name}",
-                errors_figure(arm, title),
-                f"Error of each law on held-out data of the {title}: friction near zero velocity, "
-                "and torque over held-out runs.",
-            ),
-        )
+    what = (
+        "Friction near zero velocity in held-out motion, and what three laws say of the same motion"
+    )
+    titles = {"simulated": "simulated arm", "real": "UR10e"}
+    figures = [
+        (f"laws_{name}", near_zero_figure(arm, titles[name]), f"{what}: {titles[name]}.")
+        for name, arm in arms.items()
+    ]
     metrics = {name: arm.metrics() for name, arm in arms.items()}
     return ExperimentResult(
         metrics=metrics,
@@ -351,24 +338,6 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> Figure:
         axis.set_title(arm.joint_names[j])
     legend_below(figure, panels[0], 4, markerscale=4)
     figure.suptitle(f"Friction near zero velocity, {title}")
-    return figure
-
-
-def errors_figure(arm: LawsOnOneArm, title: str) -> Figure:
-    """Held-out errors of every law, joint by joint."""
-    runs = [fit.name for fit in arm.validation[PLAIN]]
-    figure, axes = new_figure(1 + len(runs), 1, height=2.4 * (1 + len(runs)) + 0.8, share_x=True)
-    names = [name.removesuffix("_joint") for name in arm.joint_names]
-    near_zero = {law: arm.rmse(law) for law in arm.validation}
-    draw_bars(axes[0, 0], near_zero, names)
-    axes[0, 0].set_ylabel("RMSE near zero [N m]")
-    axes[0, 0].set_title(f"{title}: friction near zero velocity")
-    for k, (panel, run) in enumerate(zip(axes[1:, 0], runs, strict=True)):
-        left = {law: 100.0 * fits[k].relative for law, fits in arm.validation.items()}
-        draw_bars(panel, left, names)
-        panel.set_ylabel("unexplained torque [%]")
-        panel.set_title(f"{title}: {run}")
-    legend_on_top(figure, axes[0, 0], ncols=4)
     return figure
 
 

@@ -10,7 +10,6 @@ data set states them; `source` repeats the source's way, without.
 the observer's settling on; of the wrench, whether any joint moves.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,7 +44,6 @@ from wrenchsight.analyses.output.figures import (
 )
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -94,7 +92,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(readings, comparisons),
+        figures=[
+            (
+                "torque",
+                _torque_figure(readings, [log.name for log in logs]),
+                "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
+                "(its delay taken off), of the most loaded joint of those that move.",
+            )
+        ],
         comparison=_comparison(metrics),
         notes=NOTES,
         configuration={"sensor": {log.name: log.config for log in logs}},
@@ -260,22 +265,6 @@ def _stiction(reading: Lara8Reading) -> dict[str, Any]:
 
 
 # Report -------------------------------------------------------------------------------------------
-
-
-def _figures(
-    readings: dict[tuple[str, str], Lara8Reading],
-    comparisons: dict[tuple[str, str], SensorComparison],
-) -> Iterator[Drawing]:
-    names = list(dict.fromkeys(name for name, _ in readings))
-    yield (
-        "torque",
-        _torque_figure(readings, names),
-        "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
-        "(its delay taken off), of the most loaded joint of those that move.",
-    )
-    shown = SWEEP if SWEEP in names else names[0]
-    what = f"The wrench at the flange in {shown}, with its band, against the sensor."
-    yield "wrench", comparisons[shown, "urdf"].figure(), what
 
 
 def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> Figure:

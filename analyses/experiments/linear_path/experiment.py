@@ -19,17 +19,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
 from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
 from wrenchsight.analyses.methods.planning.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
 from wrenchsight.analyses.methods.planning.placement_files import (
-    draw_history,
     draw_profiles,
     write_placement_page,
 )
 from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
-from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -216,7 +212,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     ]
 
 
-def _figures(out: OutputFolder, found: LinearPath) -> Iterator["Drawing | FigureFile"]:
+def _figures(out: OutputFolder, found: LinearPath) -> Iterator[FigureFile]:
     main, table = found.optimised, found.table
     path = draw_profiles(out, "path", main.initial, main.best, main.measure)
     yield FigureFile(
@@ -224,43 +220,9 @@ def _figures(out: OutputFolder, found: LinearPath) -> Iterator["Drawing | Figure
         "Condition number along the article's initial path and along the path found (Fig. 8), and "
         "the joints on the latter.",
     )
-    yield (
-        "convergence",
-        _convergence_figure(found),
-        "Best cost known over the time of computing (one core, kernels compiled): this program and "
-        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
-        "optima that the first met.",
-    )
     path = draw_profiles(out, "table", table.initial, table.best, table.measure)
     what = "The same with a table below the robot, a board below the path, and clearance."
     yield FigureFile(path.relative_to(out.path), what)
-
-
-def _convergence_figure(found: LinearPath) -> Figure:
-    main = found.optimised
-    figure, ((ax,),) = new_figure(1, 1, height=3.4)
-    for index, (label, results, colour) in enumerate(
-        (
-            ("this program, random seeds", found.from_seeds, COLOUR["after"]),
-            ("PSO-GA, random seeds", found.swarms, COLOUR["article"]),
-        )
-    ):
-        for number, result in enumerate(results):
-            draw_history(ax, result.search.history, colour, label if number == 0 else "_")
-            ax.lines[-1].set_alpha(0.75)
-            ax.lines[-1].set_zorder(3 - index)
-    draw_history(ax, main.search.history, COLOUR["truth"], "this program, from the article's guess")
-    ax.set_ylim(10.95, 11.45)
-    for optimum in main.search.optima[:2]:
-        ax.axhline(optimum.cost, color=COLOUR["reference"], linewidth=0.8, linestyle=":")
-        text = f" {optimum.cost:.3f}"
-        ax.text(1.0, optimum.cost, text, transform=ax.get_yaxis_transform(), va="center", size=8.5)
-    ax.set_xlim(left=0.03)
-    log_scale(ax, "x")
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("mean condition number")
-    legend_on_top(figure, ax)
-    return figure
 
 
 def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:

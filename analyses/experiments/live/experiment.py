@@ -23,6 +23,10 @@ import numpy as np
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     force_of_load,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import (
+    axes_of,
+    bars_by_log,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     FREE_LOGS,
@@ -38,10 +42,8 @@ from wrenchsight.analyses.methods.live.sources import open_source
 from wrenchsight.analyses.methods.live.start_checks import StartChecks
 from wrenchsight.analyses.methods.live.watch_config import WatchConfig, WatchSettings
 from wrenchsight.analyses.methods.live.watched import load_watched
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -90,9 +92,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.progress(0.9, "at real time")
         seconds = PLAYED_TIME[context.quick]
         metrics |= sources(_path(context.data, PLAYED), path, robot, seconds)
+    rows = {
+        "inside [%]": [metrics[log] for log in masses],
+        "without --track [%]": [metrics[log]["untracked"] for log in masses],
+    }
+    shares = {words: axes_of([own["inside_95_pct"] for own in one]) for words, one in rows.items()}
+    what = f"by log, as `watch --track` reads them after {FROM:g} s, and without."
     return ExperimentResult(
         metrics=metrics,
-        figures=[_drawn({log: metrics[log] for log in masses})],
+        figures=[
+            ("live", bars_by_log(shares, list(masses)), f"Share inside the 95 % band, {what}")
+        ],
         comparison=_comparison(),
         notes=NOTES,
         configuration={"loads_kg": masses},
@@ -223,38 +233,6 @@ def _comparison() -> list[ComparisonRow]:
         "seven weeks before it, with a load of 1.069 kg": "ur-19_12_23_load.inside_95_pct",
     }
     return [ComparisonRow(f"{inside}, {words}", key) for words, key in rows.items()]
-
-
-def _drawn(metrics: dict[str, Any]) -> Drawing:
-    figure, axes = new_figure(1, 1, height=5.0)
-    panel: Any = axes[0, 0]
-    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
-    places = np.arange(len(metrics))
-    for i, axis in enumerate("xyz"):
-        level = places + 0.25 * (i - 1)
-        shares = [own["inside_95_pct"][i] for own in metrics.values()]
-        before = [own["untracked"]["inside_95_pct"][i] for own in metrics.values()]
-        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
-        panel.plot(
-            before,
-            level,
-            "D",
-            color=COLOUR["truth"],
-            markerfacecolor="white",
-            ms=3.5,
-            label="without --track" if i == 0 else None,
-            zorder=3,
-        )
-    panel.set_yticks(places, list(metrics))
-    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
-    panel.set_xlim(60.0, 100.5)
-    panel.invert_yaxis()
-    figure.legend(loc="outside upper center", ncols=4)
-    caption = (
-        f"Share of the samples inside the stated 95 % band, log by log, as `watch --track` reads "
-        f"them after {FROM:g} s."
-    )
-    return "live", figure, caption
 
 
 NOTES = (

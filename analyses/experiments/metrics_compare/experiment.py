@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -341,11 +340,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "How well each measure of a posture ranks the force error there; bars: 95 % "
                 "intervals.",
             ),
-            (
-                "errors",
-                _errors_figure(draws),
-                "Force error of each posture over the condition number and over the stated sd.",
-            ),
         ],
         comparison=[
             ComparisonRow(
@@ -383,33 +377,6 @@ def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> Figure:
     ax.invert_yaxis()
     ax.set_xlabel("rank correlation with the force error")
     legend_on_top(figure, ax)
-    return figure
-
-
-def _errors_figure(draws: Draws) -> Figure:
-    figure, axes = new_figure(2, 2, height=5.6, share_y=True)
-    for row, method in enumerate(METHODS):
-        for column, (name, label) in enumerate(
-            (("jcn", "condition number of J"), ("stated_sd", "stated sd of the force [N]"))
-        ):
-            ax = axes[row, column]
-            x, y = draws.predictors[method][name], draws.force_error[method]
-            ax.plot(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
-            order = np.argsort(x, kind="stable")
-            groups = np.array_split(order, 20)
-            ax.plot(
-                [float(np.median(x[group])) for group in groups],
-                [float(np.median(y[group])) for group in groups],
-                color=COLOUR["truth"],
-                label="median of a twentieth",
-            )
-            ax.set_xlabel(label)
-            ax.set_title(method)
-            log_scale(ax, "x")
-        axes[row, 0].set_ylabel("force error [N]")
-    for panel in axes.flat:
-        log_scale(panel, "y")
-    legend_on_top(figure, axes[0, 0])
     return figure
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bars_by_log
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     FREE_LOGS,
@@ -51,7 +52,6 @@ from wrenchsight.analyses.output.figures import (
     SERIES,
     Figure,
     legend_below,
-    legend_on_top,
     new_figure,
 )
 from wrenchsight.analyses.study.experiment import (
@@ -322,40 +322,28 @@ def never_valid(metrics: Mapping[str, Any]) -> list[str]:
 
 def _summary(metrics: Mapping[str, Any]) -> Drawing:
     logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
-    logs = [log for log in logs if log not in unread] + unread
-    figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
-    places = np.arange(len(logs))
-    width = 0.8 / len(metrics)
-    for i, (name, entry) in enumerate(metrics.items()):
-        shift = width * (i - 0.5 * (len(metrics) - 1))
-        errors, shares = np.full(len(logs), np.nan), np.full(len(logs), np.nan)
-        for k, log in enumerate(logs):
-            kind = "" if log in unread else "valid_"
-            if entry[log][f"{kind}rmse_n"] is not None:
-                errors[k] = total(entry[log], f"{kind}rmse_n")
-                shares[k] = np.mean(entry[log][f"{kind}inside_95_pct"])
-        for panel, values in zip(axes[0], (errors, shares), strict=True):
-            bars = panel.barh(places + shift, values, width, color=SERIES[i], label=name)
-            for bar, log in zip(bars, logs, strict=True):
-                if log in unread:
-                    bar.set(hatch="////", alpha=0.5, edgecolor="white", linewidth=0.0)
-    left, right = axes[0]
-    left.set_yticks(places, [f"{log} *" if log in unread else log for log in logs])
-    left.set_ylim(len(logs) - 0.4, -0.6)
-    left.set_xlabel("force error, RMSE [N]")
-    right.set_yticks(places, [""] * len(logs))
-    right.set_ylim(left.get_ylim())
-    right.axvspan(90.0, 98.0, alpha=0.2, lw=0)
-    lowest = min(bar.get_width() for bar in right.patches if np.isfinite(bar.get_width()))
-    right.set_xlim(min(50.0, 10.0 * np.floor(0.1 * lowest)), 100.0)
-    right.set_xlabel("inside the 95 % band [%]")
-    legend_on_top(figure, left, ncols=4)
+
+    def drawn(own: Mapping[str, Any], log: str, key: str) -> Any:
+        value = own[log][key if log in unread else f"valid_{key}"]
+        return [np.nan] * 3 if value is None else value
+
+    rows = {
+        "RMSE [N]": {
+            name: [np.linalg.norm(drawn(own, log, "rmse_n")) for log in logs]
+            for name, own in metrics.items()
+        },
+        "inside [%]": {
+            name: [np.mean(drawn(own, log, "inside_95_pct")) for log in logs]
+            for name, own in metrics.items()
+        },
+    }
     caption = (
         "Every observer on every log (force_only): error, and share inside, of the valid samples."
     )
     if unread:
-        caption += f" Hatched (*): of all samples, as none is valid, on {', '.join(unread)}."
-    return "observers", figure, caption
+        caption += f" (*): of all samples, as none is valid, on {', '.join(unread)}."
+    marked = [f"{log} *" if log in unread else log for log in logs]
+    return "observers", bars_by_log(rows, marked), caption
 
 
 def _push_figure(scene: Scene, shown: Mapping[str, Read]) -> Figure:

@@ -23,7 +23,6 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
     knowledge_by_evidence,
     rms,
 )
-from wrenchsight.analyses.output.axes import log_scale
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
@@ -177,11 +176,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 _bar_figure(readings),
                 "RMSE of the force per pose and method, rows with more than 1 N",
             ),
-            (
-                "ranking",
-                _rank_figure(readings),
-                "What ranks the poses: the stated sd, or the condition number",
-            ),
         ],
         comparison=_comparison(),
         notes=NOTES,
@@ -234,28 +228,6 @@ def _bar_figure(readings: dict[str, MethodReading]) -> Figure:
     ax.set_xlabel("pose")
     ax.set_ylabel("RMSE of the force [N]")
     ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return figure
-
-
-def _rank_figure(readings: dict[str, MethodReading]) -> Figure:
-    figure, axes = new_figure(1, 2, share_y=True, height=3.4)
-    for method, colour in (("inverse", COLOUR["before"]), ("bayesian", COLOUR["estimate"])):
-        metrics = readings[method].metrics()
-        ranks = metrics["rank_correlation"]["poses"]
-        condition = [np.mean(log.condition_number[log.loaded]) for log in readings[method].logs]
-        for ax, x, rank in (
-            (axes[0, 0], metrics["stated_sd_n"], ranks["stated_sd"]),
-            (axes[0, 1], condition, ranks["condition_number"]),
-        ):
-            label = f"{_BARS[method]}, rank correlation {rank:.2f}"
-            ax.plot(x, metrics["rmse_n"], "o", color=colour, label=label)
-            ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    for panel in axes.flat:
-        log_scale(panel, "x")
-        log_scale(panel, "y")
-    axes[0, 0].set_xlabel("stated sd of the force [N]")
-    axes[0, 1].set_xlabel("condition number")
-    axes[0, 0].set_ylabel("RMSE of the force [N]")
     return figure
 
 

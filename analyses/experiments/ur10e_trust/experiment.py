@@ -29,6 +29,10 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import (
+    axes_of,
+    bars_by_log,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     FREE_LOGS,
@@ -43,7 +47,6 @@ from wrenchsight.analyses.methods.learning.identification_config import (
 )
 from wrenchsight.analyses.methods.reading.engines import covariance_about
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -121,15 +124,23 @@ def run(context: ExperimentContext) -> ExperimentResult:
             own["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
         metrics[log.stem] = own
     context.progress(0.95, "figure")
+    none = {"all": {"inside_95_pct": [np.nan] * 3}}
+    cases = {"inside [%]": list(metrics.values())}
+    for case in ("widened", "refreshed"):
+        cases[f"{case} [%]"] = [own.get(case, none) for own in metrics.values()]
+    shares = {
+        words: axes_of([own["all"]["inside_95_pct"] for own in case])
+        for words, case in cases.items()
+    }
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "trust",
-                _figure(metrics),
-                "Share of the samples inside the stated 95 % band, log by log; open diamonds: with "
-                "the drift that `estimate` finds in the log and allows for; full ones: of the "
-                f"model whose friction was found again from {REFRESH_SECONDS:g} s without contact.",
+                bars_by_log(shares, list(metrics)),
+                "Share of the samples inside the stated 95 % band, log by log; also with the drift "
+                "that `estimate` finds in the log and allows for, and of the model whose friction "
+                f"was found again from {REFRESH_SECONDS:g} s without contact.",
             )
         ],
         comparison=_comparison(),
@@ -267,33 +278,6 @@ def _comparison() -> list[ComparisonRow]:
             "ur-19_12_23_free.refreshed.all.inside_95_pct",
         ),
     ]
-
-
-def _figure(metrics: dict[str, Any]) -> Figure:
-    figure, ((panel,),) = new_figure(1, 1, height=6.0)
-    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
-    places = np.arange(len(metrics))
-    for i, axis in enumerate("xyz"):
-        level = places + 0.25 * (i - 1)
-        shares = [own["all"]["inside_95_pct"][i] for own in metrics.values()]
-        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
-        for key, fill, words in (
-            ("widened", "white", "as estimate states it"),
-            ("refreshed", COLOUR["truth"], "with friction refreshed"),
-        ):
-            again = [
-                own[key]["all"]["inside_95_pct"][i] if key in own else np.nan
-                for own in metrics.values()
-            ]
-            style = {"color": COLOUR["truth"], "markerfacecolor": fill, "ms": 3.5, "zorder": 3}
-            panel.plot(again, level, "D", label=words if i == 0 else None, **style)
-    panel.set_yticks(places, list(metrics))
-    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
-    least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
-    panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
-    panel.invert_yaxis()
-    figure.legend(loc="outside upper center", ncols=5)
-    return figure
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:

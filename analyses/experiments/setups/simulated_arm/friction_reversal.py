@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback, simulate_motion
-from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, panels_in_pairs
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.friction_reversal import (
     ReversalSamples,
     reversal_motion,
     separate,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
@@ -158,29 +156,6 @@ def reversal_recordings(
         )
         recordings.append(log.recording)
     return recordings
-
-
-def reversal_figure(
-    separated: SeparatedFriction,
-    law: CoulombViscous,
-    title: str,
-) -> Figure:
-    """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
-    n = len(separated.joint_names)
-    figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
-    for j, axis in enumerate(panels):
-        v, torque = separated.samples[j].friction()
-        axis.plot(v, torque, ".", color=COLOUR["reference"], ms=2, alpha=0.4, label="separated")
-        most = float(np.abs(v).max(initial=0.1))
-        line = np.tile(np.linspace(-most, most, 801)[:, None], (1, n))
-        axis.plot(
-            line[:, j], law.torque(line)[:, j], color=COLOUR["before"], label="Coulomb-viscous"
-        )
-        share = separated.metrics()["asymmetric_pct"][j]
-        axis.set_title(f"{separated.joint_names[j]}: asymmetric part {share:.0f} %")
-    legend_below(figure, panels[0], 3)
-    figure.suptitle(title)
-    return figure
 
 
 def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:

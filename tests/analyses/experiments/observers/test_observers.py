@@ -132,9 +132,9 @@ def test_a_log_that_one_observer_reads_validly_is_judged_by_its_valid_samples() 
 
 def test_the_figure_marks_a_log_that_is_never_valid() -> None:
     _, _, caption = _summary(_never_valid())
-    assert "Hatched (*): of all samples, as none is valid, on hard-pushes." in caption
+    assert "(*): of all samples, as none is valid, on hard-pushes." in caption
     _, _, caption = _summary({"momentum": {"a": _figures(2.0, 95.0, None)}})
-    assert "Hatched" not in caption
+    assert "(*)" not in caption
 
 
 def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
