@@ -15,7 +15,6 @@ import numpy as np
 from wrenchsight.analyses.experiments.air_pass.repeated_pass import (
     LoadedPass,
     Pass,
-    PassErrors,
     loaded_pass,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
@@ -117,16 +116,7 @@ def _point_of_load(robot: Robot, model: IdentifiedModel, loaded: Pass) -> "NDArr
 
 
 def _metrics(own: LoadedPass) -> dict[str, Any]:
-    def errors(part: PassErrors) -> dict[str, Any]:
-        judged = [one.metrics("f_n") for one in part.judged()]
-        keys = ("rmse_f_n", "bias_f_n", "inside_95_pct")
-        return {
-            **{key: [one[key] for one in judged] for key in keys},
-            "torque_rmse_nm": part.torque_rmse,
-            "torque_bias_nm": part.torque_error.mean(axis=0),
-        }
-
-    plain, taught = errors(own.plain), errors(own.taught)
+    plain, taught = own.plain.metrics(), own.taught.metrics()
     sizes = [float(np.linalg.norm(part["rmse_f_n"])) for part in (plain, taught)]
     return {
         "plain": plain,

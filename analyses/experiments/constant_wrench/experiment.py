@@ -6,7 +6,7 @@ wrench of the readings. The article compares its initial with its optimised path
 `linear-path` finds stands beside them.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,47 +78,6 @@ class PathReadings:
     def error(self) -> Array:
         """(T, 6) reading of the first draw minus the true wrench."""
         return np.asarray(self.wrench - WRENCH)
-
-
-@dataclass(frozen=True)
-class ConstantWrench:
-    """The four cases of the experiment."""
-
-    initial: PathReadings
-    optimised: PathReadings
-    other_elbow: PathReadings  # the optimised path with the elbow on the other side
-    found: PathReadings  # the path that `linear-path` finds, before the robot as the others
-
-
-def constant_wrench(
-    robot: Robot,
-    seed: int = 0,
-    num_draws: int = NUM_DRAWS,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
-) -> ConstantWrench:
-    """Reads the constant wrench back on both of the article's paths.
-
-    Args:
-        robot: an arm that reaches both paths.
-        seed: of the first draw; the others follow from it.
-        num_draws: of the random torque error.
-
-    Raises:
-        InputError: a path is out of the robot's reach.
-    """
-    cases = (
-        (INITIAL_PATH, INITIAL_POSTURE),
-        (OPTIMISED_PATH, OPTIMISED_POSTURE),
-        (OPTIMISED_PATH, OTHER_ELBOW_POSTURE),
-        found_path(robot),
-    )
-    readings = []
-    names = ("initial", "optimised", "other elbow", "found")
-    for index, (path, posture) in enumerate(cases):
-        progress(index / len(cases), names[index] + " path")
-        readings.append(read_along(robot, path, posture, seed, num_draws))
-    progress(1.0, "done")
-    return ConstantWrench(*readings)
 
 
 def read_along(
@@ -195,23 +154,24 @@ def _metrics(readings: PathReadings) -> dict[str, Any]:
     return metrics
 
 
-def _reduction(before: float, after: float) -> float:
-    return 100.0 * (1.0 - after / before)
-
-
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `constant-wrench` of `study`."""
     robot = Robot.load("sts_sre4_600")
     num_draws = NUM_DRAWS_QUICK if context.quick else NUM_DRAWS
-    result = constant_wrench(robot, context.seed, num_draws, context.progress)
-    metrics: dict[str, Any] = {
-        "initial": _metrics(result.initial),
-        "optimised": _metrics(result.optimised),
+    cases = {
+        "initial": (INITIAL_PATH, INITIAL_POSTURE),
+        "optimised": (OPTIMISED_PATH, OPTIMISED_POSTURE),
+        "other_elbow": (OPTIMISED_PATH, OTHER_ELBOW_POSTURE),  # elbow on the other side
+        "found": found_path(robot),  # by `linear-path`; before the robot as the others
     }
-    metrics["optimised"]["other_elbow"] = _metrics(result.other_elbow)
-    metrics["found"] = _metrics(result.found)
+    readings = {}
+    for k, (name, case) in enumerate(cases.items()):
+        context.progress(k / len(cases), f"{name} path")
+        readings[name] = read_along(robot, *case, context.seed, num_draws)
+    metrics: dict[str, Any] = {name: _metrics(own) for name, own in readings.items()}
+    metrics["optimised"]["other_elbow"] = metrics.pop("other_elbow")
     metrics["reduction_pct"] = {
-        key.removesuffix("_n"): _reduction(metrics["initial"][key], metrics["optimised"][key])
+        key.removesuffix("_n"): 100.0 * (1.0 - metrics["optimised"][key] / metrics["initial"][key])
         for key in ("max_error_y_n", "mean_jcn", "max_jcn")
     }
     return ExperimentResult(
@@ -219,13 +179,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=[
             (
                 "wrench",
-                _wrench_figure(result),
+                _wrench_figure(readings),
                 "The constant wrench as eq. 22 reads it, forward and back; black: the true one "
                 "(Fig. 9).",
             ),
             (
                 "error-y",
-                _error_figure(result),
+                _error_figure(readings),
                 "Error of the force in Y before and after the optimisation (Fig. 10).",
             ),
         ],
@@ -270,11 +230,11 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _wrench_figure(result: ConstantWrench) -> Figure:
+def _wrench_figure(found: Mapping[str, PathReadings]) -> Figure:
     """Force and moment as eq. 22 reads them on the article's two paths."""
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
     for column, label in enumerate(("initial", "optimised")):
-        wrench = getattr(result, label).wrench
+        wrench = found[label].wrench
         for row, (name, unit, first) in enumerate((("force", "N", 3), ("moment", "N m", 0))):
             ax = axes[row, column]
             for axis, colour in enumerate(SERIES[:3]):
@@ -292,14 +252,13 @@ def _wrench_figure(result: ConstantWrench) -> Figure:
     return figure
 
 
-def _error_figure(result: ConstantWrench) -> Figure:
+def _error_figure(found: Mapping[str, PathReadings]) -> Figure:
     """The error in Y on the article's two paths."""
     figure, ((ax,),) = new_figure(1, 1, height=3.2)
-    cases = ((result.initial, "initial", "before"), (result.optimised, "optimised", "after"))
-    for readings, label, colour in cases:
-        y = readings.error[:, AXES.index("fy_n")]
-        label = f"{label} path (largest {np.max(np.abs(y)):.2f} N)"
-        ax.plot(y, color=COLOUR[colour], linewidth=0.7, label=label)  # type: ignore[index]
+    for case, colour in (("initial", COLOUR["before"]), ("optimised", COLOUR["after"])):
+        y = found[case].error[:, AXES.index("fy_n")]
+        label = f"{case} path (largest {np.max(np.abs(y)):.2f} N)"
+        ax.plot(y, color=colour, linewidth=0.7, label=label)
     ax.set_xlabel("sample")
     ax.set_ylabel("error of the force in Y [N]")
     legend_on_top(figure, ax)

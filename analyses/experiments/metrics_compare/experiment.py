@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import rankdata
+from scipy.stats import rankdata, spearmanr
 
 from wrenchsight.analyses.output.figures import SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
@@ -46,7 +45,6 @@ RMSE = np.array([3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602])  # N m, articl
 MAX_SPEED = 0.5  # rad/s; a machining motion
 FLOOR = 0.0  # m; E stays above it
 METHODS = ("inverse", "bayesian")
-_TOGETHER = 100  # resamplings at a time
 _FITTING_STEPS = 60  # of the weights of `InertialErrors`
 
 # Each is taken with the sign that makes a larger value a worse posture.
@@ -238,26 +236,8 @@ def _scaled(J: Array, length: float) -> Array:
     return scaled
 
 
-def rank_correlation(a: Array, b: Array) -> float:
-    """Spearman's rank correlation of a (N,) and b (N,)."""
-    return float(_weighted_correlation(np.ones((1, len(a))), rankdata(a), rankdata(b))[0])
-
-
-def _ranks(times: Array, order: NDArray[np.intp]) -> Array:
-    """(K, N) mean rank of each row where row i is there times[k, i] times, from the rows' order."""
-    sorted_times = times[:, order]
-    ranks = np.empty_like(times)
-    ranks[:, order] = np.cumsum(sorted_times, axis=1) - 0.5 * (sorted_times - 1.0)
-    return ranks
-
-
-def _weighted_correlation(weights: Array, a: Array, b: Array) -> Array:
-    """(K,) correlation of a and b ((N,) or (K, N)) under weights (K, N)."""
-    total = np.sum(weights, axis=1, keepdims=True)
-    a = a - np.sum(weights * a, axis=1, keepdims=True) / total
-    b = b - np.sum(weights * b, axis=1, keepdims=True) / total
-    squares = np.sum(weights * a * a, axis=1) * np.sum(weights * b * b, axis=1)
-    return np.asarray(np.sum(weights * a * b, axis=1) / np.sqrt(squares))
+def _spearman(a: Array, b: Array) -> float:
+    return float(spearmanr(a, b).statistic)
 
 
 def bootstrap(
@@ -270,21 +250,16 @@ def bootstrap(
     Returns:
         The correlations, and each one's values (count,) over the resamplings.
     """
-    N = len(target)
-    draws = {name: np.empty(count) for name in columns}
-    order = {name: np.argsort(column, kind="stable") for name, column in columns.items()}
-    target_order = np.argsort(target, kind="stable")
-    for start in range(0, count, _TOGETHER):
-        rows = slice(start, min(start + _TOGETHER, count))
-        # How often each row is drawn: ranks then follow from one sorting, by running sums.
-        times = rng.multinomial(N, np.full(N, 1.0 / N), rows.stop - start).astype(np.float64)
-        ranks = _ranks(times, target_order)
-        for name in columns:
-            draws[name][rows] = _weighted_correlation(times, _ranks(times, order[name]), ranks)
+    N, table = len(target), np.stack([*columns.values(), target])
+    values = np.empty((len(columns), count))
+    for k in range(count):
+        rows = np.repeat(np.arange(N), rng.multinomial(N, np.full(N, 1.0 / N)))
+        values[:, k] = np.corrcoef(rankdata(table[:, rows], axis=1))[-1, :-1]
+    draws = dict(zip(columns, values, strict=True))
     result = {}
     for name, column in columns.items():
         low, high = np.quantile(draws[name], [0.025, 0.975])
-        result[name] = Correlation(rank_correlation(column, target), float(low), float(high))
+        result[name] = Correlation(_spearman(column, target), float(low), float(high))
     return result, draws
 
 
@@ -314,7 +289,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "rank_correlation": correlation.value,
                 "interval_95": [correlation.low, correlation.high],
                 "with_interval": [correlation.value, correlation.low, correlation.high],
-                "rank_correlation_of_relative_error": rank_correlation(
+                "rank_correlation_of_relative_error": _spearman(
                     draws.predictors[method][name], draws.relative_error[method]
                 ),
             }

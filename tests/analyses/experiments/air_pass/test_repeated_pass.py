@@ -53,13 +53,13 @@ def test_passes_are_aligned_by_their_positions(robot: Robot) -> None:
 def test_what_repeats_is_taken_off(robot: Robot) -> None:
     empty, loaded = _pass(robot, _AHEAD, 0.0, 1.0), _pass(robot, 0.0, _MASS, 1.0)
     found = loaded_pass(robot, np.eye(6), empty, loaded, _POINT, _MASS)
-    assert len(found.t) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
+    assert len(found.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
     # The reference holds the acceleration of the slow motion, 0.1 N, which is not in the torque.
-    assert np.all(found.taught.torque_rmse < 0.2)
+    assert np.all(found.taught.mean_square < 0.2**2)
     assert np.all(found.repeated_share > 0.98)
     assert np.all(found.correlation > 0.98)
-    assert all(judged.rmse < 0.5 for judged in found.taught.judged())
-    assert max(judged.rmse for judged in found.plain.judged()) > 2.0
+    assert all(judged.rmse < 0.5 for judged in found.taught.judged)
+    assert max(judged.rmse for judged in found.plain.judged) > 2.0
 
 
 def test_half_of_the_error_that_repeats_leaves_the_other_half(robot: Robot) -> None:
