@@ -319,11 +319,8 @@ def _labelled(
 def _simulated(context: ExperimentContext) -> dict[str, Any]:
     """The simulated arm is pushed at E along its second excitation, and once left alone."""
     robot = Robot.load(ROBOT)
-    result, logs = identify_simulated_arm(
-        robot,
-        config=IdentificationConfig(cutoff=7.5, friction="presliding"),
-        progress=context.part(0.75, 0.85),
-    )
+    config = IdentificationConfig(cutoff=7.5, friction="presliding")
+    result, logs = identify_simulated_arm(robot, config=config)
     model = result.model
     free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP, K_0)
     alarms = onsets(free.detect(free.detector(RATE)).contact)

@@ -151,9 +151,8 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
 
     periods = 1 if context.quick else 2
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
-    first, (log, other) = identify_simulated_arm(
-        robot, context.seed, periods, plain, context.part(0.0, 0.4 * share)
-    )
+    context.progress(0.0, "simulated arm, identification")
+    first, (log, other) = identify_simulated_arm(robot, context.seed, periods, plain)
     results = {WITH_OFFSET: first}
     for k, law in enumerate(COMPARED):
         context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")
@@ -161,9 +160,8 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
             config = replace(plain, friction=law)
             results[law] = identify([log.recording], robot, [other.recording], config)
     postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
-    recordings = reversal_recordings(
-        robot, postures, seed=context.seed, progress=context.part(0.6 * share, share)
-    )
+    context.progress(0.6 * share, "simulated arm, reversals")
+    recordings = reversal_recordings(robot, postures, seed=context.seed)
     separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
     article, trained = semi_parametric_model(robot, first, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}

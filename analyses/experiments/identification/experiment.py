@@ -35,14 +35,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates, identifies, predicts; then once more with the true friction known."""
     robot = context.robot(ROBOT)
     periods = 1 if context.quick else PERIODS
-    result, logs = identify_simulated_arm(
-        robot,
-        context.seed,
-        periods,
-        replace(CONFIG, seed=context.seed),
-        progress=context.part(0.0, 0.85),
-        contact_noise=context.draws,
-    )
+    config = replace(CONFIG, seed=context.seed)
+    context.progress(0.0, "simulating and identifying")
+    result, logs = identify_simulated_arm(robot, context.seed, periods, config, context.draws)
     context.progress(0.85, "with the true friction known")
     known = with_known_friction(robot, logs)
     fit = result.validation[0]

@@ -29,7 +29,10 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
-from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
+    identify_arm,
+    read_contact_free,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bars_by_log
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
@@ -66,7 +69,7 @@ from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_fit import fit_torque_error
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
@@ -203,12 +206,7 @@ def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: Identi
 
 def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
     robot = context.robot(ROBOT)
-    models = identify_arm(
-        robot,
-        context.seed,
-        context.quick,
-        context.part(0.3, 0.55),
-    )
+    models = identify_arm(robot, context.seed, context.quick, context.part(0.3, 0.55))
     recording = models.held_out[0]
     other = simulate_excitation(
         *(robot, mirrored(stored_excitation(robot, 1)), 1 if context.quick else PERIODS),
@@ -245,13 +243,7 @@ def _with_torque_error(model: IdentifiedModel, robot: Robot, log: Recording) -> 
     observer = MomentumObserverConfig(time_step=log.time_step)
     config = WrenchEstimatorConfig(observer, position_resolution=step.tolist())
     estimator = WrenchEstimator(robot, replace(model, torque_error=None), config)
-    seen = estimator.observe(log.q, log.v, log.current)
-    settled = log.t - log.t[0] > MARGIN
-    reading = HeldOutReading(
-        *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
-        *(seen.fresh & settled, estimator.friction, log.time_step),
-        *(np.full(robot.num_joints, observer.K_0[0]), step),
-    )
+    reading = read_contact_free(estimator, log, observer.K_0[0], log.t - log.t[0] > MARGIN)
     return replace(model, torque_error=fit_torque_error([reading]))
 
 

@@ -107,13 +107,8 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     scenario = planned_task(context, scenario_name, ONE_WAY_QUICK)
     motion = line_of(scenario)
     period = round(2 * motion.one_way / scenario.time_step)
-    learnt = repetition_errors(
-        robot,
-        (None, K_0),
-        context.seed,
-        context.quick,
-        context.part(0.0, 0.05),
-    )
+    context.progress(0.0, "the error of eq. 4")
+    learnt = repetition_errors(robot, (None, K_0), context.seed, context.quick)
     errors = {error.K_0: error for error in learnt}
     runs: dict[str, TaskRun] = {}
     readings: dict[str, ForceReading] = {}

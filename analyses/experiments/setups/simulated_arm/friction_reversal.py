@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback, simulate_motion
+from wrenchsight.analyses.methods.runs.simulated_logs import simulate_motion
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.friction_reversal import (
     ReversalSamples,
@@ -123,7 +123,6 @@ def reversal_recordings(
     postures: ArrayLike,
     speeds: Sequence[float] = SPEEDS,
     seed: int = 0,
-    progress: ProgressCallback = lambda fraction, what: None,
     period: float = PERIOD,
     ways: ArrayLike | None = None,
 ) -> list[Recording]:
@@ -134,7 +133,6 @@ def reversal_recordings(
         postures: (K, n) rad, in which the passes meet.
         speeds: rad/s of the passes.
         seed: of the noise.
-        progress: called with the share done.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
         ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs
@@ -147,13 +145,7 @@ def reversal_recordings(
     directions = np.broadcast_to(np.asarray(ways, dtype=np.float64), postures.shape)
     for k, (posture, way) in enumerate(zip(postures, directions, strict=True)):
         motion = reversal_motion(robot, way, posture, speeds, (0.0,), period)
-
-        def part(share: float, what: str, k: int = k) -> None:
-            progress((k + share) / len(postures), what)
-
-        log = simulate_motion(
-            robot, motion.trajectory, seed + k, f"reversals {k + 1}", progress=part
-        )
+        log = simulate_motion(robot, motion.trajectory, seed + k, f"reversals {k + 1}")
         recordings.append(log.recording)
     return recordings
 
