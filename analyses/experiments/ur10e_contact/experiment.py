@@ -17,19 +17,23 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     FOLDER,
     JUDGED,
     find_runs,
+    read_run,
     tooled,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER as IDENTIFIED_FOLDER,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import identify_ur10e
-from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import AXIS, block_mean
+from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
+    AXIS,
+    block_mean,
+    prepare,
+)
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     SETTLED_ON,
     ContactStudy,
     ReadRun,
     contact_metrics,
-    prepare_runs,
     read_runs,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
@@ -71,12 +75,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.part(0.0, 0.3),
     ).model
     robots = {controller: tooled(robot, controller) for controller in CONTROLLERS}
-    prepared = prepare_runs(
-        files,
-        robots,
-        identified,
-        lambda share: context.progress(0.3 + 0.1 * share, "reading the runs"),
-    )
+    prepared = []
+    for k, path in enumerate(files):
+        context.progress(0.3 + 0.1 * k / len(files), "reading the runs")
+        own = read_run(path)
+        prepared.append(prepare(own, robots[own.name.controller], identified))
     study = read_runs(
         prepared, files, identified, lambda share: context.progress(0.4 + 0.5 * share, "forces")
     )
