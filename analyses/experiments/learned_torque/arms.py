@@ -210,7 +210,7 @@ def lara8_errors(data: Path, seed: int, quick: bool) -> dict[str, dict[str, Erro
     """
     logs: dict[str, tuple[TorqueLog, Array]] = {}
     for own in read_logs(data):
-        external = own.joint_torque(own.sensor_wrench())
+        external = own.truth
         known = np.flatnonzero(np.isfinite(external).all(axis=1))
         rows = slice(int(known[0]), int(known[-1]) + 1)
         piece = own.recording[rows]

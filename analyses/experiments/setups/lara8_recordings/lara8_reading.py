@@ -12,12 +12,12 @@ The reading is the estimator's own (`models.estimation.estimator`), causal, at K
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.mounting import Mounting
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
@@ -120,6 +120,11 @@ class Lara8Log:
         mounting = mounting if mounting is not None else self.mounting
         return mounting.on_robot(self.recording.t, self.recording.extra["sensor"], self.R_WE)
 
+    @cached_property
+    def truth(self) -> Array:
+        """(N, n) N m, J^T of the sensor's wrench; NaN where its delay leads out of the log."""
+        return self.joint_torque(self.sensor_wrench())
+
     def joint_torque(self, wrench: Array) -> Array:
         """(N, n) J^T of a wrench (N, 6), force first."""
         turned = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)
@@ -140,10 +145,10 @@ class Lara8Reading:
     batch: EstimateBatch
     transmitted: Array
 
-    def torque_rmse(self, truth: Array, where: Flags) -> list[float | None]:
-        """Per joint over its own rows, N m; None for a joint with fewer than MIN_ROWS."""
-        error = self.batch.tau_ext - truth
-        return rmse_by_joint(error, where)
+    @property
+    def error(self) -> Array:
+        """(N, n) N m, of the torque."""
+        return self.batch.tau_ext - self.log.truth
 
     def against_sensor(self) -> SensorComparison:
         """The wrench against the sensor's, over 0.1 s."""
@@ -172,15 +177,17 @@ class Lara8Reading:
 MIN_ROWS: Final = 20
 
 
-def by_joint(statistic: Callable[[Array], Any], error: Array, where: Flags) -> list[float | None]:
-    """A statistic per joint over the rows (N, n) that are wanted and finite; None of too few."""
-    columns = (one[rows & np.isfinite(one)] for one, rows in zip(error.T, where.T, strict=True))
-    return [float(statistic(one)) if len(one) >= MIN_ROWS else None for one in columns]
-
-
-def rmse_by_joint(error: Array, where: Flags) -> list[float | None]:
-    """RMS per joint over the rows where it is wanted and finite."""
-    return by_joint(rms, error, where)
+def by_joint(
+    statistic: Callable[..., Any], where: Flags, error: Array, *more: Array
+) -> list[float | None]:
+    """A statistic of each joint's error and of `more` (N, n) of it, over the rows where it is
+    wanted and the error is finite; None where they are fewer than MIN_ROWS.
+    """
+    result: list[float | None] = []
+    for j, rows in enumerate((where & np.isfinite(error)).T):
+        columns = [signal[rows, j] for signal in (error, *more)]
+        result.append(float(statistic(*columns)) if rows.sum() >= MIN_ROWS else None)
+    return result
 
 
 def settled_from(recording: Recording) -> int:
