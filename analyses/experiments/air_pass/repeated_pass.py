@@ -164,7 +164,6 @@ def loaded_pass(
     """Reads the loaded pass at the point where the load acts, plain and taught.
 
     Args:
-        robot: the arm.
         Sigma_tau: (n, n) (N m)^2, of the model.
         empty: the pass without load.
         loaded: the one with it.

@@ -47,7 +47,6 @@ def alarms_of_twins(
         days: how many twins of each log.
         time_step: s.
         K_0: 1/s.
-        progress: called with the share of the work that is done.
     """
     alarms, by_log, hours = dict.fromkeys(rates, 0), dict.fromkeys(recordings, 0), 0.0
     for day in range(days):

@@ -37,8 +37,6 @@ class TrialLog:
 
     Args:
         recording: of free motion, or with contacts of its own.
-        robot: its robot.
-        model: that reads it.
         time_step: s.
         K_0: 1/s.
     """

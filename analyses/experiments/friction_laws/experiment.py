@@ -103,7 +103,6 @@ class LawsOnOneArm:
     """Every law on the data of one arm.
 
     Attributes:
-        joint_names: n of them.
         validation: held-out runs by law.
         near_zero: of each joint.
         edge: (n,) rad/s, up to where "near zero" goes.

@@ -120,10 +120,7 @@ def read_runs(
     """Fits the friction and reads every run by every method.
 
     Args:
-        prepared: the runs.
-        files: they are of.
         identified: model of another specimen.
-        progress: told the share of the work.
     """
     plain = fit_rows([run.air.level for run in prepared], plain_friction())
     torque_sd = np.where(np.isfinite(plain.scatter), plain.scatter, _UNKNOWN_SCATTER)

@@ -84,8 +84,6 @@ class Lara8Log:
     """A recording on its uniform grid.
 
     Attributes:
-        name: of the file.
-        robot: the arm.
         recording: N samples.
         J: (N, 6, n) rows [angular; linear] at the flange in base axes.
         R_WE: (N, 3, 3).
@@ -136,7 +134,6 @@ class Lara8Reading:
     """A log's reading by one variant.
 
     Attributes:
-        log: as read.
         batch: of the estimator.
         transmitted: (N, n) N m, motor torque less friction.
     """
@@ -298,7 +295,6 @@ def read_log(
     """Reads a log by one of VARIANTS.
 
     Args:
-        log: to read.
         variant: whose rigid body: the controller's is put in the place of the URDF's by what the
             two differ, at the target speed and acceleration that the controller's is of.
         friction: None: `controller_friction`.

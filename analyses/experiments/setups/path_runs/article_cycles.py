@@ -30,7 +30,6 @@ def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str,
     """Figures of `RepeatCycle` or `RepeatCyclePush`, by the experiments' keys.
 
     Args:
-        context: of an experiment.
         scenario: its name.
     """
     robot = context.robot(ROBOT)

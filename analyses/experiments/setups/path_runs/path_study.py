@@ -61,8 +61,6 @@ class PathStudy:
         """The experiment's result; figures and the page only where somebody looks at them.
 
         Args:
-            context: of the experiment.
-            runs: by path.
             metrics: with those of each variant.
             figures: besides that of all variants; not made where nobody looks at them.
             configuration: besides the variants.
@@ -93,17 +91,10 @@ def pushed_arm(
     """The arm's models and the scenario of a pushed pass.
 
     Args:
-        context: of the experiment.
-        scenario: name of a bundled one.
         share: of the progress that is reached.
     """
-    models = identify_arm(
-        context.robot(ROBOT),
-        context.seed,
-        context.quick,
-        context.part(0.0, share),
-        contact_noise=context.draws,
-    )
+    robot, report = context.robot(ROBOT), context.part(0.0, share)
+    models = identify_arm(robot, context.seed, context.quick, report, context.draws)
     return models, planned_task(context, scenario, ONE_WAY_QUICK)
 
 
@@ -113,9 +104,9 @@ def pushed_runs(
     """The runs of scenarios by path, where the arm moves evenly; progress from `start` to 0.85."""
     runs: dict[str, TaskRun] = {}
     for k, (path, scenario) in enumerate(scenarios.items()):
-        step = (0.85 - start) / len(scenarios)
-        report = context.part(start + k * step, start + (k + 1) * step)
-        run = run_task(scenario, models.robot, path, report)
+        done = start + (0.85 - start) * k / len(scenarios)
+        context.progress(done, f"simulating, {path} path")
+        run = run_task(scenario, models.robot, path)
         runs[path] = run.between(*uniform_motion(line_of(scenario)))
     context.progress(0.86, "readings")
     return runs

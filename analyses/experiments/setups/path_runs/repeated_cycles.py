@@ -114,10 +114,9 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     readings: dict[str, ForceReading] = {}
     torque_rms: dict[str, Array] = {}
     for k, path in enumerate(PATHS):
-        step = 0.85 / len(PATHS)
-        report = context.part(0.05 + k * step, 0.05 + (k + 1) * step)
+        context.progress(0.05 + 0.85 * k / len(PATHS), f"simulating, {path} path")
         moved = on_path(scenario, robot, *task_path(robot, path))
-        run = run_task(moved, robot, path, report).between(motion.lead_in)
+        run = run_task(moved, robot, path).between(motion.lead_in)
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))

@@ -43,7 +43,6 @@ def repetition_errors(
     Args:
         robot: with its simulated truth.
         gains: K_0.
-        seed: of the noise.
         quick: a shorter log for the identification, and one posture.
     """
     postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])

@@ -54,7 +54,6 @@ def read_variants(
     """Readings by variant; the prior is `live_prior` of the robot's payload.
 
     Args:
-        runs: by path.
         speed: rad/s, the highest planned joint speed of the task.
     """
     readings = {}

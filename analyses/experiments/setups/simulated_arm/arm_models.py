@@ -79,7 +79,6 @@ class ArmModels:
     """What the contact-free logs of an arm say.
 
     Attributes:
-        robot: whose logs they are.
         models: by law, as in LAWS.
         held_out: contact-free logs that no model was fitted on.
         passes: more of them, which planning does without.
@@ -160,9 +159,7 @@ def identify_arm(
 
     Args:
         robot: with its simulated truth.
-        seed: of the noise and of the training.
         quick: shorter logs, fewer postures.
-        progress: called with the share done.
         contact_noise: of `identify`; only contact detection reads it.
     """
     arguments = robot, seed, quick, contact_noise
@@ -203,7 +200,6 @@ def article_models(
 
     Args:
         robot: with its simulated truth.
-        seed: of the noise and of the training.
         quick: shorter logs, fewer postures.
     """
     config = replace(CONFIG, seed=seed, cross_validate=False)  # asks what its observer errs by

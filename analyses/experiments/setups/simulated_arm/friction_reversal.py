@@ -37,7 +37,6 @@ class SeparatedFriction:
     """Friction of all joints by reversal.
 
     Attributes:
-        joint_names: n of them.
         samples: one entry a joint.
     """
 
@@ -91,7 +90,6 @@ def separate_recordings(
     """Separates friction in recordings by pairing passes of opposite direction.
 
     Args:
-        robot: that was recorded.
         recordings: uniform or not; each is resampled to its median step and low-passed.
         model: mass matrix and, for the asymmetric part, gravity.
         cutoff: Hz, of the zero-phase low-pass.
@@ -132,7 +130,6 @@ def reversal_recordings(
         robot: with its simulated truth; the controller is the drives' own.
         postures: (K, n) rad, in which the passes meet.
         speeds: rad/s of the passes.
-        seed: of the noise.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
         ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs

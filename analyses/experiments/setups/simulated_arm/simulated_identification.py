@@ -39,9 +39,7 @@ def identify_simulated_arm(
 
     Args:
         robot: with its simulated truth.
-        seed: of the noise.
         num_periods: of each excitation.
-        config: of the identification.
         contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
     """
 

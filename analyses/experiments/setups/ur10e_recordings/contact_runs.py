@@ -91,7 +91,6 @@ class ContactRun:
     """One run; T samples, six joints.
 
     Attributes:
-        name: of the run.
         log: as recorded, corners of the path rounded in its v; q and v are NaN where they are not
             known; t is 0 at the first contact.
         current_desired: (T, 6) A.

@@ -45,10 +45,8 @@ def twin_log(
     """What the simulated arm records along the motion of a real log.
 
     Args:
-        recording: the real log.
         robot: with its simulated truth.
         day: seed of what differs from day to day.
-        seed: of the noise.
         payload: on the flange, unknown to the controller.
     """
     truth = robot.config.simulated_truth

@@ -19,6 +19,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     task_scenario,
     uniform_motion,
 )
+from wrenchsight.analyses.methods.runs.fast_runs import is_free
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import LineMotion, make_trajectory
 from wrenchsight.models.estimation.estimator import WrenchEstimator
@@ -39,6 +40,13 @@ def repetition_error(n, level=0.0, K_0=None):
 @pytest.fixture(scope="module")
 def run(sts):
     return run_task(task_scenario("Combined", 0, one_way=0.4), sts)
+
+
+@pytest.mark.parametrize(
+    "name", ["FrictionAtReversal", "Combined", "RepeatCycle", "RepeatCyclePush"]
+)
+def test_nothing_but_a_hand_touches_the_arm_of_a_task(name):
+    assert is_free(task_scenario(name, 0))
 
 
 def test_the_articles_paths_have_its_condition_numbers(sts):
