@@ -44,9 +44,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     MORE,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.advance import run_loop
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.runs.fast_runs import run_free
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, TRACKING, stored_excitation
 from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
@@ -55,7 +55,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -343,19 +342,7 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
                 for start, force in zip(starts, forces, strict=True)
             ],
         )
-        loop = make_closed_loop(
-            scenario,
-            robot,
-            IdentifiedModel.nominal(robot),
-            trajectory=trajectory,
-            with_estimator=False,
-        )
-        t, signals = run_loop(
-            loop,
-            scenario.duration,
-            0.25,
-            lambda share: context.progress(0.86 + 0.1 * share, "simulated pushes"),
-        )
+        t, signals = run_free(scenario, robot, IdentifiedModel.nominal(robot), trajectory)
         recording = Recording(
             t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
         )

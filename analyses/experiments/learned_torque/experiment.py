@@ -48,7 +48,6 @@ from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
     Judged,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER,
     LOADED,
     LOADED_LOGS,
 )
@@ -74,14 +73,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     three, all_weeks = arm.predictors[THREE], arm.predictors[WEEKS]
     free = {name: arm.free(name, THREE) for name in FREE}
     errors = {name: three.errors(own) for name, own in free.items()}
-    loads = {
-        name: three.errors(arm.loaded(folder, name, THREE))
-        for folder, own in LOADED_LOGS.items()
-        for name in own
-    }
+    loads = {name: three.errors(arm.loaded(name, THREE)) for name in LOADED_LOGS}
     later = {name: all_weeks.errors(arm.free(name, WEEKS)) for name in LATER}
-    later[LOAD] = all_weeks.errors(arm.loaded(FOLDER, LOAD, WEEKS))
-    again = arm.loaded(FOLDER, LOAD, REPEATED)
+    later[LOAD] = all_weeks.errors(arm.loaded(LOAD, WEEKS))
+    again = arm.loaded(LOAD, REPEATED)
     again = again.narrowed(np.arange(len(again.rows)) < (0.95 - HELD_OUT) * len(again.rows))
     repeated = arm.predictors[REPEATED].errors(again)  # of what was trained without the load
     others = [name for name in free if name != SAME_WEEK]

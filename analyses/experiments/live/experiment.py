@@ -29,10 +29,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    FREE_LOGS,
-    LOADED_LOGS,
+    LOADS,
     MORE,
     identify_ur10e,
+    log_file,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.live.reader_process import make_live, read_stream
@@ -75,8 +75,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     model = identify_ur10e(
         context.data, robot, IdentificationConfig(friction="presliding"), context.part(0.0, 0.3)
     ).model
-    masses = {name: 0.0 for names in FREE_LOGS.values() for name in names if _moves(name)}
-    masses |= {name: mass for own in LOADED_LOGS.values() for name, mass in own.items()}
+    masses = {name: mass for name, mass in LOADS.items() if _moves(name)}
     metrics: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "model.yaml"
@@ -85,13 +84,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
             context.progress(0.3 + 0.6 * k / len(masses), log)
             seconds = QUICK_TIME if context.quick else np.inf
             plain, tracked = (
-                read_log(_path(context.data, log), path, track, seconds) for track in (False, True)
+                read_log(log_file(context.data, log), path, track, seconds)
+                for track in (False, True)
             )
             truth = truth_of(plain, robot, model, mass)
             metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
         context.progress(0.9, "at real time")
         seconds = PLAYED_TIME[context.quick]
-        metrics |= sources(_path(context.data, PLAYED), path, robot, seconds)
+        metrics |= sources(log_file(context.data, PLAYED), path, robot, seconds)
     rows = {
         "inside [%]": [metrics[log] for log in masses],
         "without --track [%]": [metrics[log]["untracked"] for log in masses],
@@ -111,16 +111,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _moves(name: str) -> bool:
     return not (name.startswith(STATIC) and name[len(STATIC) :].isdigit())
-
-
-def _path(data: Path, log: str) -> Path:
-    (folder,) = (
-        folder
-        for logs in (FREE_LOGS, LOADED_LOGS)
-        for folder, names in logs.items()
-        if log in names
-    )
-    return data / folder / f"{log}.csv"
 
 
 def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:

@@ -37,10 +37,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bars_by_log
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    FREE_LOGS,
-    LOADED_LOGS,
+    LOADS,
     MORE,
     identify_ur10e,
+    log_file,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.torque_fit import rms
@@ -163,28 +163,22 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
         context.part(0.0, 0.3),
     ).model
     scenes = {}
-    for folder, entry in FREE_LOGS.items():
-        for name in entry:
-            log = context.data / folder / f"{name}.csv"
-            if not log.is_file():
-                continue
-            recording = read_recording(log, robot=robot)
-            uniform = resampled(recording, TIME_STEP)
-            N, step = uniform.num_samples, position_resolution(recording.q)
-            scenes[name] = Scene(uniform, np.zeros((N, 3)), robot, model, step)
-            if name in PUSHED:
-                forces = push_forces(
-                    *(N, TIME_STEP, PUSH, PUSH_TIME, PAUSE),
-                    np.random.default_rng([context.seed, PUSHED.index(name)]),
-                )
-                scenes[f"{name}-pushes"] = Scene(
-                    pushed(uniform, robot, forces), forces, robot, model, step
-                )
-    for folder, loaded in LOADED_LOGS.items():
-        for name, mass in loaded.items():
-            log = context.data / folder / f"{name}.csv"
-            if log.is_file():
-                scenes[name] = _loaded_scene(read_recording(log, robot=robot), mass, robot, model)
+    for name, mass in LOADS.items():
+        log = log_file(context.data, name)
+        if not log.is_file():
+            continue
+        recording = read_recording(log, robot=robot)
+        if mass > 0.0:
+            scenes[name] = _loaded_scene(recording, mass, robot, model)
+            continue
+        uniform = resampled(recording, TIME_STEP)
+        N, step = uniform.num_samples, position_resolution(recording.q)
+        scenes[name] = Scene(uniform, np.zeros((N, 3)), robot, model, step)
+        if name in PUSHED:
+            rng = np.random.default_rng([context.seed, PUSHED.index(name)])
+            forces = push_forces(N, TIME_STEP, PUSH, PUSH_TIME, PAUSE, rng)
+            there = pushed(uniform, robot, forces)
+            scenes[f"{name}-pushes"] = Scene(there, forces, robot, model, step)
     return scenes
 
 

@@ -33,7 +33,11 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     compared,
     twins,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    MORE,
+    log_file,
+)
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -50,11 +54,10 @@ AIM = 0.25  # by which a simulated statistic may differ from the real one
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates the twins, identifies both arms, compares."""
     robot = context.robot("ur10e")
-    recordings = {}
-    for name in (*FIT, *CHECKED, LOADED, STILL, *PASSES):
-        entry = context.data / FOLDER / f"{name}.csv"
-        path = entry if entry.is_file() else context.data / MORE / f"{name}.csv"
-        recordings[name] = read_recording(path, robot=robot)
+    recordings = {
+        name: read_recording(log_file(context.data, name), robot=robot)
+        for name in (*FIT, *CHECKED, LOADED, STILL, *PASSES)
+    }
     context.progress(0.05, "identifying the real arm")
     real = ArmLogs.of(recordings, robot).statistics()
     days = 2 if context.quick else DAY_DRAWS

@@ -35,10 +35,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    FREE_LOGS,
-    LOADED_LOGS,
+    LOADS,
     MORE,
     identify_ur10e,
+    log_file,
 )
 from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
 from wrenchsight.analyses.methods.learning.identification_config import (
@@ -91,24 +91,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log, and counts how often the band holds the truth."""
     robot = Robot.load("ur10e")
     model = identify_ur10e(
-        context.data, robot, IdentificationConfig(friction="presliding"), context.progress
+        context.data, robot, IdentificationConfig(friction="presliding"), context.part(0.0, 0.6)
     ).model
     metrics: dict[str, Any] = {}
-    logs = [(context.data / f / f"{n}.csv", 0.0) for f, names in FREE_LOGS.items() for n in names]
-    logs += [
-        (context.data / folder / f"{name}.csv", mass)
-        for folder, own in LOADED_LOGS.items()
-        for name, mass in own.items()
-    ]
     renewed: dict[str, IdentifiedModel] = {}
-    for k, (log, mass) in enumerate(logs):
-        context.progress(0.6 + 0.35 * k / len(logs), log.stem)
-        recording = read_recording(log, robot=robot)
+    for k, (log, mass) in enumerate(LOADS.items()):
+        context.progress(0.6 + 0.35 * k / len(LOADS), log)
+        recording = read_recording(log_file(context.data, log), robot=robot)
         own = _log_metrics(recording, mass, robot, model, MARGIN)
         begin = MARGIN
         if mass == 0.0 and "sliding" in own:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
-            renewed[log.stem] = refresh_model(recording, robot, model, config).model
+            renewed[log] = refresh_model(recording, robot, model, config).model
             begin += round(REFRESH_SECONDS / TIME_STEP)
             drift = _drift_told(recording, robot, model)
             if drift is not None and model.torque_error is not None:
@@ -119,10 +113,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         if "sliding" in own:
             first = round(TRACKED_FROM / TIME_STEP)
             own["tracked"] = _log_metrics(recording, mass, robot, model, first, tracked=True)
-        source = REFRESHED_BY.get(log.stem, log.stem)
+        source = REFRESHED_BY.get(log, log)
         if source in renewed:
             own["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
-        metrics[log.stem] = own
+        metrics[log] = own
     context.progress(0.95, "figure")
     none = {"all": {"inside_95_pct": [np.nan] * 3}}
     cases = {"inside [%]": list(metrics.values())}
@@ -148,14 +142,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
+def _config(recording: Recording, method: str = "bayesian") -> WrenchEstimatorConfig:
+    return WrenchEstimatorConfig(
+        MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
+        WrenchReconstructionConfig(method),
+        position_resolution=position_resolution(recording.q).tolist(),
+    )
+
+
 def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
     """(n,) drift that `estimate` allows for in the band of a contact-free log; None: nothing."""
     uniform = resampled(recording, TIME_STEP)
-    config = WrenchEstimatorConfig(
-        MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
-        position_resolution=position_resolution(recording.q).tolist(),
-    )
-    estimator = WrenchEstimator(robot, model, config)
+    estimator = WrenchEstimator(robot, model, _config(recording))
     seen = estimator.observe(uniform.q, uniform.v, uniform.current)
     watch = FrictionWatch(model, estimator.chain, estimator.observer.pole, TIME_STEP)
     known = seen.fresh & ~uniform.dropout
@@ -176,11 +174,7 @@ def _log_metrics(
     uniform = resampled(recording, TIME_STEP)
     found: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
-        config = WrenchEstimatorConfig(
-            MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
-            WrenchReconstructionConfig(method),
-            position_resolution=position_resolution(recording.q).tolist(),
-        )
+        config = _config(recording, method)
         estimator = WrenchEstimator(robot, model, config)
         if not estimator.learnt:
             raise ValueError("the model has no torque error")

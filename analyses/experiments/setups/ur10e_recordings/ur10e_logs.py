@@ -22,25 +22,28 @@ VALIDATED = {
 }
 # The motion of 14harm50sec with a payload of 2.805 kg.
 LOADED = "ur-20_02_19_14harm50secLoad.csv"
-# All contact-free logs that no model is fitted on, and those with a payload, by folder.
 MORE = "ur10e_more"  # below the data folder
-FREE_LOGS = {
-    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
-    MORE: (
-        "ur-20_02_19_15harm50sec",
-        "ur-20_02_10-20sec_7harm",
-        "ur-20_02_06-20sec_5harm",
-        "ur-20_02_06-20sec_10harm",
-        "ur-20_02_05-20sec_8harm",
-        "ur-20_01_31-unload",
-        "ur-19_12_23_free",
-        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
-    ),
-}
-LOADED_LOGS = {  # kg
-    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
-    MORE: {"ur-19_12_23_load": 1.069},
-}
+# All contact-free logs that no model is fitted on, and those with a payload (kg).
+FREE_LOGS = (
+    "ur-20_02_19_14harm50sec",
+    "ur-20_01_17-ptp_10_points",
+    "ur-20_02_19_15harm50sec",
+    "ur-20_02_10-20sec_7harm",
+    "ur-20_02_06-20sec_5harm",
+    "ur-20_02_06-20sec_10harm",
+    "ur-20_02_05-20sec_8harm",
+    "ur-20_01_31-unload",
+    "ur-19_12_23_free",
+    *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
+)
+LOADED_LOGS = {"ur-20_02_19_14harm50secLoad": 2.805, "ur-19_12_23_load": 1.069}
+LOADS = dict.fromkeys(FREE_LOGS, 0.0) | LOADED_LOGS  # kg
+
+
+def log_file(data: Path, name: str) -> Path:
+    """A log's file, in whichever of both folders below `data` it is."""
+    path = data / FOLDER / f"{name}.csv"
+    return path if path.is_file() else data / MORE / f"{name}.csv"
 
 
 def validation_recordings(data: Path, robot: Robot) -> list[Recording]:
