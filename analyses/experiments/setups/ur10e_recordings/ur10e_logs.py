@@ -22,6 +22,7 @@ VALIDATED = {
 }
 # The motion of 14harm50sec with a payload of 2.805 kg.
 LOADED = "ur-20_02_19_14harm50secLoad.csv"
+FILES = tuple(f"{FOLDER}/{name}" for name in (*FITTED, *VALIDATED.values(), LOADED))
 MORE = "ur10e_more"  # below the data folder
 # All contact-free logs that no model is fitted on, and those with a payload (kg).
 FREE_LOGS = (

@@ -12,8 +12,6 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     compared,
     twins,
 )
-from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.robot.robot import Robot
 
 
 def test_no_log_settles_and_judges():
@@ -25,14 +23,10 @@ def test_ratios_are_simulated_over_real():
     np.testing.assert_allclose(found["a"]["ratio"], [0.5, np.nan])
 
 
-def test_every_log_has_its_twin_and_checked_ones_further_days():
-    robot = Robot.load("ur10e")
-    t = 0.01 * np.arange(120)
-    q = np.asarray(robot.home) + 0.1 * (1 - np.cos(2 * np.pi * t / 1.2))[:, None]
-    log = Recording(t=t, q=q, v=np.gradient(q, 0.01, axis=0), current=0.0 * q, source="real")
-    found, more = twins(dict.fromkeys((*CHECKED, LOADED), log), robot, day_draws=2)
+def test_every_log_has_its_twin_and_checked_ones_further_days(ur10e, swing):
+    found, more = twins(dict.fromkeys((*CHECKED, LOADED), swing), ur10e, day_draws=2)
     assert set(found) == {*CHECKED, LOADED} and len(more) == len(CHECKED)
     assert np.any(more[0].current != found[CHECKED[0]].current)
     # 27 N at some .7 m in front of the shoulder
     extra = found[LOADED].current[:, 1] - found[CHECKED[0]].current[:, 1]
-    assert abs(extra.mean()) * robot.torque_per_ampere[1] > 5.0
+    assert abs(extra.mean()) * ur10e.torque_per_ampere[1] > 5.0

@@ -3,20 +3,15 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings import known_payload
+from wrenchsight.analyses.experiments.setups.ur10e_recordings import known_payload, ur10e_logs
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     MASS,
     Reading,
     payload_reference,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
-    FOLDER,
-    LOADED,
-    VALIDATED,
-)
-from wrenchsight.analyses.experiments.ur10e_payload.experiment import EXPERIMENT
 from wrenchsight.models.recordings.recording import Recording
+
+FILES = ur10e_logs.FILES
 
 
 def test_reference_is_the_payloads_weight_and_inertia(ur10e):
@@ -80,13 +75,6 @@ def test_without_valid_samples_there_are_no_figures():
     assert metrics["share_valid_pct"] == 0.0
     assert set(metrics["valid"]) <= set(metrics)
     assert all(value is None for value in metrics["valid"].values())
-
-
-@pytest.fixture(scope="module")
-def metrics(data_holding, run_experiment):
-    files = (*FITTED, *VALIDATED.values(), LOADED)
-    data = data_holding(*(f"{FOLDER}/{name}" for name in files))
-    return run_experiment(EXPERIMENT, data).metrics
 
 
 def test_bayesian_reads_the_payload(metrics):
