@@ -12,8 +12,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
-    BAND_CAPTION,
-    PathStudy,
+    path_result,
     pushed_arm,
     pushed_runs,
 )
@@ -122,18 +121,6 @@ NOTES = (
 )
 
 
-STUDY = PathStudy(
-    title="Pushed by hand along the path",
-    passes=1,
-    variants=VARIANTS,
-    variants_title="Pushed by hand along the path: one change per row",
-    comparison=_comparison(),
-    notes=NOTES,
-    variants_caption="Errors of every variant. A row with + changes the row above it, one with B "
-    f"the row marked (B). {BAND_CAPTION}",
-)
-
-
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `combined` of `study`."""
     models, scenario = pushed_arm(context, SCENARIO, 0.35)
@@ -159,12 +146,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["mean_jcn"] = {
         path: float(entry.condition_number.mean()) for path, entry in runs.items()
     }
-    return STUDY.result(
+    return path_result(
         context,
         runs,
         {**reductions(before, after), **metrics},
         _figures(readings),
         {"scenarios": scenarios, "speed_rad_per_s": speed},
+        title="Pushed by hand along the path",
+        passes=1,
+        variants=VARIANTS,
+        comparison=_comparison(),
+        notes=NOTES,
+        caption="Errors of every variant. A row with + changes the row above it, one with B the "
+        "row marked (B).",
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
-    PathStudy,
+    path_result,
     pushed_arm,
     pushed_runs,
 )
@@ -150,14 +150,6 @@ COMPARISON = (
     ComparisonRow("RMSE in Z, ours", "ours.rmse_z_n"),
     ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band"),
 )
-STUDY = PathStudy(
-    title="Joints turning round under a hand",
-    passes=1,
-    variants=VARIANTS,
-    variants_title="Joints turning round under a hand: one change per row",
-    comparison=COMPARISON,
-    notes=NOTES,
-)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -185,12 +177,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     }
     metrics["without_lag"] = {**lagged, **reductions(*lagged.values())}
     metrics["ours_against_article"] = reductions(after, metrics["ours"])
-    return STUDY.result(
+    return path_result(
         context,
         runs,
         {**reductions(before, after), **metrics},
         _figures(run, readings, middle),
         {"scenario": scenario, "speed_rad_per_s": speed},
+        title="Joints turning round under a hand",
+        passes=1,
+        variants=VARIANTS,
+        comparison=COMPARISON,
+        notes=NOTES,
     )
 
 

@@ -27,13 +27,11 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    POSTURES,
     SeparatedFriction,
     reversal_recordings,
-    separate_recordings,
-)
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import (
-    POSTURES,
     semi_parametric_model,
+    separate_recordings,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     CONFIG,

@@ -79,15 +79,6 @@ class Draws:
     length: float
 
 
-@dataclass(frozen=True)
-class Correlation:
-    """Spearman's rank correlation and its bootstrap 95 % confidence interval."""
-
-    value: float
-    low: float
-    high: float
-
-
 def draw_postures(robot: Robot, count: int, rng: np.random.Generator) -> Array:
     """(count, n) postures drawn evenly within the joint limits, E above FLOOR."""
     selected = np.empty((0, robot.num_joints))
@@ -242,13 +233,14 @@ def _spearman(a: Array, b: Array) -> float:
 
 def bootstrap(
     columns: dict[str, Array], target: Array, count: int, rng: np.random.Generator
-) -> tuple[dict[str, Correlation], dict[str, Array]]:
-    """Rank correlation of each column with the target, with its 95 % percentile interval.
+) -> tuple[dict[str, list[float]], dict[str, Array]]:
+    """Rank correlation of each column with the target, and its 95 % percentile interval.
 
     All columns meet the same resampled rows, so that their differences can be judged as well.
 
     Returns:
-        The correlations, and each one's values (count,) over the resamplings.
+        The correlations and the interval's ends, and each one's values (count,) over the
+        resamplings.
     """
     N, table = len(target), np.stack([*columns.values(), target])
     values = np.empty((len(columns), count))
@@ -258,8 +250,8 @@ def bootstrap(
     draws = dict(zip(columns, values, strict=True))
     result = {}
     for name, column in columns.items():
-        low, high = np.quantile(draws[name], [0.025, 0.975])
-        result[name] = Correlation(_spearman(column, target), float(low), float(high))
+        interval = np.quantile(draws[name], [0.025, 0.975])
+        result[name] = [_spearman(column, target), *interval.tolist()]
     return result, draws
 
 
@@ -277,7 +269,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "friction_rmse_nm": draws.friction_rmse,
         "characteristic_length_m": draws.length,
     }
-    result: dict[str, dict[str, Correlation]] = {}
+    result: dict[str, dict[str, list[float]]] = {}
     for index, method in enumerate(METHODS):
         context.progress(0.3 + 0.35 * index, f"bootstrap, {method}")
         rng = np.random.default_rng([context.seed, 1])
@@ -286,9 +278,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         gap = resampled["stated_sd"] - resampled["jcn"]
         metrics[method] = {
             name: {
-                "rank_correlation": correlation.value,
-                "interval_95": [correlation.low, correlation.high],
-                "with_interval": [correlation.value, correlation.low, correlation.high],
+                "rank_correlation": correlation[0],
+                "interval_95": correlation[1:],
+                "with_interval": correlation,
                 "rank_correlation_of_relative_error": _spearman(
                     draws.predictors[method][name], draws.relative_error[method]
                 ),
@@ -331,14 +323,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> Figure:
+def _correlations_figure(found: dict[str, dict[str, list[float]]]) -> Figure:
     figure, ((ax,),) = new_figure(1, 1, height=3.4)
     names = list(PREDICTORS)
     for index, method in enumerate(METHODS):
-        value, low, high = (
-            np.array([getattr(found[method][name], key) for name in names])
-            for key in ("value", "low", "high")
-        )
+        value, low, high = np.transpose([found[method][name] for name in names])
         ax.errorbar(
             value,
             np.arange(len(names)) + 0.16 * (2 * index - 1),

@@ -50,13 +50,6 @@ from wrenchsight.analyses.methods.runs.simulated_logs import (
     simulate_excitation,
     stored_excitation,
 )
-from wrenchsight.analyses.output.figures import (
-    COLOUR,
-    SERIES,
-    Figure,
-    legend_below,
-    new_figure,
-)
 from wrenchsight.analyses.study.experiment import (
     Drawing,
     Experiment,
@@ -91,7 +84,6 @@ NOISE_CUTOFF = 5.0  # Hz
 DELAYS = np.arange(-0.05, 0.3005, 0.0025)  # s that are tried
 METHODS = ("force_only", "bayesian")
 SMOOTHED = "kalman-smoothed"
-SHOWN = "ur-20_02_19_15harm50sec-pushes", (10.0, 20.0)  # log and part of it, s, in the figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,26 +121,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
     kinds: dict[str, type] = {kind_name(kind): kind.Config for kind in OBSERVERS}
     kinds[SMOOTHED] = KalmanObserverConfig
     metrics: dict[str, Any] = {name: {} for name in kinds}
-    shown: dict[str, Read] = {}
     for k, (log, scene) in enumerate(scenes.items()):
         context.progress(0.6 + 0.35 * k / len(scenes), log)
         for name, kind in kinds.items():
             result: dict[str, Any] = {}
             for method in METHODS:
-                read = _read(scene, kind, method, name == SMOOTHED)
-                entry = _measured(scene, read)
+                entry = _measured(scene, _read(scene, kind, method, name == SMOOTHED))
                 result |= entry if method == METHODS[0] else {method: entry}
-                if log == SHOWN[0] and method == METHODS[0]:
-                    shown[name] = read
             metrics[name][log] = result
     context.progress(0.95, "figures")
-    figures = [_summary(metrics)]
-    if shown:
-        what = f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`."
-        figures.append(("pushes", _push_figure(scenes[SHOWN[0]], shown), what))
     return ExperimentResult(
         metrics=metrics,
-        figures=figures,
+        figures=[_summary(metrics)],
         notes=_notes(metrics),
         configuration={"observers": {kind_name(kind): kind.Config() for kind in OBSERVERS}},
     )
@@ -330,23 +314,6 @@ def _summary(metrics: Mapping[str, Any]) -> Drawing:
         caption += f" (*): of all samples, as none is valid, on {', '.join(unread)}."
     marked = [f"{log} *" if log in unread else log for log in logs]
     return "observers", bars_by_log(rows, marked), caption
-
-
-def _push_figure(scene: Scene, shown: Mapping[str, Read]) -> Figure:
-    t = scene.recording.t - scene.recording.t[0]
-    rows = (t >= SHOWN[1][0]) & (t <= SHOWN[1][1])
-    figure, axes = new_figure(3, 1, share_x=True)
-    for k, axis in enumerate("xyz"):
-        panel = axes[k, 0]
-        panel.plot(t[rows], scene.truth[rows, k], color=COLOUR["truth"], lw=1.2, label="truth")
-        for i, (name, read) in enumerate(shown.items()):
-            panel.plot(t[rows], read.force[rows, k], color=SERIES[i], lw=0.9, label=name)
-        panel.set_ylabel(f"f$_{axis}$ [N]")
-        low, high = np.percentile([read.force[rows, k] for read in shown.values()], [1, 99])
-        panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
-    axes[2, 0].set_xlabel("time [s]")
-    legend_below(figure, axes[0, 0])
-    return figure
 
 
 def _notes(metrics: Mapping[str, Any]) -> list[str]:

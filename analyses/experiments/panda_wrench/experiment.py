@@ -26,7 +26,6 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
-    draw_bars,
     fill_band,
     legend_below,
     new_figure,
@@ -150,16 +149,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
     ]
     metrics["prior"] = _knowledge_metrics(knowledge)
     metrics["prior_unloaded_noise"] = _knowledge_metrics(unloaded)
+    by_authors = [
+        rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
+        for log in logs
+    ]
     metrics["authors"] = {
-        "rmse_n": (
-            by_authors := np.array(
-                [
-                    rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
-                    for log in logs
-                ]
-            )
-        ),
-        "mean_rmse_n": float(by_authors.mean()),
+        "rmse_n": by_authors,
+        "mean_rmse_n": float(np.mean(by_authors)),
     }
     context.progress(0.7, "figures")
     return ExperimentResult(
@@ -170,11 +166,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 _force_figure(logs, readings),
                 "Force on the pad (its axes) at the poses where eq. 22 reads best (left) and worst "
                 "(right)",
-            ),
-            (
-                "rmse",
-                _bar_figure(readings),
-                "RMSE of the force per pose and method, rows with more than 1 N",
             ),
         ],
         comparison=_comparison(),
@@ -213,21 +204,6 @@ def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0], 4)
-    return figure
-
-
-_BARS = {"inverse": "eq. 22", "truncated": "truncated", "damped": "damped",
-         "force_only": "force only", "bayesian": "Bayesian"}  # fmt: skip
-
-
-def _bar_figure(readings: dict[str, MethodReading]) -> Figure:
-    figure, ((ax,),) = new_figure(1, 1, height=3.3)
-    rmse = {method: [log.rmse for log in readings[method].logs] for method in _BARS}
-    series = {f"{_BARS[one]}, mean {np.mean(own):.2f} N": own for one, own in rmse.items()}
-    draw_bars(ax, series, range(1, NUM_POSES + 1))
-    ax.set_xlabel("pose")
-    ax.set_ylabel("RMSE of the force [N]")
-    ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import branch_start, followed
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathStudy
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
@@ -187,14 +187,6 @@ COMPARISON = (
     ComparisonRow("RMSE in Y, path found here, K_0 = 20, bayesian", "found_bayesian.rmse_y_n"),
     ComparisonRow("Share in the 95 % band, path found here", "found_bayesian.share_in_95_band"),
 )
-STUDY = PathStudy(
-    title="Repeated cycles without contact",
-    passes=4,
-    variants=VARIANTS,
-    variants_title="Second cycle without contact: one change per row",
-    comparison=COMPARISON,
-    notes=NOTES,
-)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -202,12 +194,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     cycles = repeat_cycles(context, SCENARIO)
     metrics = cycle_metrics(cycles)
     metrics["noise_alone"] = noise_alone(context.robot(ROBOT), cycles.torque_sd)
-    return STUDY.result(
+    return path_result(
         context,
         cycles.runs,
         metrics,
         _figures(cycles, 1.1 * metrics[BEFORE]["max_error_y_n"]),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
+        title="Repeated cycles without contact",
+        passes=4,
+        variants=VARIANTS,
+        comparison=COMPARISON,
+        notes=NOTES,
     )
 
 

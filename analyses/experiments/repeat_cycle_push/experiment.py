@@ -8,7 +8,7 @@ article.
 from collections.abc import Iterator
 from typing import Any
 
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathStudy
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     BEFORE,
     VARIANTS,
@@ -93,14 +93,6 @@ COMPARISON = (
     ),
     ComparisonRow("Share in the 95 % band, optimised path", "optimised.share_in_95_band"),
 )
-STUDY = PathStudy(
-    title="Repeated cycles, pushed by hand",
-    passes=4,
-    variants=VARIANTS,
-    variants_title="Second cycle, pushed by hand: one change per row",
-    comparison=COMPARISON,
-    notes=NOTES,
-)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -108,12 +100,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
     cycles = repeat_cycles(context, SCENARIO)
     metrics = cycle_metrics(cycles)
     metrics["sensor"] = _sensor(cycles)
-    return STUDY.result(
+    return path_result(
         context,
         cycles.runs,
         metrics,
         _figures(cycles, 1.1 * metrics[BEFORE]["max_error_y_n"]),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
+        title="Repeated cycles, pushed by hand",
+        passes=4,
+        variants=VARIANTS,
+        comparison=COMPARISON,
+        notes=NOTES,
     )
 
 

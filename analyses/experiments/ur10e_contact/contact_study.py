@@ -98,25 +98,12 @@ class ReadRun:
         return Judgement.of(averaged(self.readings[method], windows), truth)
 
 
-@dataclass(frozen=True, eq=False)
-class ContactStudy:
-    """What the experiment reports.
-
-    Attributes:
-        runs: read by all methods.
-        air: the friction fit without a sensor, by controller.
-    """
-
-    runs: tuple[ReadRun, ...]
-    air: Mapping[str, SpecimenRefit]
-
-
 def read_runs(
     prepared: Sequence[PreparedRun],
     files: Sequence[Path],
     identified: IdentifiedModel,
     progress: Callable[[float], None],
-) -> ContactStudy:
+) -> tuple[list[ReadRun], dict[str, SpecimenRefit]]:
     """Fits the friction and reads every run by every method.
 
     Args:
@@ -160,7 +147,7 @@ def read_runs(
                 ),
             }
             runs.append(ReadRun(run, readings))
-    return ContactStudy(tuple(runs), air)
+    return runs, air
 
 
 def _of(prepared: Sequence[PreparedRun], controller: str) -> list[PreparedRun]:
@@ -189,10 +176,10 @@ def plain_friction() -> PreslidingFriction:
     )
 
 
-def contact_metrics(study: ContactStudy) -> dict[str, Any]:
+def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
     """Bias, scatter and band by scene, controller, speed, interval and method, and pooled."""
     judged: dict[tuple[str, ...], list[Judgement]] = {path: [] for path in _paths()}
-    for read in study.runs:
+    for read in runs:
         name = read.prepared.run.name
         half = "settled" if name.stem in SETTLED_ON else "checked"
         for method, interval in product(METHODS, INTERVALS):

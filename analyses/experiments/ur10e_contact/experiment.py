@@ -31,7 +31,6 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
 )
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     SETTLED_ON,
-    ContactStudy,
     ReadRun,
     contact_metrics,
     read_runs,
@@ -80,19 +79,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
         context.progress(0.3 + 0.1 * k / len(files), "reading the runs")
         own = read_run(path)
         prepared.append(prepare(own, robots[own.name.controller], identified))
-    study = read_runs(
+    reads, air = read_runs(
         prepared, files, identified, lambda share: context.progress(0.4 + 0.5 * share, "forces")
     )
-    metrics = contact_metrics(study)
-    metrics["friction"] = {own: refit.metrics() for own, refit in study.air.items()}
-    metrics["runs"] = _run_metrics(study)
+    metrics = contact_metrics(reads)
+    metrics["friction"] = {own: refit.metrics() for own, refit in air.items()}
+    metrics["runs"] = _run_metrics(reads)
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "forces",
-                _force_figure(_one_run_a_group(study)),
+                _force_figure(_one_run_a_group(reads)),
                 "Force along the tool from motor currents, without a sensor, against the sensor: "
                 "one run of each kind.",
             ),
@@ -100,14 +99,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
         comparison=_comparison(metrics),
         notes=NOTES,
         configuration={
-            "runs": [read.prepared.run.name.stem for read in study.runs],
+            "runs": [read.prepared.run.name.stem for read in reads],
             "settled_on": sorted(SETTLED_ON),
             "filter": ContactConfig(axis=AXIS),
         },
     )
 
 
-def _run_metrics(study: ContactStudy) -> dict[str, Any]:
+def _run_metrics(reads: Sequence[ReadRun]) -> dict[str, Any]:
     """Without a sensor, run by run; keys without dots, which part a metric's path."""
     return {
         read.prepared.run.name.stem.replace(".", "p"): {
@@ -115,18 +114,18 @@ def _run_metrics(study: ContactStudy) -> dict[str, Any]:
             for interval in JUDGED
             if (judged := read.judged("command", interval)) is not None
         }
-        for read in study.runs
+        for read in reads
     }
 
 
-def _one_run_a_group(study: ContactStudy) -> list[ReadRun]:
+def _one_run_a_group(reads: Sequence[ReadRun]) -> list[ReadRun]:
     """The run of the middle force of each scene and controller, in the order of their names."""
     groups: dict[str, list[ReadRun]] = {}
-    for read in study.runs:
+    for read in reads:
         groups.setdefault(read.prepared.run.name.group, []).append(read)
     chosen = []
-    for _, reads in sorted(groups.items(), reverse=True):
-        ranked = sorted(reads, key=lambda r: (r.prepared.run.name.force, r.prepared.run.name))
+    for _, own in sorted(groups.items(), reverse=True):
+        ranked = sorted(own, key=lambda r: (r.prepared.run.name.force, r.prepared.run.name))
         chosen.append(ranked[len(ranked) // 2])
     return chosen
 

@@ -21,7 +21,7 @@ import numpy as np
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.mounting import Mounting
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
-from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -148,14 +148,8 @@ class Lara8Reading:
         return self.batch.tau_ext - self.log.truth
 
     def against_sensor(self) -> SensorComparison:
-        """The wrench against the sensor's, over 0.1 s."""
-        return compare_with_sensor(self.sensor_log(), self.log.config)
-
-    def sensor_log(self) -> SensorLog:
-        """Both side by side; from the observer's settling on."""
+        """The wrench against the sensor's, over 0.1 s, from the observer's settling on."""
         recording, batch = self.log.recording, self.batch
-        collector = SensorLogCollector(recording.time_step)
-        first = settled_from(recording)
         signals = (
             recording.t,
             batch.wrench[:, FORCE_FIRST],
@@ -165,10 +159,12 @@ class Lara8Reading:
             recording.v,
             recording.extra["sensor"],
         )
+        collector = SensorLogCollector(recording.time_step)
+        first = settled_from(recording)
         collector.add(*(np.asarray(signal[first:], float) for signal in signals))
-        result = collector.log()
-        assert result is not None
-        return result
+        both = collector.log()
+        assert both is not None
+        return compare_with_sensor(both, self.log.config)
 
 
 MIN_ROWS: Final = 20

@@ -14,9 +14,9 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    POSTURES,
     reversal_recordings,
 )
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import POSTURES
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     CONFIG,
     identify_simulated_arm,

@@ -33,12 +33,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
-    reversal_recordings,
-    separate_recordings,
-)
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import (
     POSTURES,
+    reversal_recordings,
     semi_parametric_model,
+    separate_recordings,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     CONFIG,

@@ -3,17 +3,23 @@
 Two sources: a planned motion of the simulated arm
 (`models.excitation.friction_reversal.reversal_motion`, the article's eqs. 16-19), and recordings of
 any arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
-Either gives friction samples over velocity, on which `analyses.methods.learning.friction_training`
-trains the networks, and the asymmetric part that eq. 15 neglects.
+Either gives friction samples over velocity, on which the networks of the article's law are trained
+near zero velocity, and the asymmetric part that eq. 15 neglects.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrenchsight.analyses.methods.learning.friction_training import (
+    TrainedNetworks,
+    TrainingConfig,
+    train_networks,
+)
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult
 from wrenchsight.analyses.methods.runs.simulated_logs import simulate_motion
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.friction_reversal import (
@@ -21,6 +27,7 @@ from wrenchsight.models.excitation.friction_reversal import (
     reversal_motion,
     separate,
 )
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
@@ -30,6 +37,13 @@ from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
 PERIOD = 2.0  # s
 REST = 0.002  # rad/s
+# Departures from the home posture, rad; the last one is the test's.
+POSTURES = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.4, 0.2, -0.2, 0.5, 0.3, -0.4),
+    (-0.4, -0.2, 0.1, -0.5, -0.2, 0.4),
+    (0.2, 0.1, 0.15, 0.2, -0.4, 0.8),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,3 +167,21 @@ def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:
 
     names = ("position", "speed", "acceleration", "symmetric", "asymmetric")
     return ReversalSamples(joint, *(column(name) for name in names))
+
+
+def semi_parametric_model(
+    robot: Robot,
+    plain: IdentificationResult,
+    separated: SeparatedFriction,
+    training: TrainingConfig | None = None,
+) -> tuple[IdentifiedModel, TrainedNetworks]:
+    """The article's way: symmetric friction by reversal; odd networks on the plain law.
+
+    The plain law's torque error is not that of this law: the model has none.
+    """
+    v, torque = separated.table(symmetric=True)
+    law = plain.model.friction.coulomb_viscous
+    config = training or TrainingConfig(seed=plain.config.seed, odd=True)
+    trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
+    friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
+    return replace(plain.model, friction=friction, torque_error=None), trained

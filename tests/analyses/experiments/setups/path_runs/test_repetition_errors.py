@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs import repetition_errors as module
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import POSTURES
+from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import POSTURES
 from wrenchsight.models.recordings.recording import Recording
 
 N, STEP = 6000, 1e-3
