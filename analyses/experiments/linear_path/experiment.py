@@ -15,6 +15,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     OPTIMISED_PATH,
     OPTIMISED_POSTURE,
     OTHER_ELBOW_POSTURE,
+    branch_start,
+    followed,
 )
 from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
 from wrenchsight.analyses.methods.planning.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
@@ -33,8 +35,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.diagrams.distances.placement_cell import PlacementCell
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.paths import StraightPath
 from wrenchsight.models.placement.placement_search import SearchEffort
 from wrenchsight.models.placement.placement_task import ClearanceConfig, load_task
 from wrenchsight.models.robot.robot import Robot
@@ -83,9 +83,11 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     if context.quick:
         effort = replace(effort, num_rounds=2, num_solves=4)
     table = place(table_task, table_source, robot, seed=context.seed, effort=effort)
+    s = np.linspace(0.0, 1.0, OPTIMISED_PATH.num_segments + 1)
+    elbows = {"one_elbow": OPTIMISED_POSTURE, "other_elbow": OTHER_ELBOW_POSTURE}
     postures = {
-        "one_elbow": _along(robot, OPTIMISED_PATH, OPTIMISED_POSTURE),
-        "other_elbow": _along(robot, OPTIMISED_PATH, OTHER_ELBOW_POSTURE),
+        name: followed(robot, OPTIMISED_PATH, s, branch_start(robot, OPTIMISED_PATH, posture))
+        for name, posture in elbows.items()
     }
     article = {name: robot.chain.condition_number(q) for name, q in postures.items()}
     cell = PlacementCell(robot, ClearanceConfig(distance=0.0))
@@ -98,13 +100,6 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     distances["optimised"] = own_distance(optimised.best.fine.q)
     context.progress(1.0, "done")
     return LinearPath(optimised, from_seeds, swarms, table, article, distances)
-
-
-def _along(robot: Robot, path: StraightPath, posture: Array) -> Array:
-    """(k + 1, n) along a path, on the branch of a posture at its midpoint."""
-    back = follow_path(robot, *path.poses(np.linspace(0.5, 0.0, 51)), posture)
-    s = np.linspace(0.0, 1.0, path.num_segments + 1)
-    return follow_path(robot, *path.poses(s), back[-1])
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

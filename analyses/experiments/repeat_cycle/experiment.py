@@ -19,7 +19,6 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     BEFORE,
     VARIANTS,
     RepeatedCycles,
-    cycle_metrics,
     force_figure,
     repeat_cycles,
 )
@@ -192,13 +191,13 @@ COMPARISON = (
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
-    metrics = cycle_metrics(cycles)
-    metrics["noise_alone"] = noise_alone(context.robot(ROBOT), cycles.torque_sd)
+    torque_sd = cycles.metrics["torque_sd_nm"]
+    more = {"noise_alone": noise_alone(context.robot(ROBOT), torque_sd)}
     return path_result(
         context,
         cycles.runs,
-        metrics,
-        _figures(cycles, 1.1 * metrics[BEFORE]["max_error_y_n"]),
+        cycles.metrics | more,
+        _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
         title="Repeated cycles without contact",
         passes=4,
@@ -208,7 +207,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _figures(cycles: RepeatedCycles, limit: float) -> Iterator[Drawing]:
+def _figures(cycles: RepeatedCycles) -> Iterator[Drawing]:
     yield (
         "torques",
         torque_figure(cycles),
@@ -216,7 +215,7 @@ def _figures(cycles: RepeatedCycles, limit: float) -> Iterator[Drawing]:
     )
     yield (
         "force-y",
-        force_figure(cycles, 1, False, limit),
+        force_figure(cycles, False),
         "Force in Y read in the second cycle, where nothing touches the arm (Fig. 16). The "
         "error grows with the condition number at the path's ends: at 0, 200 and 400 s.",
     )

@@ -13,7 +13,6 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     BEFORE,
     VARIANTS,
     RepeatedCycles,
-    cycle_metrics,
     force_figure,
     repeat_cycles,
 )
@@ -98,13 +97,12 @@ COMPARISON = (
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle-push` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
-    metrics = cycle_metrics(cycles)
-    metrics["sensor"] = _sensor(cycles)
+    more = {"sensor": _sensor(cycles)}
     return path_result(
         context,
         cycles.runs,
-        metrics,
-        _figures(cycles, 1.1 * metrics[BEFORE]["max_error_y_n"]),
+        cycles.metrics | more,
+        _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
         title="Repeated cycles, pushed by hand",
         passes=4,
@@ -114,10 +112,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _figures(cycles: RepeatedCycles, limit: float) -> Iterator[Drawing]:
+def _figures(cycles: RepeatedCycles) -> Iterator[Drawing]:
     yield (
         "force-y",
-        force_figure(cycles, 1, True, limit),
+        force_figure(cycles, True),
         "Force in Y read in the second cycle and the sensor's (Fig. 17). The noise is "
         "largest near the initial path's ends, where the arm turns round.",
     )
