@@ -3,7 +3,6 @@ import pytest
 from scipy.stats import spearmanr
 
 from wrenchsight.analyses.experiments.metrics_compare.experiment import (
-    EXPERIMENT,
     METHODS,
     PREDICTORS,
     RMSE,
@@ -14,6 +13,8 @@ from wrenchsight.analyses.experiments.metrics_compare.experiment import (
     friction_error,
 )
 from wrenchsight.models.robot.robot import Robot
+
+OPTIONS = {"quick": True}
 
 
 def test_the_bootstrap_ranks_every_resampling_anew() -> None:
@@ -76,8 +77,7 @@ def test_the_torque_errors_are_of_the_articles_size(sts: Robot) -> None:
     )
 
 
-def test_the_experiment_finds_the_stated_sd_the_best_measure(run_experiment) -> None:
-    ran = run_experiment(EXPERIMENT, quick=True)
+def test_the_experiment_finds_the_stated_sd_the_best_measure(ran) -> None:
     for method in METHODS:
         entries = ran.metrics[method]
         best = max(PREDICTORS, key=lambda name: entries[name]["rank_correlation"])

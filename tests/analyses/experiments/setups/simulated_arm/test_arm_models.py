@@ -118,16 +118,12 @@ def test_held_out_logs_are_read_once_for_each_law_and_gain(sts, monkeypatch):
     """And every law and gain has its own readings, whoever asked before."""
     model, log, _ = still(sts, 3000)
     offset = CoulombViscous(np.zeros(6), np.zeros(6), np.ones(6))  # 1 N m off at rest
-    other = replace(model, friction=SemiParametricFriction(offset))
-    laws = {"plain": model, "other": other}
+    laws = {"plain": model, "other": replace(model, friction=SemiParametricFriction(offset))}
     read = []
     observe = WrenchEstimator.observe
-
-    def counted(self, *log):
-        read.append(self)
-        return observe(self, *log)
-
-    monkeypatch.setattr(WrenchEstimator, "observe", counted)
+    monkeypatch.setattr(
+        WrenchEstimator, "observe", lambda self, *log: read.append(self) or observe(self, *log)
+    )
     models = ArmModels(sts, laws, (log,))
     pairs = [("plain", 20.0), ("plain", 60.0), ("other", 20.0), ("plain", 20.0)]
     found = [models.observed(*pair) for pair in pairs]
