@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.path_runs.repetition_errors import repetition_errors
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
@@ -21,6 +20,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     on_path,
     planned_task,
     read_repetition,
+    repetition_torque,
     run_task,
     task_path,
 )

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import repetition_torque
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
     POSTURES,
     reversal_recordings,

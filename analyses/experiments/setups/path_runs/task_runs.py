@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     INITIAL_PATH,
@@ -25,7 +26,6 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     found_path,
 )
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.methods.reading.force_errors import ForceReading
 from wrenchsight.analyses.methods.runs.fast_runs import run_free
 from wrenchsight.analyses.study.experiment import ExperimentContext, FigureFile
@@ -291,6 +291,26 @@ def read_run(
         sd[settled],
         run.reference[settled],
     )
+
+
+def repetition_torque(
+    recording: Recording, robot: Robot, period: int, K_0: float | None = None
+) -> Array:
+    """tau_ext (T - period, n) in N m by eq. 4: torque one period ago (tau_d) minus torque now.
+
+    In our sign: what the environment exerts, positive along the motion it causes.
+
+    Args:
+        recording: of a motion that repeats itself.
+        period: samples.
+        K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
+    """
+    tau = robot.joint_torque(recording.current)
+    tau_ext = tau[:-period] - tau[period:]
+    if K_0 is None:
+        return np.asarray(tau_ext)
+    pole = float(np.exp(-K_0 * recording.time_step))
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], tau_ext, axis=0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.analyses.methods.sensors.judged_force import correlation
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -115,7 +116,7 @@ class Reading:
             "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
             "max_error_n": float(np.linalg.norm(error, axis=1).max()),
             "mass_kg": float(np.sum(force * direction) / np.sum(direction**2)),
-            "correlation": [_correlation(f, r) for f, r in zip(force.T, truth.T, strict=True)],
+            "correlation": [correlation(f, r) for f, r in zip(force.T, truth.T, strict=True)],
             "inside_68_pct": 100.0 * np.mean(share <= SIGMA_68, axis=0),
             "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
         }
@@ -245,10 +246,3 @@ def estimate_run(
     estimator = WrenchEstimator(robot, model, estimator_config())
     state = estimator.initial_state()
     return recording, estimator.run(state, recording.q, recording.v, recording.current)
-
-
-def _correlation(a: Array, b: Array) -> float | None:
-    """None where one of them does not vary."""
-    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
-        return None
-    return float(np.corrcoef(a, b)[0, 1])

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
     RepetitionReader,
@@ -15,6 +14,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     planned_task,
     read_repetition,
     read_run,
+    repetition_torque,
     run_task,
     task_path,
     task_scenario,
