@@ -225,7 +225,6 @@ def _twins(
     hours, alarms, by_log = alarms_of_twins(
         *(moving, robot, model_of_twins(fitted, robot), RATES[1:]),
         *(1 if context.quick else TWIN_DAYS, TIME_STEP, K_0),
-        context.part(0.72, 0.75),
     )
     result: dict[str, Any] = {
         f"at_{rate:g}_per_hour": {**false_alarm_metrics(count, hours), "expected": rate * hours}

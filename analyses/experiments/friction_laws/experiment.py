@@ -145,11 +145,9 @@ class LawsOnOneArm:
 def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     """All laws on the simulated arm."""
     robot = context.robot(ROBOT)
-
-    periods = 1 if context.quick else 2
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
     context.progress(0.0, "simulated arm, identification")
-    first, (log, other) = identify_simulated_arm(robot, context.seed, periods, plain)
+    first, (log, other) = identify_simulated_arm(robot, context.seed, context.quick, plain)
     results = {WITH_OFFSET: first}
     for k, law in enumerate(COMPARED):
         context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")

@@ -7,12 +7,10 @@ trajectory. Both trajectories were found by `excite` and lie beside the robot as
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
-    CONFIG,
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
@@ -34,10 +32,10 @@ ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates, identifies, predicts; then once more with the true friction known."""
     robot = context.robot(ROBOT)
-    periods = 1 if context.quick else PERIODS
-    config = replace(CONFIG, seed=context.seed)
     context.progress(0.0, "simulating and identifying")
-    result, logs = identify_simulated_arm(robot, context.seed, periods, config, context.draws)
+    result, logs = identify_simulated_arm(
+        robot, context.seed, context.quick, contact_noise=context.draws
+    )
     context.progress(0.85, "with the true friction known")
     known = with_known_friction(robot, logs)
     fit = result.validation[0]
@@ -65,7 +63,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=_figures(fit, robot.joint_names),
         comparison=_comparison(),
         notes=NOTES,
-        configuration={"periods": periods, "identification": result.config},
+        configuration={"periods": 1 if context.quick else PERIODS, "identification": result.config},
     )
 
 

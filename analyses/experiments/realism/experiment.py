@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.realism.chance import ToldApart, told_apart
 from wrenchsight.analyses.experiments.realism.comparison import (
     CHECKED,
     DAY_DRAWS,
@@ -30,7 +29,9 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     SETTLED_LOAD,
     STILL,
     ArmLogs,
+    ToldApart,
     compared,
+    told_apart,
     twins,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (

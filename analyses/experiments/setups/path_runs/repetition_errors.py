@@ -8,7 +8,6 @@ how much may turn round (`wrenchsight.models.identification.repetition_error`).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,10 +17,8 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal imp
     reversal_recordings,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
-    CONFIG,
     identify_simulated_arm,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS
 from wrenchsight.models.identification.repetition_error import RepetitionError, repetition_error
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
@@ -50,8 +47,7 @@ def repetition_errors(
     first, second = (
         reversal_recordings(robot, postures, SPEEDS, seed + 100 * (1 + k), PERIOD) for k in range(2)
     )
-    periods = 1 if quick else PERIODS
-    result, _ = identify_simulated_arm(robot, seed, periods, replace(CONFIG, seed=seed))
+    result, _ = identify_simulated_arm(robot, seed, quick)
     level = np.abs(result.model.friction.coulomb_viscous.coulomb)
     resolution = position_resolution(np.vstack([log.q for log in first]))
     errors = []

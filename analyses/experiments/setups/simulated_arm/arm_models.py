@@ -44,7 +44,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
 )
 from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
 from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ProgressCallback
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
@@ -172,9 +172,7 @@ def _identify_arm(
     robot: Robot, seed: int, quick: bool, contact_noise: bool, progress: ProgressCallback
 ) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...], tuple[Recording, ...]]:
     progress(0.0, "identification")
-    config = replace(CONFIG, seed=seed)
-    periods = 1 if quick else PERIODS
-    result, (log, other) = identify_simulated_arm(robot, seed, periods, config, contact_noise)
+    result, (log, other) = identify_simulated_arm(robot, seed, quick, contact_noise=contact_noise)
     progress(0.2, "reversals")
     fast, slow = _reversals(robot, seed, quick)
     postures = np.asarray(robot.home) + np.asarray(HELD_OUT_POSTURES)
@@ -184,7 +182,7 @@ def _identify_arm(
     progress(0.85, "friction laws")
     fitted = [*fast, *slow[:-1]]
     semi_parametric = _with_networks(robot, result, fitted, seed)
-    config = replace(config, friction="presliding", cross_validate=False)
+    config = replace(CONFIG, friction="presliding", cross_validate=False, seed=seed)
     progress(0.9, "presliding friction")
     presliding = identify([log.recording, *fitted], robot, [], config).model
     models = dict(zip(LAWS, (result.model, semi_parametric, presliding), strict=True))
@@ -200,9 +198,8 @@ def article_models(
         robot: with its simulated truth.
         quick: shorter logs, fewer postures.
     """
-    config = replace(CONFIG, seed=seed, cross_validate=False)  # asks what its observer errs by
-    periods = 1 if quick else PERIODS
-    result, _ = identify_simulated_arm(robot, seed, periods, config, contact_noise=False)
+    config = replace(CONFIG, cross_validate=False)  # asks what its observer errs by
+    result, _ = identify_simulated_arm(robot, seed, quick, config, contact_noise=False)
     fast, slow = _reversals(robot, seed, quick, held_out=False)
     return result, _with_networks(robot, result, [*fast, *slow], seed)
 

@@ -29,7 +29,7 @@ CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in t
 def identify_simulated_arm(
     robot: Robot,
     seed: int = 0,
-    num_periods: int = PERIODS,
+    quick: bool = False,
     config: IdentificationConfig = CONFIG,
     contact_noise: bool = True,
 ) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
@@ -39,14 +39,16 @@ def identify_simulated_arm(
 
     Args:
         robot: with its simulated truth.
-        num_periods: of each excitation.
+        quick: one period of each excitation in the place of PERIODS.
         contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
     """
+
+    periods, config = 1 if quick else PERIODS, replace(config, seed=seed)
 
     def identified() -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
         first, second = (
             simulate_excitation(
-                *(robot, stored_excitation(robot, k + 1), num_periods),
+                *(robot, stored_excitation(robot, k + 1), periods),
                 *(2 * seed + k, f"excitation_{k + 1}"),
             )
             for k in range(2)
@@ -54,7 +56,7 @@ def identify_simulated_arm(
         logs = [first.recording], robot, [second.recording]
         return identify(*logs, config, contact_noise=contact_noise), (first, second)
 
-    arguments = robot, seed, num_periods, config, contact_noise
+    arguments = robot, seed, periods, config, contact_noise
     return shared("identify_simulated_arm", arguments, identified)
 
 
