@@ -42,9 +42,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     METHODS,
     REFERENCE_CUTOFF,
     AtLoad,
-    Reading,
     estimate_run,
     estimator_config,
+    payload_metrics,
     payload_reference,
     read_at_load,
 )
@@ -72,7 +72,11 @@ from wrenchsight.analyses.study.experiment import (
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
+from wrenchsight.models.estimation.wrench import (
+    WrenchEstimate,
+    WrenchReconstruction,
+    live_prior,
+)
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
@@ -106,7 +110,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.7, "the same over an unloaded run")
     _, empty = estimate_run(context.data / FOLDER / UNLOADED, robot, model)
     unloaded = _at_flange(empty, Sigma_tau, {"bayesian": prior})["bayesian"]
-    metrics: dict[str, Any] = {name: own.metrics(direction) for name, own in readings.items()}
+    metrics: dict[str, Any] = {
+        name: payload_metrics(own, direction) for name, own in readings.items()
+    }
     metrics |= {
         "true_mass_kg": MASS,
         "prior": {
@@ -123,7 +129,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "unloaded": {
             "observed_torque_rms_nm": rms(empty.tau_ext[INNER]),
             "stated_torque_sd_nm": np.sqrt(np.diag(Sigma_tau)),
-            "bayesian_force_rms_n": rms(unloaded.force),
+            "bayesian_force_rms_n": rms(unloaded.wrench[:, 3:]),
         },
         "condition_number": {
             "median": float(np.median(batch.condition_number[INNER])),
@@ -135,7 +141,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     at_load, best_readings = _with_best_law(
         context.data / FOLDER / LOADED, robot, best_model.model, direction
     )
-    metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics()}
+    metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics}
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
@@ -148,7 +154,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ),
             (
                 "payload_force_at_load",
-                _figure(at_load.t, at_load.readings["bayesian"], at_load.direction),
+                _figure(at_load.t, at_load.bayesian, at_load.direction),
                 "The force where the load acts, found from the first 10 s, with the best friction "
                 "law.",
             ),
@@ -164,14 +170,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _at_flange(
     batch: EstimateBatch, Sigma_tau: Array, priors: Mapping[str, tuple[float, float]]
-) -> dict[str, Reading]:
+) -> dict[str, WrenchEstimate]:
     """Readings by those of METHODS that `priors` names."""
     readings = {}
     for name, prior in priors.items():
         reconstruction = WrenchReconstruction(METHODS[name].with_prior(*prior), Sigma_tau)
-        readings[name] = Reading.of(
-            reconstruction.reconstruct(batch.J[INNER], batch.tau_ext[INNER])
-        )
+        readings[name] = reconstruction.reconstruct(batch.J[INNER], batch.tau_ext[INNER])
     return readings
 
 
@@ -184,16 +188,16 @@ def _with_best_law(
     prior = evidence_prior(batch.J[INNER], batch.tau_ext[INNER], Sigma_tau)
     flange: dict[str, Any] = {"force_sd_n": prior[0], "moment_sd_nm": prior[1]}
     readings = _at_flange(batch, Sigma_tau, dict.fromkeys(("bayesian", "force_only"), prior))
-    flange |= {name: reading.metrics(direction) for name, reading in readings.items()}
+    flange |= {name: payload_metrics(own, direction) for name, own in readings.items()}
     at_load = {
         name: read_at_load(robot, loaded, batch, Sigma_tau, with_mean, free_noise)
         for name, (with_mean, free_noise) in POINT_RULES.items()
     }
     flange["point_rules"] = {
-        name: {"point_m": one.found.p_EP}
+        name: {"point_m": one.metrics["point_m"]}
         | {
             method: {key: metrics[key] for key in ("rmse_n", "mass_kg")}
-            for method, metrics in one.metrics().items()
+            for method, metrics in one.metrics.items()
             if method in readings
         }
         for name, one in at_load.items()
@@ -201,12 +205,11 @@ def _with_best_law(
     return at_load["mean_and_noise"], flange
 
 
-def _figure(t: Array, reading: Reading, direction: Array) -> Figure:
+def _figure(t: Array, reading: WrenchEstimate, direction: Array) -> Figure:
     """The force's components with their 95 % band, and the truth; where invalid, shaded."""
     figure, axes = new_figure(3, 1, height=7.4, share_x=True)
-    for panel, name, force, sd, truth in zip(
-        axes[:, 0], AXES, reading.force.T, reading.deviation.T, MASS * direction.T, strict=True
-    ):
+    signals = reading.wrench[:, 3:].T, reading.standard_deviation[:, 3:].T, MASS * direction.T
+    for panel, name, force, sd, truth in zip(axes[:, 0], AXES, *signals, strict=True):
         style = {"step": "mid", "color": COLOUR["invalid"], "lw": 0, "zorder": 0}
         whole = panel.get_xaxis_transform()
         shaded = ~reading.valid

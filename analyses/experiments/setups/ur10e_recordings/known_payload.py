@@ -17,7 +17,6 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.point_of_action import (
-    PointOfAction,
     find_point_of_action,
     jacobian_at,
 )
@@ -58,68 +57,47 @@ METHODS: dict[str, WrenchReconstructionConfig] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What one method reads.
+def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any]:
+    """Errors of the force over all samples, and below `valid` over those that are flagged valid.
 
-    Attributes:
-        force: (N, 3) N in axes of W.
-        deviation: (N, 3) N, as stated.
-        valid: (N,).
-        condition_number: (N,).
+    Args:
+        estimate: of N samples.
+        direction: (N, 3) m/s^2, as `payload_reference`: the true force is MASS times it.
     """
+    force, truth = estimate.wrench[:, 3:], MASS * direction
+    deviation = estimate.standard_deviation[:, 3:]
 
-    force: Array
-    deviation: Array
-    valid: Flags
-    condition_number: Array
-
-    @classmethod
-    def of(cls, estimate: WrenchEstimate) -> "Reading":
-        """The force of an estimate."""
-        return cls(
-            estimate.wrench[:, 3:],
-            estimate.standard_deviation[:, 3:],
-            estimate.valid,
-            estimate.condition_number,
-        )
-
-    def metrics(self, direction: Array) -> dict[str, Any]:
-        """Errors over all samples, and below `valid` over those that are flagged valid.
-
-        Args:
-            direction: (N, 3) m/s^2, as `payload_reference`: the true force is MASS times it.
-        """
-        error = np.linalg.norm(self.force - MASS * direction, axis=1)
-        worst_deviation = np.linalg.norm(self.deviation, axis=1)
-        return {
-            **self._errors(direction, np.ones(len(self.valid), bool)),
-            "share_valid_pct": 100.0 * float(self.valid.mean()),
-            "valid": self._errors(direction, self.valid),
-            "rank_correlation_with_error": {
-                "stated_sd": float(spearmanr(worst_deviation, error).statistic),
-                "condition_number": float(spearmanr(self.condition_number, error).statistic),
-            },
-        }
-
-    def _errors(self, direction: Array, rows: Flags) -> dict[str, Any]:
+    def errors(rows: Flags) -> dict[str, Any]:
         names = [f"rmse_f{axis}_n" for axis in AXES]
         if rows.sum() < 2:
             keys = (*names, "rmse_n", "max_error_n", "mass_kg", "correlation")
             return dict.fromkeys((*keys, "inside_68_pct", "inside_95_pct"))
-        force, direction = self.force[rows], direction[rows]
-        truth = MASS * direction
-        error = force - truth
-        share = np.abs(error) / self.deviation[rows]
+        error, along = (force - truth)[rows], direction[rows]
+        share = np.abs(error) / deviation[rows]
+        pairs = zip(force[rows].T, truth[rows].T, strict=True)
         return {
             **dict(zip(names, rms(error).tolist(), strict=True)),
             "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
             "max_error_n": float(np.linalg.norm(error, axis=1).max()),
-            "mass_kg": float(np.sum(force * direction) / np.sum(direction**2)),
-            "correlation": [correlation(f, r) for f, r in zip(force.T, truth.T, strict=True)],
+            "mass_kg": float(np.sum(force[rows] * along) / np.sum(along**2)),
+            "correlation": [correlation(own, true) for own, true in pairs],
             "inside_68_pct": 100.0 * np.mean(share <= SIGMA_68, axis=0),
             "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
         }
+
+    size = np.linalg.norm(force - truth, axis=1)
+    ranked = {
+        "stated_sd": np.linalg.norm(deviation, axis=1),
+        "condition_number": estimate.condition_number,
+    }
+    return {
+        **errors(np.ones(len(force), bool)),
+        "share_valid_pct": 100.0 * float(estimate.valid.mean()),
+        "valid": errors(estimate.valid),
+        "rank_correlation_with_error": {
+            key: float(spearmanr(own, size).statistic) for key, own in ranked.items()
+        },
+    }
 
 
 def payload_reference(
@@ -172,34 +150,19 @@ def estimator_config() -> WrenchEstimatorConfig:
 
 @dataclass(frozen=True, eq=False)
 class AtLoad:
-    """The readings at the point where the load acts.
+    """What is read at the point where the load acts.
 
     Attributes:
         t: (N,) s, of the test part.
-        found: from the part before.
-        prior: force sd (N) and moment sd (N m) of `bayesian_zero_mean`.
-        readings: by method.
+        bayesian: the reading.
         direction: (N, 3) m/s^2, `payload_reference` at that point.
+        metrics: by method, the point that the part before tells, and the priors.
     """
 
     t: Array
-    found: PointOfAction
-    prior: tuple[float, float]
-    readings: dict[str, Reading]
+    bayesian: WrenchEstimate
     direction: Array
-
-    def metrics(self) -> dict[str, Any]:
-        """Figures by method, the point found and the prior, as written to metrics.json."""
-        return {
-            **{name: one.metrics(self.direction) for name, one in self.readings.items()},
-            "point_m": self.found.p_EP,
-            "mean_force_n": self.found.mean_force_W,
-            "force_sd_n": self.found.force_sd,
-            "moment_sd_nm": self.found.moment_sd,
-            "noise_factor": self.found.noise_scale,
-            "zero_mean_force_sd_n": self.prior[0],
-            "zero_mean_moment_sd_nm": self.prior[1],
-        }
+    metrics: dict[str, Any]
 
 
 def read_at_load(
@@ -232,10 +195,19 @@ def read_at_load(
     ):
         estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
         estimate.wrench[:, 3:] += mean
-        readings[name] = Reading.of(estimate)
+        readings[name] = estimate
     direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP)[test]
-    t = loaded.t[test] - loaded.t[0]
-    return AtLoad(t, result, zero_mean, readings, direction)
+    metrics = {
+        **{name: payload_metrics(own, direction) for name, own in readings.items()},
+        "point_m": result.p_EP,
+        "mean_force_n": result.mean_force_W,
+        "force_sd_n": result.force_sd,
+        "moment_sd_nm": result.moment_sd,
+        "noise_factor": result.noise_scale,
+        "zero_mean_force_sd_n": zero_mean[0],
+        "zero_mean_moment_sd_nm": zero_mean[1],
+    }
+    return AtLoad(loaded.t[test] - loaded.t[0], readings["bayesian"], direction, metrics)
 
 
 def estimate_run(

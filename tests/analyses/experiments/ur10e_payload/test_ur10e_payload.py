@@ -6,9 +6,10 @@ import pytest
 from wrenchsight.analyses.experiments.setups.ur10e_recordings import known_payload, ur10e_logs
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     MASS,
-    Reading,
+    payload_metrics,
     payload_reference,
 )
+from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.recordings.recording import Recording
 
 FILES = ur10e_logs.FILES
@@ -35,6 +36,13 @@ def test_reference_is_the_payloads_weight_and_inertia(ur10e):
     )
 
 
+def estimate(force, sd, valid, condition_number):
+    """Of forces (N, 3) with the sds (N,) in every axis."""
+    covariance = np.asarray(sd)[:, None, None] ** 2 * np.eye(6)
+    wrench = np.hstack([np.zeros_like(force), force])
+    return WrenchEstimate(wrench, covariance, condition_number, valid)
+
+
 def test_figures_of_merit_by_hand(monkeypatch):
     monkeypatch.setattr(known_payload, "MASS", 2.0)
     direction = np.tile([0.0, 0.0, -10.0], (4, 1))
@@ -42,13 +50,9 @@ def test_figures_of_merit_by_hand(monkeypatch):
     direction[:, 1] = [1.0, 1.0, -1.0, -1.0]
     force = 0.5 * 2.0 * direction
     force[3] += [0.0, 30.0, 40.0]
-    reading = Reading(
-        force=force,
-        deviation=np.array([6.0, 6.1, 6.2, 6.3])[:, None] * np.ones(3),
-        valid=np.array([True, True, True, False]),
-        condition_number=np.array([10.0, 11.0, 12.0, 1e9]),
-    )
-    metrics = reading.metrics(direction)
+    valid = np.array([True, True, True, False])
+    own = estimate(force, [6.0, 6.1, 6.2, 6.3], valid, np.array([10.0, 11.0, 12.0, 1e9]))
+    metrics = payload_metrics(own, direction)
     assert metrics["share_valid_pct"] == 75.0
     assert metrics["valid"]["mass_kg"] == pytest.approx(1.0)
     assert metrics["valid"]["rmse_fx_n"] == pytest.approx(1.0)
@@ -65,13 +69,9 @@ def test_figures_of_merit_by_hand(monkeypatch):
 
 def test_without_valid_samples_there_are_no_figures():
     direction = np.tile([0.1, 0.2, -9.8], (5, 1)) + np.arange(5.0)[:, None]
-    reading = Reading(
-        0.9 * MASS * direction,
-        np.arange(1.0, 6.0)[:, None] * np.ones(3),
-        np.zeros(5, bool),
-        np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
-    )
-    metrics = reading.metrics(direction)
+    count = np.arange(1.0, 6.0)
+    own = estimate(0.9 * MASS * direction, count, np.zeros(5, bool), count)
+    metrics = payload_metrics(own, direction)
     assert metrics["share_valid_pct"] == 0.0
     assert set(metrics["valid"]) <= set(metrics)
     assert all(value is None for value in metrics["valid"].values())
