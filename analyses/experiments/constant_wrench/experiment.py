@@ -55,20 +55,15 @@ class PathReadings:
     """One path on one branch: its condition numbers, and the readings of one draw and of many.
 
     Attributes:
-        distance: (P,) along the path, m; evenly spaced, for the condition number.
-        condition_number: (P,) there.
-        condition_number_at_points: (k + 1,) at the article's interpolation points (eq. 24).
-        condition_number_over_time: (T,) sample by sample, a third of the time for each ramp.
+        jcn: `max_jcn`, and its mean at the article's k + 1 interpolation points (eq. 24), along the
+            path, and over time, a third of it for each ramp.
         sample_distance: (T,) along the path at each sample of the motion, m.
         wrench: (T, 6) reading of the first draw, rotation first.
         max_error: (D, 6) largest absolute error of each draw, N m and N.
         rmse: (D, 6) of each draw.
     """
 
-    distance: Array
-    condition_number: Array
-    condition_number_at_points: Array
-    condition_number_over_time: Array
+    jcn: dict[str, float]
     sample_distance: Array
     wrench: Array
     max_error: Array
@@ -90,9 +85,12 @@ def read_along(
     def configurations(s: Array) -> Array:
         return follow_path(robot, *path.poses(s), q_start)
 
+    def jcn(s: Array) -> Array:
+        return np.asarray(condition_number(chain.jacobian(configurations(s))))
+
     even = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)
     one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)
-    over_time = condition_number(chain.jacobian(configurations(thirds(one_way).s)))
+    along, distance = jcn(even), even * path.path_length
 
     there = configurations(uniform_acceleration(one_way).s)
     q = np.concatenate([there, there[-2::-1]])  # the way back meets the same configurations
@@ -120,12 +118,14 @@ def read_along(
         max_error[draw] = np.max(np.abs(error), axis=0)
         rmse[draw] = np.sqrt(np.mean(error**2, axis=0))
     return PathReadings(
-        distance=even * path.path_length,
-        condition_number=condition_number(chain.jacobian(configurations(even))),
-        condition_number_at_points=condition_number(
-            chain.jacobian(configurations(np.linspace(0.0, 1.0, path.num_segments + 1)))
-        ),
-        condition_number_over_time=over_time,
+        jcn={
+            "max_jcn": float(np.max(along)),
+            "mean_jcn": float(np.mean(jcn(np.linspace(0.0, 1.0, path.num_segments + 1)))),
+            "mean_jcn_along_path": float(
+                np.trapezoid(along, distance) / (distance[-1] - distance[0])
+            ),
+            "mean_jcn_over_time": float(np.mean(jcn(thirds(one_way).s))),
+        },
         sample_distance=s * path.path_length,
         wrench=wrench,
         max_error=max_error,
@@ -134,15 +134,7 @@ def read_along(
 
 
 def _metrics(readings: PathReadings) -> dict[str, Any]:
-    metrics: dict[str, Any] = {
-        "max_jcn": float(np.max(readings.condition_number)),
-        "mean_jcn": float(np.mean(readings.condition_number_at_points)),
-        "mean_jcn_along_path": float(
-            np.trapezoid(readings.condition_number, readings.distance)
-            / (readings.distance[-1] - readings.distance[0])
-        ),
-        "mean_jcn_over_time": float(np.mean(readings.condition_number_over_time)),
-    }
+    metrics: dict[str, Any] = dict(readings.jcn)
     for axis, name in enumerate(AXES):
         metrics[f"max_error_{name}"] = float(np.median(readings.max_error[:, axis]))
         metrics[f"rmse_{name}"] = float(np.median(readings.rmse[:, axis]))

@@ -27,6 +27,7 @@ from wrenchsight.analyses.experiments.contact_detection.contact_free_twins impor
     model_of_twins,
 )
 from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
+    TIME_STEP,
     Tally,
     TrialLog,
     false_alarm_metrics,
@@ -86,8 +87,6 @@ COLLISIONS = (  # s
 ALONE = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
 STILL = {f"p{k}": f"{MORE}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
 OLDER = {"12_23_free": f"{MORE}/ur-19_12_23_free.csv"}
-TIME_STEP = 0.01  # s
-K_0 = 20.0  # 1/s
 TWIN_DAYS = 3
 RATE = 1.0  # false alarms an hour
 RATES = (0.1, 1.0, 10.0, 60.0, 360.0)  # for the threshold
@@ -118,10 +117,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         name: read_recording(context.data / file, robot=robot)
         for name, file in (FREE | ALONE | OLDER | STILL).items()
     }
-    every = {
-        name: TrialLog(recording, robot, model, TIME_STEP, K_0)
-        for name, recording in recordings.items()
-    }
+    every = {name: TrialLog(recording, robot, model) for name, recording in recordings.items()}
     logs = {name: every[name] for name in FREE}
     fitted = [read_recording(context.data / FOLDER / name, robot=robot) for name in FITTED]
     every |= _held_out(fitted, robot, context)
@@ -214,7 +210,7 @@ def _held_out(
         context.progress(0.2 + 0.05 * k, "identifying without one run")
         others = fitted[:k] + fitted[k + 1 :]
         model = identify(others, robot, [], IdentificationConfig(friction="presliding")).model
-        logs[Path(FITTED[k]).stem] = TrialLog(entry, robot, model, TIME_STEP, K_0)
+        logs[Path(FITTED[k]).stem] = TrialLog(entry, robot, model)
     return logs
 
 
@@ -222,10 +218,9 @@ def _twins(
     fitted: list[Recording], moving: dict[str, Recording], robot: Robot, context: ExperimentContext
 ) -> dict[str, Any]:
     """False alarms in simulated hours of the same motions."""
-    hours, alarms, by_log = alarms_of_twins(
-        *(moving, robot, model_of_twins(fitted, robot), RATES[1:]),
-        *(1 if context.quick else TWIN_DAYS, TIME_STEP, K_0),
-    )
+    days = 1 if context.quick else TWIN_DAYS
+    model = model_of_twins(fitted, robot)
+    hours, alarms, by_log = alarms_of_twins(moving, robot, model, RATES[1:], days)
     result: dict[str, Any] = {
         f"at_{rate:g}_per_hour": {**false_alarm_metrics(count, hours), "expected": rate * hours}
         for rate, count in alarms.items()
@@ -260,9 +255,7 @@ def _at_rate(
     every: dict[str, TrialLog], logs: dict[str, TrialLog], rate: float, rounds: int
 ) -> dict[str, Any]:
     """False alarms and pushes of 30 N and 10 N for half a second, at another threshold."""
-    result = {
-        name: len(onsets(log.detect(log.detector(rate)).contact)) for name, log in every.items()
-    }
+    result = {name: len(log.alarms(rate)) for name, log in every.items()}
     hours = sum(log.hours for log in every.values())
     alarms = {
         **false_alarm_metrics(sum(result.values()), hours),
@@ -286,7 +279,7 @@ def _labelled(
     """A log with contacts of its own, whose links are not known; delays are from the labels."""
     described = file.with_name("recording.yaml")
     recording = read_recording(file, described if described.exists() else None, robot)
-    log = TrialLog(recording, robot, model, TIME_STEP, K_0)
+    log = TrialLog(recording, robot, model)
     detection = log.detect(log.detector(RATE))
     tally = Tally()
     apart = np.ones(len(log.t), bool)
@@ -320,8 +313,8 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
     config = IdentificationConfig(cutoff=7.5, friction="presliding")
     result, logs = identify_simulated_arm(robot, config=config)
     model = result.model
-    free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP, K_0)
-    alarms = onsets(free.detect(free.detector(RATE)).contact)
+    free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP)
+    alarms = free.alarms(RATE)
     outcome: dict[str, Any] = {
         "simulated_free": {**NO_CONTACTS, **false_alarm_metrics(len(alarms), free.hours)}
     }
@@ -345,7 +338,7 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
         recording = Recording(
             t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
         )
-        log = TrialLog(recording, robot, model, SIMULATED_STEP, K_0)
+        log = TrialLog(recording, robot, model, SIMULATED_STEP)
         detection = log.detect(log.detector(RATE))
         tally = Tally()
         size_of = round(SIMULATED_DURATION / SIMULATED_STEP)

@@ -56,8 +56,12 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
 from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
@@ -104,15 +108,6 @@ class Scene:
     model: IdentifiedModel
     resolution: Array
     torque_samples: str = "trapezoidal"
-
-
-@dataclass(frozen=True, eq=False)
-class Read:
-    """What an observer reads of a scene: (N, 3) N, (N, 3) N, (N,)."""
-
-    force: Array
-    sd: Array
-    valid: Flags
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -225,7 +220,7 @@ def _with_torque_error(model: IdentifiedModel, robot: Robot, log: Recording) -> 
     return replace(model, torque_error=fit_torque_error([reading]))
 
 
-def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> Read:
+def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> EstimateBatch:
     config = WrenchEstimatorConfig(
         kind(time_step=scene.recording.time_step, torque_samples=scene.torque_samples),
         WrenchReconstructionConfig(method),
@@ -233,24 +228,23 @@ def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> Read:
     )
     estimator, log = WrenchEstimator(scene.robot, scene.model, config), scene.recording
     if smoothed:
-        batch = smoothed_estimate(estimator, log.q, log.v, log.current)
-    else:
-        batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
-    return Read(batch.wrench[:, 3:], batch.standard_deviation[:, 3:], batch.valid)
+        return smoothed_estimate(estimator, log.q, log.v, log.current)
+    return estimator.run(estimator.initial_state(), log.q, log.v, log.current)
 
 
-def _measured(scene: Scene, read: Read) -> dict[str, Any]:
+def _measured(scene: Scene, read: EstimateBatch) -> dict[str, Any]:
+    force = read.wrench[:, 3:]
     step, N = scene.recording.time_step, scene.recording.num_samples
     margin = round(MARGIN / step)
     selected = ~scene.recording.dropout
     selected[:margin] = selected[-margin:] = False
-    error = read.force - scene.truth
-    noise = read.force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(read.force)
-    inside = np.abs(error) <= SIGMA_95 * read.sd
+    error = force - scene.truth
+    noise = force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(force)
+    inside = np.abs(error) <= SIGMA_95 * read.standard_deviation[:, 3:]
     valid = selected & read.valid
     changes = bool(np.ptp(scene.truth, axis=0).any())
     rows = np.flatnonzero(valid if valid.any() else selected)
-    delay = _delay(scene.truth, read.force, rows, step) if changes else None
+    delay = _delay(scene.truth, force, rows, step) if changes else None
     return {
         "rmse_n": rms(error[selected]),
         "bias_n": error[selected].mean(axis=0),

@@ -24,11 +24,11 @@ def model_with_sd(robot, sd):
 def test_alarms_are_those_of_a_model_that_errs_more_than_it_says(ur10e, swing):
     logs, rates = dict.fromkeys(("one", "other"), swing), (1.0, 100.0)
     good, bad = (model_with_sd(ur10e, sd) for sd in (1e3, 0.5))
-    hours, alarms, by_log = alarms_of_twins(logs, ur10e, good, rates, 2, 0.01, 20.0)
+    hours, alarms, by_log = alarms_of_twins(logs, ur10e, good, rates, 2)
     assert hours == pytest.approx(4 * 400 * 0.01 / 3600.0, rel=0.01)
     assert alarms == {1.0: 0, 100.0: 0}
     assert by_log == {"one": 0, "other": 0}
-    _, alarms, by_log = alarms_of_twins(logs, ur10e, bad, rates, 1, 0.01, 20.0)
+    _, alarms, by_log = alarms_of_twins(logs, ur10e, bad, rates, 1)
     assert alarms[1.0] == sum(by_log.values()) >= 2
     assert by_log["one"] == by_log["other"]  # of one day and one seed
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.observers.experiment import (
     DELAYS,
-    Read,
     _delay,
     _measured,
     _notes,
@@ -125,6 +124,10 @@ def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
     zeros = np.zeros((N, n))
     log = Recording(STEP * np.arange(N), zeros, zeros, zeros, source="never valid")
     scene: Any = SimpleNamespace(recording=log, truth=force)
-    found = _measured(scene, Read(np.roll(force, 4, axis=0), np.ones((N, 3)), np.zeros(N, bool)))
+    late = np.hstack([zeros[:, :3], np.roll(force, 4, axis=0)])
+    read: Any = SimpleNamespace(
+        wrench=late, standard_deviation=1.0 + zeros, valid=np.zeros(N, bool)
+    )
+    found = _measured(scene, read)
     assert found["valid_rmse_n"] is None
     np.testing.assert_allclose(found["delay_s"], 0.04)
