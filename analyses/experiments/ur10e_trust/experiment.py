@@ -252,25 +252,19 @@ def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    inside = "Inside the stated 95 % band, x y z"
+    inside, before = "Inside the stated 95 % band, x y z", "ur-19_12_23_free"
+    rows = {
+        "a week after the fit": "ur-20_02_19_15harm50sec",
+        "seven weeks before it": before,
+        "the same as `estimate` states it, by the drift that the log shows": f"{before}.widened",
+        f"the same as a controller reads it after {TRACKED_FROM:g} s, friction followed": (
+            f"{before}.tracked"
+        ),
+        f"the same with friction refreshed from {REFRESH_SECONDS:g} s": f"{before}.refreshed",
+    }
     return [
-        ComparisonRow(
-            f"{inside}, a week after the fit", "ur-20_02_19_15harm50sec.all.inside_95_pct"
-        ),
-        ComparisonRow(f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct"),
-        ComparisonRow(
-            f"{inside}, the same as `estimate` states it, by the drift that the log shows",
-            "ur-19_12_23_free.widened.all.inside_95_pct",
-        ),
-        ComparisonRow(
-            f"{inside}, the same as a controller reads it after {TRACKED_FROM:g} s, friction "
-            "followed",
-            "ur-19_12_23_free.tracked.all.inside_95_pct",
-        ),
-        ComparisonRow(
-            f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
-            "ur-19_12_23_free.refreshed.all.inside_95_pct",
-        ),
+        ComparisonRow(f"{inside}, {words}", f"{key}.all.inside_95_pct")
+        for words, key in rows.items()
     ]
 
 
