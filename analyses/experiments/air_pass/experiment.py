@@ -21,6 +21,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     LEARNING,
     MASS,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     LOADED,
@@ -28,13 +29,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.output.figures import (
-    SERIES,
-    Figure,
-    draw_bars,
-    legend_on_top,
-    new_figure,
-)
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -44,7 +38,6 @@ from wrenchsight.analyses.study.experiment import (
 from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -90,14 +83,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["point_m"] = p_EP
     metrics["alignment_s"] = passes[richest].alignment
     context.progress(0.95, "figures")
+    series = {
+        f"{law}{words}": metrics[key][state]["torque_rmse_nm"]
+        for key, law in LAWS.items()
+        for state, words in (("plain", ""), ("taught", ", taught"))
+    }
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "errors",
-                _share_figure(metrics),
-                "Error of the force at the load and of the joint torques, as read and less what "
-                "the pass without load has taught.",
+                bar_rows({"RMSE of tau_ext [N m]": series}, [f"joint {j + 1}" for j in range(6)]),
+                "Error of the joint torques, as read and less what the pass without load has "
+                "taught.",
             ),
         ],
         comparison=_comparison(),
@@ -129,27 +127,6 @@ def _metrics(own: LoadedPass) -> dict[str, Any]:
             "torque_share": 1.0 - taught["torque_rmse_nm"] / plain["torque_rmse_nm"],
         },
     }
-
-
-def _share_figure(metrics: dict[str, Any]) -> Figure:
-    figure, axes = new_figure(2, 1, height=5.6)
-    quantities = (
-        ("rmse_f_n", "RMSE of the force [N]", [f"f{axis}" for axis in AXES]),
-        ("torque_rmse_nm", "RMSE of tau_ext [N m]", [f"joint {j + 1}" for j in range(6)]),
-    )
-    for panel, (part, label, names) in zip(axes[:, 0], quantities, strict=True):
-        series = {
-            f"{law}{words}": metrics[key][state][part]
-            for key, law in LAWS.items()
-            for state, words in (("plain", ""), ("taught", ", taught"))
-        }
-        draw_bars(panel, series, names)
-        for k, bars in enumerate(panel.containers):  # a law in one colour, pale before it learns
-            for bar in bars:
-                bar.set(facecolor=SERIES[k // 2], alpha=1.0 if k % 2 else 0.45)
-        panel.set_ylabel(label)
-    legend_on_top(figure, axes[0, 0], ncols=3)
-    return figure
 
 
 def _comparison() -> list[ComparisonRow]:

@@ -25,7 +25,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import (
     axes_of,
-    bars_by_log,
+    bar_rows,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
@@ -94,15 +94,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics |= sources(log_file(context.data, PLAYED), path, robot, seconds)
     rows = {
         "inside [%]": [metrics[log] for log in masses],
-        "without --track [%]": [metrics[log]["untracked"] for log in masses],
+        "inside, without --track [%]": [metrics[log]["untracked"] for log in masses],
     }
     shares = {words: axes_of([own["inside_95_pct"] for own in one]) for words, one in rows.items()}
     what = f"by log, as `watch --track` reads them after {FROM:g} s, and without."
     return ExperimentResult(
         metrics=metrics,
-        figures=[
-            ("live", bars_by_log(shares, list(masses)), f"Share inside the 95 % band, {what}")
-        ],
+        figures=[("live", bar_rows(shares, list(masses)), f"Share inside the 95 % band, {what}")],
         comparison=_comparison(),
         notes=NOTES,
         configuration={"loads_kg": masses},

@@ -34,7 +34,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
     read_contact_free,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bars_by_log
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     LOADS,
@@ -307,7 +307,7 @@ def _summary(metrics: Mapping[str, Any]) -> Drawing:
     if unread:
         caption += f" (*): of all samples, as none is valid, on {', '.join(unread)}."
     marked = [f"{log} *" if log in unread else log for log in logs]
-    return "observers", bars_by_log(rows, marked), caption
+    return "observers", bar_rows(rows, marked), caption
 
 
 def _notes(metrics: Mapping[str, Any]) -> list[str]:

@@ -11,6 +11,7 @@ the lowest error would give.
 
 from typing import Any
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     VALIDATED,
@@ -21,7 +22,6 @@ from wrenchsight.analyses.methods.learning.identification_config import LAWS, Id
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import Figure, draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -65,7 +65,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     figures = [_drawing(fit, robot.joint_names) for fit in result.validation]
     figures += [_drawing(fit, robot.joint_names, best) for fit in results[best].validation]
     what = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
-    figures.append(("friction_laws", _laws_figure(results, robot.joint_names), what))
+    rows = {
+        f"{fit.name} [%]": {law: 100.0 * own.validation[k].relative for law, own in results.items()}
+        for k, fit in enumerate(result.validation)
+    }
+    names = [joint.removesuffix("_joint") for joint in robot.joint_names]
+    figures.append(("friction_laws", bar_rows(rows, names), what))
     result.model.save(context.out / "model.yaml")
     results[best].model.save(context.out / "model_best.yaml")
     return ExperimentResult(
@@ -120,23 +125,6 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
     with_law = f" with the friction law {law}" if law else ""
     what = f"Measured and predicted joint torque over {fit.name}, a run that was not fitted"
     return stem, torque_figure(fit, joint_names, kind), f"{what}{with_law}."
-
-
-def _laws_figure(results: dict[str, IdentificationResult], joint_names: tuple[str, ...]) -> Figure:
-    """Held-out torque error of every law, joint by joint, over both validation runs."""
-    figure, axes = new_figure(2, 1, height=6.0, share_x=True)
-    for panel, name in zip(axes[:, 0], VALIDATED, strict=True):
-        left = {
-            law: 100.0 * fit.relative
-            for law, result in results.items()
-            for fit in result.validation
-            if fit.name == name
-        }
-        draw_bars(panel, left, [joint.removesuffix("_joint") for joint in joint_names])
-        panel.set_ylabel("unexplained torque [%]")
-        panel.set_title(name)
-    legend_on_top(figure, axes[0, 0], ncols=4)
-    return figure
 
 
 def _comparison() -> list[ComparisonRow]:

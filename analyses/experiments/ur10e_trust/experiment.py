@@ -31,7 +31,7 @@ import numpy as np
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import (
     axes_of,
-    bars_by_log,
+    bar_rows,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
@@ -121,7 +121,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     none = {"all": {"inside_95_pct": [np.nan] * 3}}
     cases = {"inside [%]": list(metrics.values())}
     for case in ("widened", "refreshed"):
-        cases[f"{case} [%]"] = [own.get(case, none) for own in metrics.values()]
+        cases[f"inside, {case} [%]"] = [own.get(case, none) for own in metrics.values()]
     shares = {
         words: axes_of([own["all"]["inside_95_pct"] for own in case])
         for words, case in cases.items()
@@ -131,7 +131,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=[
             (
                 "trust",
-                bars_by_log(shares, list(metrics)),
+                bar_rows(shares, list(metrics)),
                 "Share of the samples inside the stated 95 % band, log by log; also with the drift "
                 "that `estimate` finds in the log and allows for, and of the model whose friction "
                 f"was found again from {REFRESH_SECONDS:g} s without contact.",

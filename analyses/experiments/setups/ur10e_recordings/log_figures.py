@@ -1,4 +1,4 @@
-"""The figure of experiments that judge many logs alike."""
+"""The figure of experiments that judge many logs, laws or joints alike."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,18 +15,19 @@ from wrenchsight.analyses.output.figures import (
 from wrenchsight.models.arrays import Array
 
 
-def bars_by_log(rows: Mapping[str, Mapping[str, ArrayLike]], logs: Sequence[str]) -> Figure:
-    """Bars side by side a log; in a panel of shares of a 95 % band, 90 to 98 % is shaded.
+def bar_rows(rows: Mapping[str, Mapping[str, ArrayLike]], names: Sequence[str]) -> Figure:
+    """Bars side by side for each name; in a panel "inside", of shares of a 95 % band, 90 to 98 % is
+    shaded.
 
     Args:
         rows: by the label of a panel's y, heights (L,) of each series.
-        logs: names of the L logs.
+        names: of the L groups.
     """
     figure, axes = new_figure(len(rows), 1, height=1.7 * len(rows) + 1.8, share_x=True)
     for panel, (label, series) in zip(axes[:, 0], rows.items(), strict=True):
-        draw_bars(panel, {key: np.asarray(own, float) for key, own in series.items()}, logs)
+        draw_bars(panel, {key: np.asarray(own, float) for key, own in series.items()}, names)
         panel.set_ylabel(label)
-        if "%" in label:
+        if label.startswith("inside"):
             panel.axhspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
     axes[-1, 0].tick_params(axis="x", labelrotation=90)
     legend_on_top(figure, axes[0, 0])
