@@ -206,20 +206,10 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     for i, a in enumerate(axes):
         for j, b in enumerate(axes[i:], start=i):
             covariance[:, i, j] = covariance[:, j, i] = column[f"cov_{a}_{b}"]
-    return _along_tool(prepared, force, covariance, column["valid"] == 1.0)
-
-
-def _along_tool(
-    prepared: PreparedRun, force: Array, covariance: Array, valid: Flags
-) -> ForceReading:
-    """Means over blocks of a force (T, 3) N in axes of W along the tool, pressing positive."""
-    z = prepared.R_WE[:, :, 2]
+    z = prepared.R_WE[:, :, 2]  # along the tool, pressing positive
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z, covariance, z))
-    return ForceReading(
-        block_mean(-np.einsum("ki,ki->k", z, force)),
-        block_mean(sd),
-        block_mean(valid.astype(float)) == 1.0,
-    )
+    valid = block_mean((column["valid"] == 1.0).astype(float)) == 1.0
+    return ForceReading(block_mean(-np.einsum("ki,ki->k", z, force)), block_mean(sd), valid)
 
 
 def _excess_torque(prepared: PreparedRun) -> Array:

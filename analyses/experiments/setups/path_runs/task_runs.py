@@ -94,14 +94,10 @@ class TaskRun:
         """The part of the run from `start` to `end`, s."""
         first, last = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
         rows = slice(int(first), int(last))
-        return replace(
-            self,
-            recording=self.recording[rows],
-            wrench_true=self.wrench_true[rows],
-            ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows],
-            tau_f_true=self.tau_f_true[rows],
-            q_exact=self.q_exact[rows],
-        )
+        names = ("recording", "wrench_true", "ft_wrench", "tau_f_true", "q_exact")
+        columns = {name: getattr(self, name) for name in names}
+        there = {name: own[rows] for name, own in columns.items() if own is not None}
+        return replace(self, **there)
 
 
 def line_of(scenario: Scenario) -> LineMotion:
