@@ -43,7 +43,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FITTED,
     FOLDER,
     MORE,
-    identify_ur10e,
+    presliding_arm,
 )
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
@@ -105,13 +105,7 @@ JUDGED = "push_30n_500ms_at_e"
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log, puts pushes in, and counts."""
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data,
-        robot,
-        IdentificationConfig(friction="presliding"),
-        context.part(0.0, 0.2),
-    ).model
+    robot, model = presliding_arm(context, 0.2)
     rounds = 1 if context.quick else ROUNDS
     recordings = {
         name: read_recording(context.data / file, robot=robot)

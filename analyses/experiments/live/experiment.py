@@ -31,10 +31,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FOLDER,
     LOADS,
     MORE,
-    identify_ur10e,
     log_file,
+    presliding_arm,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.live.reader_process import make_live, read_stream
 from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.live.session import live
@@ -71,10 +70,7 @@ STATIC = "ur-20_01_17-p"  # begins the names of the postures at rest: there noth
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log with and without tracking, and two sources at real time."""
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data, robot, IdentificationConfig(friction="presliding"), context.part(0.0, 0.3)
-    ).model
+    robot, model = presliding_arm(context, 0.3)
     masses = {name: mass for name, mass in LOADS.items() if _moves(name)}
     metrics: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:

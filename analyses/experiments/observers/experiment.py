@@ -39,10 +39,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FOLDER,
     LOADS,
     MORE,
-    identify_ur10e,
     log_file,
+    presliding_arm,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.runs.simulated_logs import (
     PERIODS,
@@ -134,13 +133,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data,
-        robot,
-        IdentificationConfig(friction=LAW),
-        context.part(0.0, 0.3),
-    ).model
+    robot, model = presliding_arm(context, 0.3)
     scenes = {}
     for name, mass in LOADS.items():
         log = log_file(context.data, name)

@@ -23,7 +23,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER as IDENTIFIED_FOLDER,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import identify_ur10e
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import presliding_arm
 from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     AXIS,
     block_mean,
@@ -35,7 +35,6 @@ from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     contact_metrics,
     read_runs,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import (
     COLOUR,
@@ -52,7 +51,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
 
 _SHOWN = {
@@ -66,13 +64,8 @@ _CHECK = "the data set's own check"  # K (i - i_target) of joints 2 and 3, over 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Reads every run by every method, and judges them against the sensor."""
-    robot, files = Robot.load("ur10e"), find_runs(context.data)
-    identified = identify_ur10e(
-        context.data,
-        robot,
-        IdentificationConfig(friction="presliding"),
-        context.part(0.0, 0.3),
-    ).model
+    files = find_runs(context.data)
+    robot, identified = presliding_arm(context, 0.3)
     robots = {controller: tooled(robot, controller) for controller in CONTROLLERS}
     prepared = []
     for k, path in enumerate(files):

@@ -37,12 +37,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FOLDER,
     LOADS,
     MORE,
-    identify_ur10e,
     log_file,
+    presliding_arm,
 )
 from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
 from wrenchsight.analyses.methods.learning.identification_config import (
-    IdentificationConfig,
     RefreshConfig,
 )
 from wrenchsight.analyses.methods.reading.engines import covariance_about
@@ -89,10 +88,7 @@ FEWEST = 30  # samples of a regime
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log, and counts how often the band holds the truth."""
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data, robot, IdentificationConfig(friction="presliding"), context.part(0.0, 0.6)
-    ).model
+    robot, model = presliding_arm(context, 0.6)
     metrics: dict[str, Any] = {}
     renewed: dict[str, IdentifiedModel] = {}
     for k, (log, mass) in enumerate(LOADS.items()):

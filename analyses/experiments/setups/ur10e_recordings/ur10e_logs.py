@@ -6,6 +6,8 @@ from pathlib import Path
 
 from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
@@ -77,3 +79,13 @@ def identify_ur10e(
     return replace(
         result, validation=tuple(replace(fit, name=short[fit.name]) for fit in result.validation)
     )
+
+
+def presliding_arm(context: ExperimentContext, share: float) -> tuple[Robot, IdentifiedModel]:
+    """The UR10e and its model with presliding friction, a `share` of the experiment's work.
+
+    Raises:
+        InputError: a log is missing or damaged.
+    """
+    robot, config = Robot.load("ur10e"), IdentificationConfig(friction="presliding")
+    return robot, identify_ur10e(context.data, robot, config, context.part(0.0, share)).model
