@@ -8,7 +8,7 @@ which the point where the load acts was found once, with the richest law and wit
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from wrenchsight.analyses.experiments.air_pass.repeated_pass import (
     loaded_pass,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    LEARNING,
     MASS,
+    force_of_load,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
@@ -35,13 +35,9 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # Key of the metrics: law of `identify --friction`, the richest last; `none` is made of the first.
 LAWS: Final = {
@@ -74,7 +70,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         for key, model in models.items()
     }
     richest = list(LAWS)[-1]
-    p_EP = _point_of_load(robot, models[richest], pairs[richest][1])
+    own, Sigma_tau = pairs[richest][1], models[richest].residual_covariance
+    p_EP, _ = force_of_load(robot, own.recording, own.J, own.tau_ext, Sigma_tau, MASS)
     passes = {
         key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, MASS)
         for key, (empty, loaded) in pairs.items()
@@ -101,16 +98,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
         comparison=_comparison(),
         notes=NOTES,
     )
-
-
-def _point_of_load(robot: Robot, model: IdentifiedModel, loaded: Pass) -> "NDArray[np.float64]":
-    """(3,) m from E, from the first seconds of the loaded pass."""
-    R_WE, _ = robot.chain.pose(loaded.recording.q)
-    result = find_point_of_action(
-        *(loaded.J[LEARNING], R_WE[LEARNING], loaded.tau_ext[LEARNING]),
-        *(model.residual_covariance, True, True),
-    )
-    return result.p_EP
 
 
 def _metrics(own: LoadedPass) -> dict[str, Any]:

@@ -16,7 +16,6 @@ Nobody labelled the collisions. COLLISIONS are the stretches in which the curren
 differs from that of `collision_free` at the same place of the path by far more than elsewhere.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -119,12 +118,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.35, "contact-free logs")
     metrics |= _free(every)
     sets = [(size, duration, place) for size in SIZES for duration in DURATIONS for place in PLACES]
-    for k, entry in enumerate(sets):
-        context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {entry[0]:g} N")
-        metrics[entry[2].key(*entry[:2])] = _pushed(logs, *entry, RATE, rounds).metrics()
+    for k, (size, duration, place) in enumerate(sets):
+        context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {size:g} N")
+        tally = _pushed(logs, size, duration, PLACES[place], RATE, rounds)
+        metrics[push_key(size, duration, place)] = tally.metrics()
     for link in OFF_E:
-        place = Place(f"link_{link}", (link,))
-        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, place, RATE, rounds).metrics()
+        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, (link,), RATE, rounds).metrics()
     for rate in RATES:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
@@ -155,20 +154,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where pushes act: at E, or on a link between it and the base."""
-
-    name: str
-    links: tuple[int, ...]  # in turn; empty: at E
-
-    def key(self, size: float, duration: float) -> str:
-        """Of the metrics."""
-        return f"push_{size:g}n_{1e3 * duration:g}ms_{self.name}"
-
-
 OFF_E = (2, 3, 4)  # a force on link 5, by the next joint's axis, is one at E
-PLACES = (Place("at_e", ()), Place("off_e", OFF_E))
+# Links, in turn, on which pushes act; none: at E
+PLACES: dict[str, tuple[int, ...]] = {"at_e": (), "off_e": OFF_E}
+
+
+def push_key(size: float, duration: float, place: str) -> str:
+    """Of the metrics of pushes of `size` N for `duration` s at one of PLACES."""
+    return f"push_{size:g}n_{1e3 * duration:g}ms_{place}"
 
 
 def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
@@ -226,7 +219,7 @@ def _pushed(
     logs: dict[str, TrialLog],
     size: float,
     duration: float,
-    place: Place,
+    links: tuple[int, ...],
     rate: float,
     rounds: int,
 ) -> Tally:
@@ -237,7 +230,7 @@ def _pushed(
             rng = np.random.default_rng((number, turn))
             first = FIRST + turn * 0.5 * PAUSE
             pushes = schedule(log.v, duration, PAUSE, first, TIME_STEP, SLOWEST)
-            link = place.links[(number + turn) % len(place.links)] if place.links else None
+            link = links[(number + turn) % len(links)] if links else None
             J = log.J[:, 3:] if link is None else jacobian_on_link(log.J, link)
             detection = log.detect(detector, put_in(pushes, J, size, rng))
             for begin, end in pushes:
@@ -257,7 +250,7 @@ def _at_rate(
         "by_log": result,
     }
     for size in (10.0, 30.0):
-        pushed = _pushed(logs, size, 0.5, PLACES[0], rate, rounds).metrics()
+        pushed = _pushed(logs, size, 0.5, PLACES["at_e"], rate, rounds).metrics()
         alarms[f"missed_pct_{size:g}n"] = pushed["missed_pct"]
         for key in ("delay_median_s", "delay_p95_s", "within_50ms_pct"):
             alarms[f"{key}_{size:g}n"] = pushed[key]
@@ -360,8 +353,8 @@ def _figure(metrics: dict[str, Any]) -> Figure:
     figure, ((pushes, alarms),) = new_figure(1, 2, height=3.4)
     for k, duration in enumerate(DURATIONS):
         for place, style in zip(PLACES, ("-", "--"), strict=True):
-            missed = [metrics[place.key(size, duration)]["missed_pct"] for size in SIZES]
-            label = f"{duration:g} s, {place.name.replace('_e', ' E')}"
+            missed = [metrics[push_key(size, duration, place)]["missed_pct"] for size in SIZES]
+            label = f"{duration:g} s, {place.replace('_e', ' E')}"
             pushes.plot(SIZES, missed, style, marker="o", ms=3, color=SERIES[k], label=label)
     pushes.set_xlabel("force [N]")
     pushes.set_ylabel("missed [%]")

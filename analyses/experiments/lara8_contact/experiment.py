@@ -10,6 +10,7 @@ data set states them; `source` repeats the source's way, without.
 the observer's settling on; of the wrench, whether any joint moves.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -180,7 +181,7 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
         A = np.stack([np.ones_like(v), np.sign(v), np.sign(v) * load, v], axis=1)
         return rms(error - A @ np.linalg.lstsq(A, error, rcond=None)[0])
 
-    zero_left = log.joint_torque(log.sensor_wrench(log.mounting_without_tare))
+    zero_left = log.joint_torque(log.sensor_wrench(replace(log.mounting, tare=np.zeros(6))))
     signals = reading.error, log.recording.v, np.abs(reading.transmitted)
     return {
         "as_it_is": moving(reading),

@@ -108,11 +108,6 @@ class Lara8Log:
         tare = np.array([float(x) for x in self.config.tare.split(",")])
         return Mounting("tool", np.diag([-1.0, -1.0, 1.0]), -1, tare, DELAY)
 
-    @property
-    def mounting_without_tare(self) -> Mounting:
-        """The same with the sensor's zero left in."""
-        return replace(self.mounting, tare=np.zeros(6))
-
     def sensor_wrench(self, mounting: Mounting | None = None) -> Array:
         """(N, 6) on the robot in base axes, force first; NaN where the sensor's delay leads out."""
         mounting = mounting if mounting is not None else self.mounting
