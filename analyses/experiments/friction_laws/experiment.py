@@ -161,23 +161,16 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     article, trained = semi_parametric_model(robot, first, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     # One model separates all: its mass matrix and gravity are not what is compared.
-    test = {
+    predicted = {
         law: separate_recordings(
             robot, [_predicted(robot, recordings[-1], model)], first.model, CONFIG.cutoff
-        )
+        ).table()[1]
         for law, model in models.items()
     }
-    measured = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff)
+    v, torque = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff).table()
     near_zero = tuple(
-        NearZero(
-            np.concatenate([entry.speed, -entry.speed]),
-            np.concatenate([entry.symmetric, -entry.symmetric]),
-            {
-                law: np.concatenate([one.samples[j].symmetric, -one.samples[j].symmetric])
-                for law, one in test.items()
-            },
-        )
-        for j, entry in enumerate(measured.samples)
+        NearZero(v[:, j], torque[:, j], {law: own[:, j] for law, own in predicted.items()})
+        for j in range(robot.num_joints)
     )
     validation = {law: result.validation for law, result in results.items()}
     validation[ARTICLE] = predict_torque([other.recording], robot, article, first.config)

@@ -48,27 +48,19 @@ POSTURES = (
 
 @dataclass(frozen=True, eq=False)
 class SeparatedFriction:
-    """Friction of all joints by reversal.
+    """Friction of all joints by reversal; one entry a joint."""
 
-    Attributes:
-        samples: one entry a joint.
-    """
-
-    joint_names: tuple[str, ...]
     samples: tuple[ReversalSamples, ...]
 
-    def table(self, symmetric: bool = False) -> tuple[Array, Array]:
+    def table(self) -> tuple[Array, Array]:
         """Velocities and torques (N, n) of both directions, NaN where a joint has fewer than N.
 
-        Args:
-            symmetric: whether the asymmetric part is left out, as the article does.
+        The asymmetric part is left out, as the article does.
         """
-        columns = []
-        for samples in self.samples:
-            v, torque = samples.friction()
-            if symmetric:
-                torque = np.concatenate([samples.symmetric, -samples.symmetric])
-            columns.append((v, torque))
+        columns = [
+            (np.r_[own.speed, -own.speed], np.r_[own.symmetric, -own.symmetric])
+            for own in self.samples
+        ]
         rows = max(len(v) for v, _ in columns)
         table = np.full((2, rows, len(columns)), np.nan)
         for j, (v, torque) in enumerate(columns):
@@ -127,7 +119,7 @@ def separate_recordings(
         signals = uniform.t, q, v, derivative(v, step), tau
         for j in range(robot.num_joints) if joints is None else (joints[k],):
             result[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
-    return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(result)))
+    return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
 
 
 def reversal_recordings(
@@ -179,7 +171,7 @@ def semi_parametric_model(
 
     The plain law's torque error is not that of this law: the model has none.
     """
-    v, torque = separated.table(symmetric=True)
+    v, torque = separated.table()
     law = plain.model.friction.coulomb_viscous
     config = training or TrainingConfig(seed=plain.config.seed, odd=True)
     trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)

@@ -52,7 +52,7 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated):
         np.array([7.6, 5.4, 3.6, 1.4, 1.5, 0.9]),
         np.zeros(6),
     )
-    v, torque = separated.table(symmetric=True)
+    v, torque = separated.table()
     trained = train_networks(v, torque, law, config=TrainingConfig(odd=True))
     both = semi_parametric(law, trained)
     near = np.isfinite(v) & (np.abs(v) <= trained.v_crit)
