@@ -139,7 +139,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     moving = {name: entry for name, entry in recordings.items() if name not in STILL}
     metrics |= _twins(fitted, moving, robot, context)
     context.progress(0.75, "simulated pushes")
-    metrics |= _simulated(context)
+    metrics |= _simulated()
     return ExperimentResult(
         metrics=metrics,
         figures=[
@@ -294,7 +294,7 @@ def _labelled(
     }
 
 
-def _simulated(context: ExperimentContext) -> dict[str, Any]:
+def _simulated() -> dict[str, Any]:
     """The simulated arm is pushed at E along its second excitation, and once left alone."""
     robot = Robot.load(ROBOT)
     config = IdentificationConfig(cutoff=7.5, friction="presliding")

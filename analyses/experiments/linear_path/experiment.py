@@ -7,6 +7,7 @@ case keeps robot, tool, table and workpiece apart.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -145,7 +146,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(out, outcome),
         recordings=_pages(context, outcome),
-        comparison=_comparison(metrics),
+        comparison=_comparison(),
         notes=NOTES,
         configuration={
             "robot": main.robot.name,
@@ -179,7 +180,7 @@ def _timings(found: LinearPath) -> dict[str, Any]:
     }
 
 
-def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+def _comparison() -> list[ComparisonRow]:
     mean = "even mean over 21 points; the article's mean is over time"
     along = "even mean over 21 points; the article's mean is along the path"
     return [
@@ -208,35 +209,27 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
 
 
 def _figures(out: OutputFolder, found: LinearPath) -> Iterator[FigureFile]:
-    main, table = found.optimised, found.table
-    path = draw_profiles(out, "path", main.initial, main.best, main.measure)
-    yield FigureFile(
-        path.relative_to(out.path),
+    plain = (
         "Condition number along the article's initial path and along the path found (Fig. 8), and "
-        "the joints on the latter.",
+        "the joints on the latter."
     )
-    path = draw_profiles(out, "table", table.initial, table.best, table.measure)
-    what = "The same with a table below the robot, a board below the path, and clearance."
-    yield FigureFile(path.relative_to(out.path), what)
+    table = "The same with a table below the robot, a board below the path, and clearance."
+    for name, own, what in (("path", found.optimised, plain), ("table", found.table, table)):
+        path = draw_profiles(out, name, own.initial, own.best, own.measure)
+        yield FigureFile(path.relative_to(out.path), what)
 
 
 def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
     files = []
-    for name, result, title in (
-        ("linear-path", found.optimised, "Linear path"),
-        ("linear-path-table", found.table, "Linear path with table"),
+    # A workpiece stands where the best path is; the initial one would run through it.
+    for name, result, title, with_initial in (
+        ("linear-path.html", found.optimised, "Linear path", True),
+        ("linear-path-table.html", found.table, "Linear path with table", False),
     ):
-        path = context.out / f"{name}.html"
-        # A workpiece stands where the best path is; the initial one would run through it.
-        write_placement_page(result, path, title, with_initial=result.task.clearance is None)
-        files.append(
-            FigureFile(
-                path.relative_to(context.out),
-                f"{title}: the arm along the "
-                + ("initial and the " if result.task.clearance is None else "")
-                + "optimised path, coloured by its condition number.",
-            )
-        )
+        write_placement_page(result, context.out / name, title, with_initial=with_initial)
+        paths = "initial and the optimised" if with_initial else "optimised"
+        what = f"{title}: the arm along the {paths} path, coloured by its condition number."
+        files.append(FigureFile(Path(name), what))
     return files
 
 
