@@ -1,9 +1,7 @@
 """Experiment `identification`: the article's section 4.1 on the simulated arm.
 
-The true robot, with friction that no model here contains, follows an excitation trajectory under
-the joint tracking controller; what its drives and encoders report is a log like a real arm's. A
-Coulomb-viscous model is identified from it and predicts the torque of a second, independent
-trajectory. Both trajectories were found by `excite` and lie beside the robot as coefficients.
+The true robot, with friction that no model here contains, follows two excitations
+(`simulated_identification`); what its drives and encoders report are logs like a real arm's.
 """
 
 from collections.abc import Iterator

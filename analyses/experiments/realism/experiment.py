@@ -12,7 +12,7 @@ single joints. Of the days that differ only four are real: their statistics are 
 No statistic of so few minutes is exact. How far chance alone takes them apart is seen from a second
 simulated arm with the same parameters, on other days and with other noise: a truth that is exactly
 right would be found no closer to the real arm than these two are to each other. A number is told
-apart if it is further off than the aim and than chance (`chance`).
+apart if it is further off than the aim and than chance (`told_apart`).
 """
 
 from typing import Any

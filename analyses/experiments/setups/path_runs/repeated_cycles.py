@@ -1,10 +1,4 @@
-"""What does repeated motion read? Two cycles along each path; the second is read with the first.
-
-The torques of the first cycle are tau_d of eq. 4 in the second one: the model's error cancels, and
-the rest, noise and what friction does not repeat, is read as a force that grows with the
-condition number. As the article has it, eq. 4 takes the drives' torque as it comes, without the
-observer's low-pass.
-"""
+"""What does repeated motion read? Two cycles along each path; the second is read with the first."""
 
 from dataclasses import dataclass
 from typing import Any
