@@ -8,20 +8,20 @@ which the point where the load acts was found once, with the richest law and wit
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.air_pass.repeated_pass import (
     LoadedPass,
     Pass,
-    PassErrors,
     loaded_pass,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    LEARNING,
     MASS,
+    force_of_load,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     LOADED,
@@ -29,28 +29,15 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.output.figures import (
-    COLOUR,
-    SERIES,
-    Figure,
-    draw_bars,
-    legend_on_top,
-    new_figure,
-)
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.estimation.point_of_action import find_point_of_action
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # Key of the metrics: law of `identify --friction`, the richest last; `none` is made of the first.
 LAWS: Final = {
@@ -83,7 +70,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         for key, model in models.items()
     }
     richest = list(LAWS)[-1]
-    p_EP = _point_of_load(robot, models[richest], pairs[richest][1])
+    own, Sigma_tau = pairs[richest][1], models[richest].residual_covariance
+    p_EP, _ = force_of_load(robot, own.recording, own.J, own.tau_ext, Sigma_tau, MASS)
     passes = {
         key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, MASS)
         for key, (empty, loaded) in pairs.items()
@@ -92,20 +80,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["point_m"] = p_EP
     metrics["alignment_s"] = passes[richest].alignment
     context.progress(0.95, "figures")
+    series = {
+        f"{law}{words}": metrics[key][state]["torque_rmse_nm"]
+        for key, law in LAWS.items()
+        for state, words in (("plain", ""), ("taught", ", taught"))
+    }
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "errors",
-                _share_figure(metrics),
-                "Error of the force at the load and of the joint torques, as read and less what "
-                "the pass without load has taught.",
-            ),
-            (
-                "joint2",
-                _torque_figure(passes),
-                "Joint 2: what the observer reads beside the load's torque, and what it read at "
-                "the same place of the pass without load.",
+                bar_rows({"RMSE of tau_ext [N m]": series}, [f"joint {j + 1}" for j in range(6)]),
+                "Error of the joint torques, as read and less what the pass without load has "
+                "taught.",
             ),
         ],
         comparison=_comparison(),
@@ -113,27 +100,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _point_of_load(robot: Robot, model: IdentifiedModel, loaded: Pass) -> "NDArray[np.float64]":
-    """(3,) m from E, from the first seconds of the loaded pass."""
-    R_WE, _ = robot.chain.pose(loaded.recording.q)
-    result = find_point_of_action(
-        *(loaded.J[LEARNING], R_WE[LEARNING], loaded.tau_ext[LEARNING]),
-        *(model.residual_covariance, True, True),
-    )
-    return result.p_EP
-
-
 def _metrics(own: LoadedPass) -> dict[str, Any]:
-    def errors(part: PassErrors) -> dict[str, Any]:
-        judged = [one.metrics("f_n") for one in part.judged()]
-        keys = ("rmse_f_n", "bias_f_n", "inside_95_pct")
-        return {
-            **{key: [one[key] for one in judged] for key in keys},
-            "torque_rmse_nm": part.torque_rmse,
-            "torque_bias_nm": part.torque_error.mean(axis=0),
-        }
-
-    plain, taught = errors(own.plain), errors(own.taught)
+    plain, taught = own.plain.metrics(), own.taught.metrics()
     sizes = [float(np.linalg.norm(part["rmse_f_n"])) for part in (plain, taught)]
     return {
         "plain": plain,
@@ -146,43 +114,6 @@ def _metrics(own: LoadedPass) -> dict[str, Any]:
             "torque_share": 1.0 - taught["torque_rmse_nm"] / plain["torque_rmse_nm"],
         },
     }
-
-
-def _share_figure(metrics: dict[str, Any]) -> Figure:
-    figure, axes = new_figure(2, 1, height=5.6)
-    quantities = (
-        ("rmse_f_n", "RMSE of the force [N]", [f"f{axis}" for axis in AXES]),
-        ("torque_rmse_nm", "RMSE of tau_ext [N m]", [f"joint {j + 1}" for j in range(6)]),
-    )
-    for panel, (part, label, names) in zip(axes[:, 0], quantities, strict=True):
-        series = {
-            f"{law}{words}": metrics[key][state][part]
-            for key, law in LAWS.items()
-            for state, words in (("plain", ""), ("taught", ", taught"))
-        }
-        draw_bars(panel, series, names)
-        for k, bars in enumerate(panel.containers):  # a law in one colour, pale before it learns
-            for bar in bars:
-                bar.set(facecolor=SERIES[k // 2], alpha=1.0 if k % 2 else 0.45)
-        panel.set_ylabel(label)
-    legend_on_top(figure, axes[0, 0], ncols=3)
-    return figure
-
-
-def _torque_figure(passes: dict[str, LoadedPass]) -> Figure:
-    figure, axes = new_figure(len(LAWS), 1, height=2.2 * len(LAWS) + 0.4, share_x=True)
-    for panel, (key, law) in zip(axes[:, 0], LAWS.items(), strict=True):
-        entry = passes[key]
-        for error, colour, label in (
-            (entry.plain.torque_error, COLOUR["before"], "with the load"),
-            (entry.first_pass, COLOUR["estimate"], "without the load"),
-        ):
-            panel.plot(entry.t, error[:, 1], color=colour, lw=1.0, label=label)
-        panel.set_ylabel("tau_ext error [N m]")
-        panel.set_title(f"{law}: {100 * entry.repeated_share[1]:.0f} % of it did repeat")
-    axes[-1, 0].set_xlabel("time [s]")
-    legend_on_top(figure, axes[0, 0])
-    return figure
 
 
 def _comparison() -> list[ComparisonRow]:

@@ -10,10 +10,9 @@ The two passes are aligned once, by their positions alone.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
@@ -42,33 +41,28 @@ class PassErrors:
     """What one law leaves on the pass with the load; M samples of the part that is judged.
 
     Attributes:
-        force: (M, 3) N at the load in axes of W, by weighted least squares for a point force.
-        sd: (M, 3) as stated.
-        valid: (M,).
-        truth: (M, 3).
+        judged: components X, Y, Z of the force at the load in axes of W, by weighted least squares
+            for a point force, against the payload's.
         torque_error: (M, n) N m, of the observer's output.
     """
 
-    force: Array
-    sd: Array
-    valid: NDArray[np.bool_]
-    truth: Array
+    judged: tuple[Judgement, ...]
     torque_error: Array
 
-    def judged(self) -> list[Judgement]:
-        """Each component of the force against the payload's."""
-        result = []
-        for k in range(3):
-            reading = ForceReading(self.force[:, k], self.sd[:, k], self.valid)
-            judged = Judgement.of(reading, self.truth[:, k])
-            assert judged is not None
-            result.append(judged)
-        return result
-
     @property
-    def torque_rmse(self) -> Array:
-        """(n,) N m."""
-        return np.asarray(np.sqrt(np.mean(self.torque_error**2, axis=0)))
+    def mean_square(self) -> Array:
+        """(n,) (N m)^2, of the torque."""
+        return np.asarray(np.mean(self.torque_error**2, axis=0))
+
+    def metrics(self) -> dict[str, Any]:
+        """Lists by axis and by joint, as written to metrics.json."""
+        judged = [one.metrics("f_n") for one in self.judged]
+        return {
+            **{key: [one[key] for one in judged] for key in ("rmse_f_n", "bias_f_n")},
+            "inside_95_pct": [one["inside_95_pct"] for one in judged],
+            "torque_rmse_nm": np.sqrt(self.mean_square),
+            "torque_bias_nm": self.torque_error.mean(axis=0),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +70,6 @@ class LoadedPass:
     """Both passes, read with one model.
 
     Attributes:
-        t: (M,) s from the loaded log's start.
         plain: as it is read.
         taught: less what the pass without load has taught.
         first_pass: (M, n) N m, what that pass read.
@@ -85,7 +78,6 @@ class LoadedPass:
         v: (M, n) rad/s.
     """
 
-    t: Array
     plain: PassErrors
     taught: PassErrors
     first_pass: Array
@@ -96,8 +88,7 @@ class LoadedPass:
     @property
     def repeated_share(self) -> Array:
         """(n,) share of the torque error's mean square that the empty pass takes off."""
-        plain, taught = (np.mean(p.torque_error**2, axis=0) for p in (self.plain, self.taught))
-        return np.asarray(1.0 - taught / plain)
+        return np.asarray(1.0 - self.taught.mean_square / self.plain.mean_square)
 
     def shares(self) -> dict[str, Array]:
         """What the torque error's mean square with the load is made of, (n,) shares of it.
@@ -106,8 +97,7 @@ class LoadedPass:
         proportion to the load's growth, fitted in hindsight, would take off besides; `reversals`:
         what is then left within REVERSAL of a joint's turning; `other`: the rest.
         """
-        plain, left = self.plain.torque_error, self.taught.torque_error
-        whole = np.mean(plain**2, axis=0)
+        left, whole = self.taught.torque_error, self.plain.mean_square
         pull = np.sign(self.v) * self.load_growth
         # Friction that is missing in the model reads as a torque against the motion.
         share = np.sum(pull * left, axis=0) / np.sum(pull**2, axis=0)
@@ -119,7 +109,7 @@ class LoadedPass:
         remaining = np.mean(without**2, axis=0)
         return {
             "repeated": self.repeated_share,
-            "grows_with_load": (np.mean(left**2, axis=0) - remaining) / whole,
+            "grows_with_load": (self.taught.mean_square - remaining) / whole,
             "reversals": reversal / whole,
             "other": (remaining - reversal) / whole,
         }
@@ -174,7 +164,6 @@ def loaded_pass(
     """Reads the loaded pass at the point where the load acts, plain and taught.
 
     Args:
-        robot: the arm.
         Sigma_tau: (n, n) (N m)^2, of the model.
         empty: the pass without load.
         loaded: the one with it.
@@ -190,23 +179,22 @@ def loaded_pass(
     carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
     R_WE, _ = robot.chain.pose(recording.q)
     J = jacobian_at(loaded.J, R_WE, p_EP)
-    reference = payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
-    truth = mass * reference.direction
+    truth = mass * payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
     torque = np.einsum("kij,ki->kj", J[:, 3:], truth)
     reading = WrenchReconstruction(WrenchReconstructionConfig("force_only"), Sigma_tau)
 
     def errors(tau_ext: Array) -> PassErrors:
         result = reading.reconstruct(J[rows], tau_ext[rows])
-        return PassErrors(
-            force=result.wrench[:, 3:],
-            sd=result.standard_deviation[:, 3:],
-            valid=result.valid,
-            truth=truth[rows],
-            torque_error=(tau_ext - torque)[rows],
-        )
+        judged = []
+        for force, sd, true in zip(
+            result.wrench[:, 3:].T, result.standard_deviation[:, 3:].T, truth[rows].T, strict=True
+        ):
+            one = Judgement.of(ForceReading(force, sd, result.valid), true)
+            assert one is not None
+            judged.append(one)
+        return PassErrors(tuple(judged), (tau_ext - torque)[rows])
 
     return LoadedPass(
-        t=t[rows],
         plain=errors(loaded.tau_ext),
         taught=errors(loaded.tau_ext - first_pass),
         first_pass=first_pass[rows],

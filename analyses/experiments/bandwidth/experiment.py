@@ -19,7 +19,7 @@ over its step instead would delay it by half a step, and what was compared would
 degrees at 80 Hz and 1 ms.)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,46 +95,38 @@ class GainResponse:
     formula: ComplexArray
     sampled_formula: ComplexArray
 
-    @property
-    def amplitude_error_pct(self) -> Array:
-        """(F,) of the worst joint against eq. 30."""
-        ratio = np.abs(self.joint_response / self.formula[:, None])
-        return np.asarray(100.0 * np.abs(ratio - 1.0).max(axis=1))
+    def errors(self) -> dict[str, Array]:
+        """(F,) of the worst joint: amplitude and phase against eq. 30, and the complex response
+        against the sampled observer's formula.
+        """
+        ratio = self.joint_response / self.formula[:, None]
+        sampled = self.joint_response / self.sampled_formula[:, None]
+        return {
+            "amplitude_error_pct": 100.0 * np.abs(np.abs(ratio) - 1.0).max(axis=1),
+            "phase_error_deg": np.abs(np.angle(ratio, deg=True)).max(axis=1),
+            "deviation_from_sampled_pct": 100.0 * np.abs(sampled - 1.0).max(axis=1),
+        }
 
-    @property
-    def phase_error_deg(self) -> Array:
-        """(F,) of the worst joint against eq. 30."""
-        error = np.angle(self.joint_response / self.formula[:, None], deg=True)
-        return np.asarray(np.abs(error).max(axis=1))
-
-    @property
-    def sampled_error_pct(self) -> Array:
-        """(F,) of the worst joint against the sampled observer's formula, as complex numbers."""
-        ratio = self.joint_response / self.sampled_formula[:, None]
-        return np.asarray(100.0 * np.abs(ratio - 1.0).max(axis=1))
-
-
-@dataclass(frozen=True)
-class SignalReading:
-    """How one gain reads step, ramp and sine, and the noise in it.
-
-    Attributes:
-        K_0: 1/s.
-        force: (T, 3) N, as read under current noise.
-        time_constant: s, fitted to the clean step along X.
-        lag: N, mean of true minus clean force along the ramp, when it has settled.
-        sine: complex, clean over true sine along Z.
-        noise_sd: (3,) N, of the noisy around the clean force.
-        formula_noise_sd: (3,) N, from the current's noise and resolution.
-    """
-
-    K_0: float
-    force: Array
-    time_constant: float
-    lag: float
-    sine: complex
-    noise_sd: Array
-    formula_noise_sd: Array
+    def metrics(self) -> dict[str, Any]:
+        """Of one gain, as written to metrics.json."""
+        errors = self.errors()
+        corner = int(np.argmin(np.abs(self.frequency - self.K_0 / (2.0 * np.pi))))
+        amplitude, phase = np.abs(self.response), np.angle(self.response, deg=True)
+        return {
+            **{f"max_{key}": float(error.max()) for key, error in errors.items()},
+            "frequency_hz": self.frequency,
+            "amplitude": amplitude,
+            "phase_deg": phase,
+            "formula_amplitude": np.abs(self.formula),
+            "formula_phase_deg": np.angle(self.formula, deg=True),
+            "amplitude_error_pct": errors["amplitude_error_pct"],
+            "phase_error_deg": errors["phase_error_deg"],
+            "near_corner": {
+                "frequency_hz": float(self.frequency[corner]),
+                "amplitude": float(amplitude[corner]),
+                "phase_deg": float(phase[corner]),
+            },
+        }
 
 
 def first_order(K_0: float, frequency: ArrayLike) -> ComplexArray:
@@ -222,24 +214,22 @@ def measure_response(
 
 def measure_signals(
     robot: Robot,
-    gains: Sequence[float] = GAINS,
-    duration: float = SIGNAL_DURATION,
-    *,
-    seed: int = 0,
-    progress: Progress = lambda fraction, what: None,
-) -> tuple[Array, Array, list[SignalReading]]:
+    duration: float,
+    seed: int,
+    progress: Progress,
+) -> tuple[Array, Array, dict[float, Array], dict[float, dict[str, Any]]]:
     """Lets a step, a ramp and a sine act, each along an axis of its own, without and with noise.
 
     The controller does not see the current, so that the arm moves alike in both runs.
 
     Args:
         robot: held at its home posture.
-        gains: K_0, 1/s.
         duration: s of the forces, after a second of rest.
         seed: of the current noise.
 
     Returns:
-        t (T,) s, the true force (T, 3) N, and the readings in the order of `gains`.
+        t (T,) s, the true force (T, 3) N, and for each of GAINS the force (T, 3) N that is read
+        under noise, and its metrics.
     """
     segments: list[WrenchSegment] = [
         WrenchStep(start=SIGNAL_START, force=[STEP_FORCE, 0.0, 0.0]),
@@ -250,7 +240,7 @@ def measure_signals(
     for noise in (False, True):
         arm = make_held_arm(
             robot,
-            _estimators(gains, TIME_STEP),
+            _estimators(GAINS, TIME_STEP),
             WrenchScript(segments),
             robot.home,
             current_noise=noise,
@@ -263,17 +253,17 @@ def measure_signals(
             lambda fraction, what, done=done: progress(done + 0.5 * fraction, what),  # type: ignore[misc]
             smooth=False,
         )
-        forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in gains})
+        forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in GAINS})
     true = _log(arm.wrench_true, context)[:, 3:]
     t = _ticks(len(true), TIME_STEP)
     clean, noisy = forces
-    readings = [_read_signals(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in gains]
-    return t, true, readings
+    found = {K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in GAINS}
+    return t, true, noisy, found
 
 
-def _read_signals(
+def _signal_metrics(
     robot: Robot, K_0: float, t: Array, true: Array, clean: Array, noisy: Array
-) -> SignalReading:
+) -> dict[str, Any]:
     since = t - SIGNAL_START
     acting = since > 0.0
 
@@ -287,23 +277,34 @@ def _read_signals(
     on_the_ramp = (since > min(settled, 0.8 * RAMP_RISE)) & (since <= RAMP_RISE)
     late = since > settled
     tone = np.array([SINE_FREQUENCY])
-    sine = _phasors(t[late], clean[late], tone) / _phasors(t[late], true[late, 2:], tone)
+    sine = (_phasors(t[late], clean[late], tone) / _phasors(t[late], true[late, 2:], tone))[0, 2]
+    formula = first_order(K_0, SINE_FREQUENCY)
 
     # White torque noise through the observer's pole, then through eq. 22; rounding adds its own.
     a = np.exp(-K_0 * TIME_STEP)
     variance = robot.current_noise_sd**2 + robot.current_resolution**2 / 12.0
     torque_variance = robot.torque_per_ampere**2 * variance * (1.0 - a) / (1.0 + a)
     inverse = np.linalg.pinv(robot.chain.jacobian(robot.home).T)
-    return SignalReading(
-        K_0=K_0,
-        force=noisy,
-        time_constant=float(fit.x),
-        lag=float((true - clean)[on_the_ramp, 1].mean()),
-        sine=complex(sine[0, 2]),
+    return {
+        "step": {
+            "time_constant_s": float(fit.x),
+            "formula_time_constant_s": 1.0 / K_0,
+            "rise_time_s": fit.x * np.log(9.0),  # from 10 to 90 %
+        },
+        "ramp": {
+            "lag_n": float((true - clean)[on_the_ramp, 1].mean()),
+            "formula_lag_n": RAMP_SLOPE / K_0,
+        },
+        "sine": {
+            "amplitude": float(abs(sine)),
+            "phase_deg": float(np.angle(sine, deg=True)),
+            "formula_amplitude": float(abs(formula)),
+            "formula_phase_deg": float(np.angle(formula, deg=True)),
+        },
         # The noise starts from nothing, as the observer does.
-        noise_sd=(noisy - clean)[t > 1.0 / K_0].std(axis=0),
-        formula_noise_sd=np.sqrt((inverse**2 @ torque_variance)[3:]),
-    )
+        "noise_sd_n": (noisy - clean)[t > 1.0 / K_0].std(axis=0),
+        "formula_noise_sd_n": np.sqrt((inverse**2 @ torque_variance)[3:]),
+    }
 
 
 def _ticks(count: int, time_step: float) -> Array:
@@ -364,20 +365,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
     lowest = LOWEST_FREQUENCY_QUICK if context.quick else LOWEST_FREQUENCY
     duration = SIGNAL_DURATION_QUICK if context.quick else SIGNAL_DURATION
     responses = measure_response(
-        robot,
-        GAINS,
-        lowest,
-        seed=context.seed,
-        progress=lambda done, what: context.progress(0.6 * done, f"sweep: {what}"),
+        robot, GAINS, lowest, seed=context.seed, progress=context.part(0.0, 0.6, "sweep: ")
     )
-    t, true, readings = measure_signals(
-        robot,
-        GAINS,
-        duration,
-        seed=context.seed,
-        progress=lambda done, what: context.progress(0.6 + 0.35 * done, f"signals: {what}"),
+    t, true, forces, signals = measure_signals(
+        robot, duration, context.seed, context.part(0.6, 0.95, "signals: ")
     )
-    metrics = _metrics(responses, readings)
+    metrics: dict[str, Any] = {}
+    for response in responses:
+        metrics[_name(response.K_0)] = response.metrics() | signals[response.K_0]
+    for key in ("amplitude_error_pct", "phase_error_deg", "deviation_from_sampled_pct"):
+        metrics[f"max_{key}"] = max(metrics[_name(K_0)][f"max_{key}"] for K_0 in GAINS)
     return ExperimentResult(
         metrics=metrics,
         figures=[
@@ -389,7 +386,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             ),
             (
                 "signals",
-                _signals_figure(t, true, readings),
+                _signals_figure(t, true, forces),
                 "A step, a ramp and a sine read with several gains under the current's noise "
                 "(Fig. 23).",
             ),
@@ -402,52 +399,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "signal_duration": duration,
         },
     )
-
-
-def _metrics(
-    responses: Sequence[GainResponse], readings: Sequence[SignalReading]
-) -> dict[str, Any]:
-    metrics: dict[str, Any] = {
-        "max_amplitude_error_pct": max(float(r.amplitude_error_pct.max()) for r in responses),
-        "max_phase_error_deg": max(float(r.phase_error_deg.max()) for r in responses),
-        "max_deviation_from_sampled_pct": max(float(r.sampled_error_pct.max()) for r in responses),
-    }
-    for response, reading in zip(responses, readings, strict=True):
-        K_0 = response.K_0
-        corner = int(np.argmin(np.abs(response.frequency - K_0 / (2.0 * np.pi))))
-        sine = first_order(K_0, SINE_FREQUENCY)
-        metrics[_name(K_0)] = {
-            "max_amplitude_error_pct": float(response.amplitude_error_pct.max()),
-            "max_phase_error_deg": float(response.phase_error_deg.max()),
-            "max_deviation_from_sampled_pct": float(response.sampled_error_pct.max()),
-            "frequency_hz": response.frequency.tolist(),
-            "amplitude": np.abs(response.response).tolist(),
-            "phase_deg": np.angle(response.response, deg=True).tolist(),
-            "formula_amplitude": np.abs(response.formula).tolist(),
-            "formula_phase_deg": np.angle(response.formula, deg=True).tolist(),
-            "amplitude_error_pct": response.amplitude_error_pct.tolist(),
-            "phase_error_deg": response.phase_error_deg.tolist(),
-            "near_corner": {
-                "frequency_hz": float(response.frequency[corner]),
-                "amplitude": float(np.abs(response.response[corner])),
-                "phase_deg": float(np.angle(response.response[corner], deg=True)),
-            },
-            "step": {
-                "time_constant_s": reading.time_constant,
-                "formula_time_constant_s": 1.0 / K_0,
-                "rise_time_s": reading.time_constant * np.log(9.0),  # from 10 to 90 %
-            },
-            "ramp": {"lag_n": reading.lag, "formula_lag_n": RAMP_SLOPE / K_0},
-            "sine": {
-                "amplitude": abs(reading.sine),
-                "phase_deg": float(np.angle(reading.sine, deg=True)),
-                "formula_amplitude": float(np.abs(sine)),
-                "formula_phase_deg": float(np.angle(sine, deg=True)),
-            },
-            "noise_sd_n": reading.noise_sd.tolist(),
-            "formula_noise_sd_n": reading.formula_noise_sd.tolist(),
-        }
-    return metrics
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
@@ -482,8 +433,9 @@ def _bode_figure(responses: Sequence[GainResponse]) -> Figure:
         amplitude.plot(frequency, np.abs(measured), "o", color=colour, label=label)
         phase.plot(fine, np.angle(formula, deg=True), color=colour)
         phase.plot(frequency, np.angle(measured, deg=True), "o", color=colour)
-        error.plot(frequency, response.phase_error_deg, "-o", color=colour)
-        error.plot(frequency, response.amplitude_error_pct, ":s", color=colour, markersize=3)
+        errors = response.errors()
+        error.plot(frequency, errors["phase_error_deg"], "-o", color=colour)
+        error.plot(frequency, errors["amplitude_error_pct"], ":s", color=colour, markersize=3)
     amplitude.plot([], [], color=COLOUR["reference"], label="eq. 30")
     log_scale(amplitude, "y")
     amplitude.set_ylabel("amplitude [-]")
@@ -502,17 +454,16 @@ def _bode_figure(responses: Sequence[GainResponse]) -> Figure:
     return figure
 
 
-def _signals_figure(t: Array, true: Array, readings: Sequence[SignalReading]) -> Figure:
+def _signals_figure(t: Array, true: Array, forces: Mapping[float, Array]) -> Figure:
     """A step, a ramp and a sine as each gain reads them (the article's Fig. 23)."""
     figure, axes = new_figure(3, 1, height=7.8)
     kinds = (("step", 1.1), ("ramp", 1.4), ("sine", 1.6))
     for axis, (kind, end) in enumerate(kinds):
         ax = axes[axis, 0]
         shown = (t >= SIGNAL_START - 0.1) & (t <= SIGNAL_START + end)
-        for reading, colour in zip(readings, SERIES, strict=False):
-            label = f"$K_0$ = {reading.K_0:g} 1/s"
-            force = reading.force[shown, axis]
-            ax.plot(t[shown], force, color=colour, linewidth=0.9, label=label)
+        for K_0, force in forces.items():
+            label = f"$K_0$ = {K_0:g} 1/s"
+            ax.plot(t[shown], force[shown, axis], linewidth=0.9, label=label)
         ax.plot(t[shown], true[shown, axis], color=COLOUR["truth"], linewidth=1.4, label="true")
         ax.set_title(kind)
         ax.set_ylabel(f"force along {'XYZ'[axis]} [N]")

@@ -12,8 +12,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
-    BAND_CAPTION,
-    PathStudy,
+    path_result,
     pushed_arm,
     pushed_runs,
 )
@@ -31,8 +30,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.methods.reading.force_errors import ForceReading, draw_signal, reductions
-from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, new_figure
+from wrenchsight.analyses.methods.reading.force_errors import ForceReading, reductions
+from wrenchsight.analyses.output.figures import COLOUR
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -99,23 +98,6 @@ def _comparison() -> list[ComparisonRow]:
     return [*rows, ComparisonRow("Share in the 95 % band, ours", "ours.share_in_95_band")]
 
 
-def error_figure(readings: dict[str, ForceReading]) -> Figure:
-    """Errors over time of the article's two experiments and of ours, axis by axis."""
-    figure, axes = new_figure(3, 1, height=6.6, share_x=True)
-    shown = (
-        (BEFORE, COLOUR["before"], "article, without"),
-        (AFTER, COLOUR["after"], "article, with"),
-        (OURS, COLOUR["estimate"], "ours"),
-    )
-    for k, panel in enumerate(axes[:, 0]):
-        for key, colour, label in shown:
-            draw_signal(panel, readings[key].t, readings[key].error[:, k], colour, label)
-        panel.set_ylabel(f"error of f{AXES[k]} [N]")
-    axes[-1, 0].set_xlabel("time [s]")
-    legend_below(figure, axes[0, 0], 3)
-    return figure
-
-
 def _errors(key: str) -> str:
     return f"<{key}.rmse_x_n:.2f> <{key}.rmse_y_n:.2f> <{key}.rmse_z_n:.2f> N"
 
@@ -136,18 +118,6 @@ NOTES = (
     "Inside the stated 95 % band: "
     + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
     + ".",
-)
-
-
-STUDY = PathStudy(
-    title="Pushed by hand along the path",
-    passes=1,
-    variants=VARIANTS,
-    variants_title="Pushed by hand along the path: one change per row",
-    comparison=_comparison(),
-    notes=NOTES,
-    variants_caption="Errors of every variant. A row with + changes the row above it, one with B "
-    f"the row marked (B). {BAND_CAPTION}",
 )
 
 
@@ -176,12 +146,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
     metrics["mean_jcn"] = {
         path: float(entry.condition_number.mean()) for path, entry in runs.items()
     }
-    return STUDY.result(
+    return path_result(
         context,
         runs,
         {**reductions(before, after), **metrics},
         _figures(readings),
         {"scenarios": scenarios, "speed_rad_per_s": speed},
+        title="Pushed by hand along the path",
+        passes=1,
+        variants=VARIANTS,
+        comparison=_comparison(),
+        notes=NOTES,
+        caption="Errors of every variant. A row with + changes the row above it, one with B the "
+        "row marked (B).",
     )
 
 
@@ -212,7 +189,6 @@ def _figures(readings: dict[str, ForceReading]) -> Iterator[Drawing]:
         ),
     ):
         yield name, axes_figure(readings[key], title, colour, limits), caption
-    yield "errors", error_figure(readings), "Errors of the three over time."
 
 
 EXPERIMENT = Experiment(

@@ -6,7 +6,7 @@ wrench of the readings. The article compares its initial with its optimised path
 `linear-path` finds stands beside them.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     found_path,
 )
-from wrenchsight.analyses.output.axes import legend_above, log_scale
+from wrenchsight.analyses.output.axes import legend_above
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -55,20 +55,15 @@ class PathReadings:
     """One path on one branch: its condition numbers, and the readings of one draw and of many.
 
     Attributes:
-        distance: (P,) along the path, m; evenly spaced, for the condition number.
-        condition_number: (P,) there.
-        condition_number_at_points: (k + 1,) at the article's interpolation points (eq. 24).
-        condition_number_over_time: (T,) sample by sample, a third of the time for each ramp.
+        jcn: `max_jcn`, and its mean at the article's k + 1 interpolation points (eq. 24), along the
+            path, and over time, a third of it for each ramp.
         sample_distance: (T,) along the path at each sample of the motion, m.
         wrench: (T, 6) reading of the first draw, rotation first.
         max_error: (D, 6) largest absolute error of each draw, N m and N.
         rmse: (D, 6) of each draw.
     """
 
-    distance: Array
-    condition_number: Array
-    condition_number_at_points: Array
-    condition_number_over_time: Array
+    jcn: dict[str, float]
     sample_distance: Array
     wrench: Array
     max_error: Array
@@ -78,47 +73,6 @@ class PathReadings:
     def error(self) -> Array:
         """(T, 6) reading of the first draw minus the true wrench."""
         return np.asarray(self.wrench - WRENCH)
-
-
-@dataclass(frozen=True)
-class ConstantWrench:
-    """The four cases of the experiment."""
-
-    initial: PathReadings
-    optimised: PathReadings
-    other_elbow: PathReadings  # the optimised path with the elbow on the other side
-    found: PathReadings  # the path that `linear-path` finds, before the robot as the others
-
-
-def constant_wrench(
-    robot: Robot,
-    seed: int = 0,
-    num_draws: int = NUM_DRAWS,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
-) -> ConstantWrench:
-    """Reads the constant wrench back on both of the article's paths.
-
-    Args:
-        robot: an arm that reaches both paths.
-        seed: of the first draw; the others follow from it.
-        num_draws: of the random torque error.
-
-    Raises:
-        InputError: a path is out of the robot's reach.
-    """
-    cases = (
-        (INITIAL_PATH, INITIAL_POSTURE),
-        (OPTIMISED_PATH, OPTIMISED_POSTURE),
-        (OPTIMISED_PATH, OTHER_ELBOW_POSTURE),
-        found_path(robot),
-    )
-    readings = []
-    names = ("initial", "optimised", "other elbow", "found")
-    for index, (path, posture) in enumerate(cases):
-        progress(index / len(cases), names[index] + " path")
-        readings.append(read_along(robot, path, posture, seed, num_draws))
-    progress(1.0, "done")
-    return ConstantWrench(*readings)
 
 
 def read_along(
@@ -131,9 +85,12 @@ def read_along(
     def configurations(s: Array) -> Array:
         return follow_path(robot, *path.poses(s), q_start)
 
+    def jcn(s: Array) -> Array:
+        return np.asarray(condition_number(chain.jacobian(configurations(s))))
+
     even = np.linspace(0.0, 1.0, 10 * path.num_segments + 1)
     one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)
-    over_time = condition_number(chain.jacobian(configurations(thirds(one_way).s)))
+    along, distance = jcn(even), even * path.path_length
 
     there = configurations(uniform_acceleration(one_way).s)
     q = np.concatenate([there, there[-2::-1]])  # the way back meets the same configurations
@@ -161,12 +118,14 @@ def read_along(
         max_error[draw] = np.max(np.abs(error), axis=0)
         rmse[draw] = np.sqrt(np.mean(error**2, axis=0))
     return PathReadings(
-        distance=even * path.path_length,
-        condition_number=condition_number(chain.jacobian(configurations(even))),
-        condition_number_at_points=condition_number(
-            chain.jacobian(configurations(np.linspace(0.0, 1.0, path.num_segments + 1)))
-        ),
-        condition_number_over_time=over_time,
+        jcn={
+            "max_jcn": float(np.max(along)),
+            "mean_jcn": float(np.mean(jcn(np.linspace(0.0, 1.0, path.num_segments + 1)))),
+            "mean_jcn_along_path": float(
+                np.trapezoid(along, distance) / (distance[-1] - distance[0])
+            ),
+            "mean_jcn_over_time": float(np.mean(jcn(thirds(one_way).s))),
+        },
         sample_distance=s * path.path_length,
         wrench=wrench,
         max_error=max_error,
@@ -175,15 +134,7 @@ def read_along(
 
 
 def _metrics(readings: PathReadings) -> dict[str, Any]:
-    metrics: dict[str, Any] = {
-        "max_jcn": float(np.max(readings.condition_number)),
-        "mean_jcn": float(np.mean(readings.condition_number_at_points)),
-        "mean_jcn_along_path": float(
-            np.trapezoid(readings.condition_number, readings.distance)
-            / (readings.distance[-1] - readings.distance[0])
-        ),
-        "mean_jcn_over_time": float(np.mean(readings.condition_number_over_time)),
-    }
+    metrics: dict[str, Any] = dict(readings.jcn)
     for axis, name in enumerate(AXES):
         metrics[f"max_error_{name}"] = float(np.median(readings.max_error[:, axis]))
         metrics[f"rmse_{name}"] = float(np.median(readings.rmse[:, axis]))
@@ -195,42 +146,38 @@ def _metrics(readings: PathReadings) -> dict[str, Any]:
     return metrics
 
 
-def _reduction(before: float, after: float) -> float:
-    return 100.0 * (1.0 - after / before)
-
-
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `constant-wrench` of `study`."""
     robot = Robot.load("sts_sre4_600")
     num_draws = NUM_DRAWS_QUICK if context.quick else NUM_DRAWS
-    result = constant_wrench(robot, context.seed, num_draws, context.progress)
-    metrics: dict[str, Any] = {
-        "initial": _metrics(result.initial),
-        "optimised": _metrics(result.optimised),
+    cases = {
+        "initial": (INITIAL_PATH, INITIAL_POSTURE),
+        "optimised": (OPTIMISED_PATH, OPTIMISED_POSTURE),
+        "other_elbow": (OPTIMISED_PATH, OTHER_ELBOW_POSTURE),  # elbow on the other side
+        "found": found_path(robot),  # by `linear-path`; before the robot as the others
     }
-    metrics["optimised"]["other_elbow"] = _metrics(result.other_elbow)
-    metrics["found"] = _metrics(result.found)
+    readings = {}
+    for k, (name, case) in enumerate(cases.items()):
+        context.progress(k / len(cases), f"{name} path")
+        readings[name] = read_along(robot, *case, context.seed, num_draws)
+    metrics: dict[str, Any] = {name: _metrics(own) for name, own in readings.items()}
+    metrics["optimised"]["other_elbow"] = metrics.pop("other_elbow")
     metrics["reduction_pct"] = {
-        key.removesuffix("_n"): _reduction(metrics["initial"][key], metrics["optimised"][key])
+        key.removesuffix("_n"): 100.0 * (1.0 - metrics["optimised"][key] / metrics["initial"][key])
         for key in ("max_error_y_n", "mean_jcn", "max_jcn")
     }
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
-                "condition-number",
-                _condition_figure(result),
-                "Condition number of the Jacobian along both paths (Fig. 8).",
-            ),
-            (
                 "wrench",
-                _wrench_figure(result),
+                _wrench_figure(readings),
                 "The constant wrench as eq. 22 reads it, forward and back; black: the true one "
                 "(Fig. 9).",
             ),
             (
                 "error-y",
-                _error_figure(result),
+                _error_figure(readings),
                 "Error of the force in Y before and after the optimisation (Fig. 10).",
             ),
         ],
@@ -275,29 +222,11 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _condition_figure(result: ConstantWrench) -> Figure:
-    """The condition number along each path."""
-    figure, ((ax,),) = new_figure(1, 1, height=3.2)
-    for label, readings, colour, style in (
-        ("initial path", result.initial, COLOUR["before"], "-"),
-        ("optimised path", result.optimised, COLOUR["after"], "-"),
-        ("optimised path, elbow on the other side", result.other_elbow, COLOUR["after"], "--"),
-        ("path found here", result.found, SERIES[0], ":"),
-    ):
-        label = f"{label} (largest {np.max(readings.condition_number):.2f})"
-        ax.plot(readings.distance, readings.condition_number, style, color=colour, label=label)
-    log_scale(ax, "y")
-    ax.set_xlabel("distance along the path [m]")
-    ax.set_ylabel("condition number of J")
-    legend_on_top(figure, ax, ncols=2)
-    return figure
-
-
-def _wrench_figure(result: ConstantWrench) -> Figure:
+def _wrench_figure(found: Mapping[str, PathReadings]) -> Figure:
     """Force and moment as eq. 22 reads them on the article's two paths."""
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
     for column, label in enumerate(("initial", "optimised")):
-        wrench = getattr(result, label).wrench
+        wrench = found[label].wrench
         for row, (name, unit, first) in enumerate((("force", "N", 3), ("moment", "N m", 0))):
             ax = axes[row, column]
             for axis, colour in enumerate(SERIES[:3]):
@@ -315,14 +244,13 @@ def _wrench_figure(result: ConstantWrench) -> Figure:
     return figure
 
 
-def _error_figure(result: ConstantWrench) -> Figure:
+def _error_figure(found: Mapping[str, PathReadings]) -> Figure:
     """The error in Y on the article's two paths."""
     figure, ((ax,),) = new_figure(1, 1, height=3.2)
-    cases = ((result.initial, "initial", "before"), (result.optimised, "optimised", "after"))
-    for readings, label, colour in cases:
-        y = readings.error[:, AXES.index("fy_n")]
-        label = f"{label} path (largest {np.max(np.abs(y)):.2f} N)"
-        ax.plot(y, color=COLOUR[colour], linewidth=0.7, label=label)  # type: ignore[index]
+    for case, colour in (("initial", COLOUR["before"]), ("optimised", COLOUR["after"])):
+        y = found[case].error[:, AXES.index("fy_n")]
+        label = f"{case} path (largest {np.max(np.abs(y)):.2f} N)"
+        ax.plot(y, color=colour, linewidth=0.7, label=label)
     ax.set_xlabel("sample")
     ax.set_ylabel("error of the force in Y [N]")
     legend_on_top(figure, ax)

@@ -5,9 +5,9 @@ false alarm an hour. The simulated twin of each log (`twin_logs`) moves as the l
 that differ from day to day, and knows that nothing touches it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from wrenchsight.analyses.experiments.contact_detection.contact_trials import TrialLog, onsets
+from wrenchsight.analyses.experiments.contact_detection.contact_trials import TrialLog
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.twin_logs import twin_log
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
@@ -33,9 +33,6 @@ def alarms_of_twins(
     model: IdentifiedModel,
     rates: Sequence[float],
     days: int,
-    time_step: float,
-    K_0: float,
-    progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> tuple[float, dict[float, int], dict[str, int]]:
     """Hours that were read, alarms by stated rate, and by log those at the lowest of the rates.
 
@@ -45,19 +42,15 @@ def alarms_of_twins(
         model: that reads the twins.
         rates: false alarms an hour.
         days: how many twins of each log.
-        time_step: s.
-        K_0: 1/s.
-        progress: called with the share of the work that is done.
     """
     alarms, by_log, hours = dict.fromkeys(rates, 0), dict.fromkeys(recordings, 0), 0.0
     for day in range(days):
-        for k, (name, recording) in enumerate(recordings.items()):
-            progress((day + k / len(recordings)) / days, f"simulated day {day + 1}")
+        for name, recording in recordings.items():
             twin = twin_log(recording, robot, day=FIRST_DAY + day, seed=1000 + day)
-            log = TrialLog(twin, robot, model, time_step, K_0)
+            log = TrialLog(twin, robot, model)
             hours += log.hours
             for rate in rates:
-                count = len(onsets(log.detect(log.detector(rate)).contact))
+                count = len(log.alarms(rate))
                 alarms[rate] += count
                 if rate == min(rates):
                     by_log[name] += count

@@ -28,6 +28,8 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
 
+TIME_STEP = 0.01  # s
+K_0 = 20.0  # 1/s
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
 PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
 CONFIDENCE = 0.95  # of the largest rate that a count agrees with, and of the least
@@ -38,10 +40,7 @@ class TrialLog:
 
     Args:
         recording: of free motion, or with contacts of its own.
-        robot: its robot.
-        model: that reads it.
         time_step: s.
-        K_0: 1/s.
     """
 
     def __init__(
@@ -49,8 +48,7 @@ class TrialLog:
         recording: Recording,
         robot: Robot,
         model: IdentifiedModel,
-        time_step: float,
-        K_0: float,
+        time_step: float = TIME_STEP,
     ) -> None:
         log = resampled(recording, time_step)
         self.robot, self.time_step = robot, time_step
@@ -86,6 +84,10 @@ class TrialLog:
             *(seen.torque_error, self.v, seen.transmitted, self.momentum, seen.tau_ext, seen.fresh)
         )
         return Detection.of(detector.judge(detector.initial_state(), samples))
+
+    def alarms(self, rate: float) -> NDArray[np.intp]:
+        """Samples at which contacts begin, with so many false alarms an hour."""
+        return onsets(self.detect(self.detector(rate)).contact)
 
 
 def jacobian_on_link(J: Array, link: int) -> Array:

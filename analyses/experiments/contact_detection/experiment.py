@@ -16,7 +16,6 @@ Nobody labelled the collisions. COLLISIONS are the stretches in which the curren
 differs from that of `collision_free` at the same place of the path by far more than elsewhere.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from wrenchsight.analyses.experiments.contact_detection.contact_free_twins impor
     model_of_twins,
 )
 from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
+    TIME_STEP,
     Tally,
     TrialLog,
     false_alarm_metrics,
@@ -42,11 +42,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FITTED,
     FOLDER,
     MORE,
-    identify_ur10e,
+    presliding_arm,
 )
-from wrenchsight.analyses.methods.advance import run_loop
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.runs.fast_runs import run_free
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, TRACKING, stored_excitation
 from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
@@ -55,9 +55,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
@@ -88,8 +86,6 @@ COLLISIONS = (  # s
 ALONE = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
 STILL = {f"p{k}": f"{MORE}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
 OLDER = {"12_23_free": f"{MORE}/ur-19_12_23_free.csv"}
-TIME_STEP = 0.01  # s
-K_0 = 20.0  # 1/s
 TWIN_DAYS = 3
 RATE = 1.0  # false alarms an hour
 RATES = (0.1, 1.0, 10.0, 60.0, 360.0)  # for the threshold
@@ -108,22 +104,13 @@ JUDGED = "push_30n_500ms_at_e"
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log, puts pushes in, and counts."""
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data,
-        robot,
-        IdentificationConfig(friction="presliding"),
-        context.part(0.0, 0.2),
-    ).model
+    robot, model = presliding_arm(context, 0.2)
     rounds = 1 if context.quick else ROUNDS
     recordings = {
         name: read_recording(context.data / file, robot=robot)
         for name, file in (FREE | ALONE | OLDER | STILL).items()
     }
-    every = {
-        name: TrialLog(recording, robot, model, TIME_STEP, K_0)
-        for name, recording in recordings.items()
-    }
+    every = {name: TrialLog(recording, robot, model) for name, recording in recordings.items()}
     logs = {name: every[name] for name in FREE}
     fitted = [read_recording(context.data / FOLDER / name, robot=robot) for name in FITTED]
     every |= _held_out(fitted, robot, context)
@@ -131,36 +118,35 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.35, "contact-free logs")
     metrics |= _free(every)
     sets = [(size, duration, place) for size in SIZES for duration in DURATIONS for place in PLACES]
-    for k, entry in enumerate(sets):
-        context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {entry[0]:g} N")
-        metrics[entry[2].key(*entry[:2])] = _pushed(logs, *entry, RATE, rounds).metrics()
+    for k, (size, duration, place) in enumerate(sets):
+        context.progress(0.4 + 0.3 * k / len(sets), f"pushes of {size:g} N")
+        tally = _pushed(logs, size, duration, PLACES[place], RATE, rounds)
+        metrics[push_key(size, duration, place)] = tally.metrics()
     for link in OFF_E:
-        place = Place(f"link_{link}", (link,))
-        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, place, RATE, rounds).metrics()
+        metrics[f"link_{link}_30n"] = _pushed(logs, 30.0, 0.5, (link,), RATE, rounds).metrics()
     for rate in RATES:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
     metrics["collision_wrist"] = _labelled(
-        f"{MORE}/collision_wrist.csv", COLLISIONS, context.data, robot, model
+        context.data / MORE / "collision_wrist.csv", COLLISIONS, robot, model
     )
     pushes = np.genfromtxt(context.data / PUSHES / "pushes.csv", delimiter=",", names=True)
     spans = tuple((float(row["t_start"]), float(row["t_end"])) for row in pushes)
     metrics["push_pose_1"] = _labelled(
-        f"{PUSHES}/push_pose_1.csv", spans, context.data, robot, model
+        context.data / PUSHES / "push_pose_1.csv", spans, robot, model
     )
     context.progress(0.72, "simulated days")
     moving = {name: entry for name, entry in recordings.items() if name not in STILL}
     metrics |= _twins(fitted, moving, robot, context)
     context.progress(0.75, "simulated pushes")
-    metrics |= _simulated(context)
+    metrics |= _simulated()
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "contact-detection",
                 _figure(metrics),
-                "Pushes missed by size; false alarms counted against those stated; what a lower "
-                "level buys for pushes of half a second at E.",
+                "Pushes missed by size; false alarms counted against those stated.",
             )
         ],
         comparison=_comparison(),
@@ -168,20 +154,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where pushes act: at E, or on a link between it and the base."""
-
-    name: str
-    links: tuple[int, ...]  # in turn; empty: at E
-
-    def key(self, size: float, duration: float) -> str:
-        """Of the metrics."""
-        return f"push_{size:g}n_{1e3 * duration:g}ms_{self.name}"
-
-
 OFF_E = (2, 3, 4)  # a force on link 5, by the next joint's axis, is one at E
-PLACES = (Place("at_e", ()), Place("off_e", OFF_E))
+# Links, in turn, on which pushes act; none: at E
+PLACES: dict[str, tuple[int, ...]] = {"at_e": (), "off_e": OFF_E}
+
+
+def push_key(size: float, duration: float, place: str) -> str:
+    """Of the metrics of pushes of `size` N for `duration` s at one of PLACES."""
+    return f"push_{size:g}n_{1e3 * duration:g}ms_{place}"
 
 
 def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
@@ -217,7 +197,7 @@ def _held_out(
         context.progress(0.2 + 0.05 * k, "identifying without one run")
         others = fitted[:k] + fitted[k + 1 :]
         model = identify(others, robot, [], IdentificationConfig(friction="presliding")).model
-        logs[Path(FITTED[k]).stem] = TrialLog(entry, robot, model, TIME_STEP, K_0)
+        logs[Path(FITTED[k]).stem] = TrialLog(entry, robot, model)
     return logs
 
 
@@ -225,11 +205,9 @@ def _twins(
     fitted: list[Recording], moving: dict[str, Recording], robot: Robot, context: ExperimentContext
 ) -> dict[str, Any]:
     """False alarms in simulated hours of the same motions."""
-    hours, alarms, by_log = alarms_of_twins(
-        *(moving, robot, model_of_twins(fitted, robot), RATES[1:]),
-        *(1 if context.quick else TWIN_DAYS, TIME_STEP, K_0),
-        context.part(0.72, 0.75),
-    )
+    days = 1 if context.quick else TWIN_DAYS
+    model = model_of_twins(fitted, robot)
+    hours, alarms, by_log = alarms_of_twins(moving, robot, model, RATES[1:], days)
     result: dict[str, Any] = {
         f"at_{rate:g}_per_hour": {**false_alarm_metrics(count, hours), "expected": rate * hours}
         for rate, count in alarms.items()
@@ -241,7 +219,7 @@ def _pushed(
     logs: dict[str, TrialLog],
     size: float,
     duration: float,
-    place: Place,
+    links: tuple[int, ...],
     rate: float,
     rounds: int,
 ) -> Tally:
@@ -252,7 +230,7 @@ def _pushed(
             rng = np.random.default_rng((number, turn))
             first = FIRST + turn * 0.5 * PAUSE
             pushes = schedule(log.v, duration, PAUSE, first, TIME_STEP, SLOWEST)
-            link = place.links[(number + turn) % len(place.links)] if place.links else None
+            link = links[(number + turn) % len(links)] if links else None
             J = log.J[:, 3:] if link is None else jacobian_on_link(log.J, link)
             detection = log.detect(detector, put_in(pushes, J, size, rng))
             for begin, end in pushes:
@@ -264,9 +242,7 @@ def _at_rate(
     every: dict[str, TrialLog], logs: dict[str, TrialLog], rate: float, rounds: int
 ) -> dict[str, Any]:
     """False alarms and pushes of 30 N and 10 N for half a second, at another threshold."""
-    result = {
-        name: len(onsets(log.detect(log.detector(rate)).contact)) for name, log in every.items()
-    }
+    result = {name: len(log.alarms(rate)) for name, log in every.items()}
     hours = sum(log.hours for log in every.values())
     alarms = {
         **false_alarm_metrics(sum(result.values()), hours),
@@ -274,7 +250,7 @@ def _at_rate(
         "by_log": result,
     }
     for size in (10.0, 30.0):
-        pushed = _pushed(logs, size, 0.5, PLACES[0], rate, rounds).metrics()
+        pushed = _pushed(logs, size, 0.5, PLACES["at_e"], rate, rounds).metrics()
         alarms[f"missed_pct_{size:g}n"] = pushed["missed_pct"]
         for key in ("delay_median_s", "delay_p95_s", "within_50ms_pct"):
             alarms[f"{key}_{size:g}n"] = pushed[key]
@@ -282,16 +258,15 @@ def _at_rate(
 
 
 def _labelled(
-    file: str,
+    file: Path,
     spans: tuple[tuple[float, float], ...],
-    data: Path,
     robot: Robot,
     model: IdentifiedModel,
 ) -> dict[str, Any]:
     """A log with contacts of its own, whose links are not known; delays are from the labels."""
-    described = (data / file).with_name("recording.yaml")
-    recording = read_recording(data / file, described if described.exists() else None, robot)
-    log = TrialLog(recording, robot, model, TIME_STEP, K_0)
+    described = file.with_name("recording.yaml")
+    recording = read_recording(file, described if described.exists() else None, robot)
+    log = TrialLog(recording, robot, model)
     detection = log.detect(log.detector(RATE))
     tally = Tally()
     apart = np.ones(len(log.t), bool)
@@ -319,17 +294,14 @@ def _labelled(
     }
 
 
-def _simulated(context: ExperimentContext) -> dict[str, Any]:
+def _simulated() -> dict[str, Any]:
     """The simulated arm is pushed at E along its second excitation, and once left alone."""
     robot = Robot.load(ROBOT)
-    result, logs = identify_simulated_arm(
-        robot,
-        config=IdentificationConfig(cutoff=7.5, friction="presliding"),
-        progress=context.part(0.75, 0.85),
-    )
+    config = IdentificationConfig(cutoff=7.5, friction="presliding")
+    result, logs = identify_simulated_arm(robot, config=config)
     model = result.model
-    free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP, K_0)
-    alarms = onsets(free.detect(free.detector(RATE)).contact)
+    free = TrialLog(logs[1].recording, robot, model, SIMULATED_STEP)
+    alarms = free.alarms(RATE)
     outcome: dict[str, Any] = {
         "simulated_free": {**NO_CONTACTS, **false_alarm_metrics(len(alarms), free.hours)}
     }
@@ -349,23 +321,11 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
                 for start, force in zip(starts, forces, strict=True)
             ],
         )
-        loop = make_closed_loop(
-            scenario,
-            robot,
-            IdentifiedModel.nominal(robot),
-            trajectory=trajectory,
-            with_estimator=False,
-        )
-        t, signals = run_loop(
-            loop,
-            scenario.duration,
-            0.25,
-            lambda share: context.progress(0.86 + 0.1 * share, "simulated pushes"),
-        )
+        t, signals = run_free(scenario, robot, IdentifiedModel.nominal(robot), trajectory)
         recording = Recording(
             t=t, q=signals["q"], v=signals["v"], current=signals["current"], source="pushed"
         )
-        log = TrialLog(recording, robot, model, SIMULATED_STEP, K_0)
+        log = TrialLog(recording, robot, model, SIMULATED_STEP)
         detection = log.detect(log.detector(RATE))
         tally = Tally()
         size_of = round(SIMULATED_DURATION / SIMULATED_STEP)
@@ -377,61 +337,36 @@ def _simulated(context: ExperimentContext) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    wanted = "wanted"
-    return [
-        ComparisonRow("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", 0.0, "", wanted),
-        ComparisonRow(
-            "their delay, median",
-            "push_30n_500ms_at_e.delay_median_s",
-            0.05,
-            "with up to one sample of 10 ms before the first that shows the push",
-            wanted,
-        ),
-        ComparisonRow("found within 50 ms", f"{JUDGED}.within_50ms_pct", 100.0, "", wanted),
-        ComparisonRow("hand collisions, missed", "collision_wrist.missed", 0.0, "", wanted),
-        ComparisonRow(
-            "contact-free logs, false alarms",
-            "contact_free.false_alarms",
-            0.0,
-            "minutes at one an hour: they could contradict the rate, not confirm it",
-            wanted,
-        ),
-    ]
+    first = "with up to one sample of 10 ms before the first that shows the push"
+    minutes = "minutes at one an hour: they could contradict the rate, not confirm it"
+    rows = (
+        ("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", 0.0, ""),
+        ("their delay, median", f"{JUDGED}.delay_median_s", 0.05, first),
+        ("found within 50 ms", f"{JUDGED}.within_50ms_pct", 100.0, ""),
+        ("hand collisions, missed", "collision_wrist.missed", 0.0, ""),
+        ("contact-free logs, false alarms", "contact_free.false_alarms", 0.0, minutes),
+    )
+    return [ComparisonRow(*row, "wanted") for row in rows]
 
 
 def _figure(metrics: dict[str, Any]) -> Figure:
-    figure, axes = new_figure(1, 3, height=3.4)
-    panel: Any = axes[0, 0]
+    figure, ((pushes, alarms),) = new_figure(1, 2, height=3.4)
     for k, duration in enumerate(DURATIONS):
         for place, style in zip(PLACES, ("-", "--"), strict=True):
-            missed = [metrics[place.key(size, duration)]["missed_pct"] for size in SIZES]
-            label = f"{duration:g} s, {place.name.replace('_e', ' E')}"
-            panel.plot(SIZES, missed, style, marker="o", ms=3, color=SERIES[k], label=label)
-    panel.set_xlabel("force [N]")
-    panel.set_ylabel("missed [%]")
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    panel = axes[0, 1]
-    rates: Array = np.array(RATES)
+            missed = [metrics[push_key(size, duration, place)]["missed_pct"] for size in SIZES]
+            label = f"{duration:g} s, {place.replace('_e', ' E')}"
+            pushes.plot(SIZES, missed, style, marker="o", ms=3, color=SERIES[k], label=label)
+    pushes.set_xlabel("force [N]")
+    pushes.set_ylabel("missed [%]")
     counted = [metrics[f"threshold_{rate:g}_per_hour"] for rate in RATES]
-    panel.loglog(rates, rates, color=SERIES[6], lw=0.8, label="as stated")
-    result = np.array([entry["false_alarms_per_hour"] for entry in counted])
-    upper = np.array([entry["false_alarms_per_hour_upper"] for entry in counted])
-    panel.loglog(
-        rates, np.where(result > 0.0, result, np.nan), "o", color=SERIES[0], label="counted"
-    )
-    panel.loglog(rates, upper, "v", color=SERIES[1], label="most that agrees (95 %)")
-    panel.set_xlabel("stated false alarms per hour")
-    panel.set_ylabel(f"in {60 * metrics['contact_free']['hours']:.1f} free minutes, per h")
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
-    panel = axes[0, 2]
-    for k, (key, label) in enumerate((("delay_median_s", "median"), ("delay_p95_s", "95 %"))):
-        late = [1e3 * entry[f"{key}_30n"] for entry in counted]
-        panel.semilogx(rates, late, "o-", ms=3, color=SERIES[k], label=f"30 N, {label}")
-    missed = [entry["missed_pct_10n"] for entry in counted]
-    panel.semilogx(rates, missed, "o--", ms=3, color=SERIES[2], label="10 N, missed [%]")
-    panel.set_xlabel("stated false alarms per hour")
-    panel.set_ylabel("delay [ms]; missed [%]")
-    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1)
+    alarms.loglog(RATES, RATES, color=SERIES[6], lw=0.8, label="as stated")
+    for key, marker, label in (("", "o", "counted"), ("_upper", "v", "most that agrees (95 %)")):
+        result = [entry[f"false_alarms_per_hour{key}"] or np.nan for entry in counted]
+        alarms.loglog(RATES, result, marker, label=label)
+    alarms.set_xlabel("stated false alarms per hour")
+    alarms.set_ylabel(f"in {60 * metrics['contact_free']['hours']:.1f} free minutes, per h")
+    for panel in (pushes, alarms):
+        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return figure
 
 

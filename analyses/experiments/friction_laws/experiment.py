@@ -27,13 +27,11 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    POSTURES,
     SeparatedFriction,
     reversal_recordings,
-    separate_recordings,
-)
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import (
-    POSTURES,
     semi_parametric_model,
+    separate_recordings,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     CONFIG,
@@ -51,15 +49,11 @@ from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
-    draw_bars,
     legend_below,
-    legend_on_top,
-    new_figure,
     panels_in_pairs,
 )
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -107,7 +101,6 @@ class LawsOnOneArm:
     """Every law on the data of one arm.
 
     Attributes:
-        joint_names: n of them.
         validation: held-out runs by law.
         near_zero: of each joint.
         edge: (n,) rad/s, up to where "near zero" goes.
@@ -152,12 +145,9 @@ class LawsOnOneArm:
 def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     """All laws on the simulated arm."""
     robot = context.robot(ROBOT)
-
-    periods = 1 if context.quick else 2
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
-    first, (log, other) = identify_simulated_arm(
-        robot, context.seed, periods, plain, context.part(0.0, 0.4 * share)
-    )
+    context.progress(0.0, "simulated arm, identification")
+    first, (log, other) = identify_simulated_arm(robot, context.seed, context.quick, plain)
     results = {WITH_OFFSET: first}
     for k, law in enumerate(COMPARED):
         context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")
@@ -165,30 +155,22 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
             config = replace(plain, friction=law)
             results[law] = identify([log.recording], robot, [other.recording], config)
     postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
-    recordings = reversal_recordings(
-        robot, postures, seed=context.seed, progress=context.part(0.6 * share, share)
-    )
+    context.progress(0.6 * share, "simulated arm, reversals")
+    recordings = reversal_recordings(robot, postures, seed=context.seed)
     separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
     article, trained = semi_parametric_model(robot, first, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     # One model separates all: its mass matrix and gravity are not what is compared.
-    test = {
+    predicted = {
         law: separate_recordings(
             robot, [_predicted(robot, recordings[-1], model)], first.model, CONFIG.cutoff
-        )
+        ).table()[1]
         for law, model in models.items()
     }
-    measured = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff)
+    v, torque = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff).table()
     near_zero = tuple(
-        NearZero(
-            np.concatenate([entry.speed, -entry.speed]),
-            np.concatenate([entry.symmetric, -entry.symmetric]),
-            {
-                law: np.concatenate([one.samples[j].symmetric, -one.samples[j].symmetric])
-                for law, one in test.items()
-            },
-        )
-        for j, entry in enumerate(measured.samples)
+        NearZero(v[:, j], torque[:, j], {law: own[:, j] for law, own in predicted.items()})
+        for j in range(robot.num_joints)
     )
     validation = {law: result.validation for law, result in results.items()}
     validation[ARTICLE] = predict_torque([other.recording], robot, article, first.config)
@@ -276,23 +258,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     if has_data:
         arms["real"] = real_arm(context, 0.5)
     context.progress(0.92, "figures")
-    figures: list[Drawing] = []
-    for name, arm in arms.items():
-        title = {"simulated": "simulated arm", "real": "UR10e"}[name]
-        figures += (
-            (
-                f"laws_{name}",
-                near_zero_figure(arm, title),
-                f"Friction of the {title} near zero velocity in held-out motion, and what three "
-                "laws say of the same motion.",
-            ),
-            (
-                f"errors_{name}",
-                errors_figure(arm, title),
-                f"Error of each law on held-out data of the {title}: friction near zero velocity, "
-                "and torque over held-out runs.",
-            ),
-        )
+    what = (
+        "Friction near zero velocity in held-out motion, and what three laws say of the same motion"
+    )
+    titles = {"simulated": "simulated arm", "real": "UR10e"}
+    figures = [
+        (f"laws_{name}", near_zero_figure(arm, titles[name]), f"{what}: {titles[name]}.")
+        for name, arm in arms.items()
+    ]
     metrics = {name: arm.metrics() for name, arm in arms.items()}
     return ExperimentResult(
         metrics=metrics,
@@ -351,24 +324,6 @@ def near_zero_figure(arm: LawsOnOneArm, title: str) -> Figure:
         axis.set_title(arm.joint_names[j])
     legend_below(figure, panels[0], 4, markerscale=4)
     figure.suptitle(f"Friction near zero velocity, {title}")
-    return figure
-
-
-def errors_figure(arm: LawsOnOneArm, title: str) -> Figure:
-    """Held-out errors of every law, joint by joint."""
-    runs = [fit.name for fit in arm.validation[PLAIN]]
-    figure, axes = new_figure(1 + len(runs), 1, height=2.4 * (1 + len(runs)) + 0.8, share_x=True)
-    names = [name.removesuffix("_joint") for name in arm.joint_names]
-    near_zero = {law: arm.rmse(law) for law in arm.validation}
-    draw_bars(axes[0, 0], near_zero, names)
-    axes[0, 0].set_ylabel("RMSE near zero [N m]")
-    axes[0, 0].set_title(f"{title}: friction near zero velocity")
-    for k, (panel, run) in enumerate(zip(axes[1:, 0], runs, strict=True)):
-        left = {law: 100.0 * fits[k].relative for law, fits in arm.validation.items()}
-        draw_bars(panel, left, names)
-        panel.set_ylabel("unexplained torque [%]")
-        panel.set_title(f"{title}: {run}")
-    legend_on_top(figure, axes[0, 0], ncols=4)
     return figure
 
 

@@ -1,18 +1,14 @@
 """Experiment `identification`: the article's section 4.1 on the simulated arm.
 
-The true robot, with friction that no model here contains, follows an excitation trajectory under
-the joint tracking controller; what its drives and encoders report is a log like a real arm's. A
-Coulomb-viscous model is identified from it and predicts the torque of a second, independent
-trajectory. Both trajectories were found by `excite` and lie beside the robot as coefficients.
+The true robot, with friction that no model here contains, follows two excitations
+(`simulated_identification`); what its drives and encoders report are logs like a real arm's.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
-    CONFIG,
     identify_simulated_arm,
     inertial_error,
     with_known_friction,
@@ -34,14 +30,9 @@ ARTICLE_RMSE = [3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602]  # N m, section 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates, identifies, predicts; then once more with the true friction known."""
     robot = context.robot(ROBOT)
-    periods = 1 if context.quick else PERIODS
+    context.progress(0.0, "simulating and identifying")
     result, logs = identify_simulated_arm(
-        robot,
-        context.seed,
-        periods,
-        replace(CONFIG, seed=context.seed),
-        progress=context.part(0.0, 0.85),
-        contact_noise=context.draws,
+        robot, context.seed, context.quick, contact_noise=context.draws
     )
     context.progress(0.85, "with the true friction known")
     known = with_known_friction(robot, logs)
@@ -70,7 +61,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         figures=_figures(fit, robot.joint_names),
         comparison=_comparison(),
         notes=NOTES,
-        configuration={"periods": periods, "identification": result.config},
+        configuration={"periods": 1 if context.quick else PERIODS, "identification": result.config},
     )
 
 

@@ -10,7 +10,7 @@ data set states them; `source` repeats the source's way, without.
 the observer's settling on; of the wrench, whether any joint moves.
 """
 
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,9 +31,9 @@ from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading impo
     controller_friction,
     read_log,
     read_logs,
-    rmse_by_joint,
     settled_from,
 )
+from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
 from wrenchsight.analyses.output.figures import (
     COLOUR,
@@ -45,7 +45,6 @@ from wrenchsight.analyses.output.figures import (
 )
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -66,23 +65,19 @@ def run(context: ExperimentContext) -> ExperimentResult:
     logs = read_logs(context.data)
     metrics: dict[str, Any] = {}
     readings: dict[tuple[str, str], Lara8Reading] = {}
-    comparisons: dict[tuple[str, str], SensorComparison] = {}
     for k, log in enumerate(logs):
         context.progress(0.1 + 0.5 * k / len(logs), log.name)
-        for variant in VARIANTS:
-            readings[log.name, variant] = reading = read_log(log, variant)
-            comparisons[log.name, variant] = reading.against_sensor()
+        own = {variant: read_log(log, variant) for variant in VARIANTS}
+        readings |= {(log.name, variant): reading for variant, reading in own.items()}
+        compared = {variant: reading.against_sensor() for variant, reading in own.items()}
         metrics[log.name] = {
-            state: {
-                variant: _judged(readings[log.name, variant], comparisons[log.name, variant], state)
-                for variant in VARIANTS
-            }
+            state: {v: _judged(reading, compared[v], state) for v, reading in own.items()}
             | {"target_less_motor": {"rmse_nm": _by_hand(log, state)}}
             for state in ("moving", "rest")
         }
     context.progress(0.6, "what the errors are made of")
     metrics["parts"] = {log.name: _parts(log, readings[log.name, "urdf"]) for log in logs}
-    metrics["load_share"] = _load_shares(logs)
+    metrics["load_share"] = {log.name: _load_share(log) for log in logs}
     metrics["stiction"] = {log.name: _stiction(readings[log.name, "urdf"]) for log in logs}
     sweep = next((log for log in logs if log.name == SWEEP), None)
     if sweep is not None:
@@ -94,7 +89,14 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
-        figures=_figures(readings, comparisons),
+        figures=[
+            (
+                "torque",
+                _torque_figure(readings, [log.name for log in logs]),
+                "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
+                "(its delay taken off), of the most loaded joint of those that move.",
+            )
+        ],
         comparison=_comparison(metrics),
         notes=NOTES,
         configuration={"sensor": {log.name: log.config for log in logs}},
@@ -111,24 +113,18 @@ def _rows(log: Lara8Log, state: str) -> Flags:
 
 
 def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> dict[str, Any]:
-    log = reading.log
-    truth = log.joint_torque(log.sensor_wrench())
-    error = reading.batch.tau_ext - truth
-    rows, band = _rows(log, state), SIGMA_95 * reading.batch.torque_sd
-    inside = [
-        100.0 * float(np.mean(np.abs(error[entry, j]) <= band[entry, j]))
-        if (entry := rows[:, j] & np.isfinite(error[:, j])).sum() >= MIN_ROWS
-        else None
-        for j in range(NUM_JOINTS)
-    ]
+    error, rows = reading.error, _rows(reading.log, state)
     phase = "moving" if state == "moving" else "rest"
     where = comparison.phases[f"free_{phase}"] | comparison.phases[f"contact_{phase}"]
     judged = [comparison.judged_over(axis, where) for axis in comparison.axes]
     figures = [{} if one is None else one.metrics() for one in judged]  # forces, then moments
     return {
-        "rmse_nm": reading.torque_rmse(truth, rows),
-        "bias_nm": by_joint(np.mean, error, rows),
-        "torque_inside_95_pct": inside,
+        "rmse_nm": by_joint(rms, rows, error),
+        "bias_nm": by_joint(np.mean, rows, error),
+        "torque_inside_95_pct": by_joint(
+            lambda e, sd: 100.0 * np.mean(np.abs(e) <= SIGMA_95 * sd),
+            *(rows, error, reading.batch.torque_sd),
+        ),
         **{
             key: [one.get(key) for one in figures[:3]]
             for key in ("rmse_n", "bias_n", "stated_sd_n")
@@ -142,7 +138,7 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
 def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
     """The source's current method: the controller's target torque less the motor's."""
     tau = log.recording.extra["tau_target"] - log.recording.current
-    return rmse_by_joint(tau - log.joint_torque(log.sensor_wrench()), _rows(log, state))
+    return by_joint(rms, _rows(log, state), tau - log.truth)
 
 
 def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
@@ -151,11 +147,9 @@ def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[s
     log = readings[SWEEP, "urdf"].log
     R_WE, _ = log.robot.chain.pose(raw.q)
     J = log.robot.chain.jacobian(raw.q)
-    force, moment = (
-        np.einsum("kij,kj->ki", R_WE, raw.extra["sensor"][:, part])
-        for part in (slice(0, 3), slice(3, 6))
-    )
-    truth = np.einsum("ki,ki->k", J[:, :, _JOINT], np.concatenate([moment, force], axis=1))
+    halves = raw.extra["sensor"].reshape(-1, 2, 3)[:, ::-1]  # moment, force
+    wrench = np.einsum("kij,kpj->kpi", R_WE, halves).reshape(-1, 6)
+    truth = np.einsum("ki,ki->k", J[:, :, _JOINT], wrench)
     moving = np.abs(raw.v[:, _JOINT]) > REST_SPEED
 
     def errors(tau: Array) -> dict[str, float]:
@@ -174,108 +168,60 @@ def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[s
     return result
 
 
-# What the errors are made of ----------------------------------------------------------------------
-
-
 def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]]:
     """RMSE of the joints in motion, N m, as it is and with one piece of knowledge left out."""
-    moving = log.moving
-    truth = log.joint_torque(log.sensor_wrench())
-    plain = log.joint_torque(log.recording.extra["wrench"])
-    none = np.zeros(NUM_JOINTS)
-    zero_left = log.joint_torque(log.sensor_wrench(log.mounting_without_tare))
+
+    def moving(own: Lara8Reading, truth: Array = log.truth) -> list[float | None]:
+        return by_joint(rms, log.moving, own.batch.tau_ext - truth)
 
     def with_friction(**change: Any) -> list[float | None]:
-        law = controller_friction(log.name, **change)
-        return read_log(log, "urdf", law).torque_rmse(truth, moving)
+        return moving(read_log(log, "urdf", controller_friction(log.name, **change)))
 
-    no_rotor = read_log(log, "urdf", without_rotors=True).torque_rmse(truth, moving)
+    def without_law(error: Array, v: Array, load: Array) -> Any:
+        A = np.stack([np.ones_like(v), np.sign(v), np.sign(v) * load, v], axis=1)
+        return rms(error - A @ np.linalg.lstsq(A, error, rcond=None)[0])
+
+    zero_left = log.joint_torque(log.sensor_wrench(replace(log.mounting, tare=np.zeros(6))))
+    signals = reading.error, log.recording.v, np.abs(reading.transmitted)
     return {
-        "as_it_is": reading.torque_rmse(truth, moving),
-        "controllers_rigid_body": read_log(log, "controller_model").torque_rmse(truth, moving),
-        "friction_without_load": with_friction(load_share=none),
+        "as_it_is": moving(reading),
+        "controllers_rigid_body": moving(read_log(log, "controller_model")),
+        "friction_without_load": with_friction(load_share=np.zeros(NUM_JOINTS)),
         "friction_of_another_day": with_friction(of_that_day=False),
-        "rotors_left_out": no_rotor,
-        "delay_of_the_sensor_left": reading.torque_rmse(plain, moving),
-        "zero_of_the_sensor_left": reading.torque_rmse(zero_left, moving),
-        "friction_fitted_to_this_sensor": _floor(reading, truth),
+        "rotors_left_out": moving(read_log(log, "urdf", without_rotors=True)),
+        "delay_of_the_sensor_left": moving(
+            reading, log.joint_torque(log.recording.extra["wrench"])
+        ),
+        "zero_of_the_sensor_left": moving(reading, zero_left),
+        # What no friction law of speed, load and direction could take off; it is given the sensor.
+        "friction_fitted_to_this_sensor": by_joint(without_law, log.moving, *signals),
     }
 
 
-def _floor(reading: Lara8Reading, truth: Array) -> list[float | None]:
-    """What no friction law of speed, load and direction could take off; it is given the sensor."""
-    log, result = reading.log, list[float | None]()
-    error = reading.batch.tau_ext - truth
-    load = np.abs(reading.transmitted)
-    for j in range(NUM_JOINTS):
-        rows = log.moving[:, j] & np.isfinite(error[:, j])
-        if rows.sum() < MIN_ROWS:
-            result.append(None)
-            continue
-        v, side = log.recording.v[rows, j], np.sign(log.recording.v[rows, j])
-        A = np.stack([np.ones_like(v), side, side * load[rows, j], v], axis=1)
-        left = error[rows, j] - A @ np.linalg.lstsq(A, error[rows, j], rcond=None)[0]
-        result.append(float(np.sqrt(np.mean(left**2))))
-    return result
-
-
-def _load_shares(logs: list[Lara8Log]) -> dict[str, Any]:
-    """N m of friction beyond the controller's law per N m of load, by file and joint, by sensor.
+def _load_share(log: Lara8Log) -> list[float | None]:
+    """N m of friction beyond the controller's law per N m of load, by joint, by sensor.
 
     Evidence for `LOAD_SHARE`, which is another arm's; not used.
     """
-    result: dict[str, Any] = {}
-    for log in logs:
-        law = controller_friction(log.name, load_share=np.zeros(NUM_JOINTS))
-        reading = read_log(log, "urdf", law)
-        truth = log.joint_torque(log.sensor_wrench())
-        error = reading.batch.tau_ext - truth
-        load = reading.transmitted
-        shares: list[float | None] = []
-        for j in range(NUM_JOINTS):
-            rows = log.moving[:, j] & (np.abs(load[:, j]) > _LOADED) & np.isfinite(error[:, j])
-            rows[: round(5.0 / K_0 / log.recording.time_step)] = False
-            if rows.sum() < MIN_ROWS:
-                shares.append(None)
-                continue
-            pull = np.sign(log.recording.v[rows, j]) * np.abs(load[rows, j])
-            # Too little friction taken off reads as a torque against the motion.
-            shares.append(float(-np.sum(pull * error[rows, j]) / np.sum(pull**2)))
-        result[log.name] = shares
-    return result
+    law = controller_friction(log.name, load_share=np.zeros(NUM_JOINTS))
+    reading = read_log(log, "urdf", law)
+    rows = log.moving & (np.abs(reading.transmitted) > _LOADED)
+    rows[: round(5.0 / K_0 / log.recording.time_step)] = False
+
+    def share(error: Array, v: Array, load: Array) -> Any:
+        pull = np.sign(v) * np.abs(load)
+        # Too little friction taken off reads as a torque against the motion.
+        return -np.sum(pull * error) / np.sum(pull**2)
+
+    return by_joint(share, rows, reading.error, log.recording.v, reading.transmitted)
 
 
 def _stiction(reading: Lara8Reading) -> dict[str, Any]:
     """Stiction of joints at rest: RMS of the reading less the sensor's, and their sliding level."""
-    log = reading.log
-    rows = _rows(log, "rest")
-    truth = log.joint_torque(log.sensor_wrench())
-    level = controller_friction(log.name)
-    loads = np.abs(reading.transmitted)
-    slow = level.coulomb + level.stribeck + level.load * loads
-    return {
-        "rest_rmse_nm": reading.torque_rmse(truth, rows),
-        "level_nm": slow.mean(axis=0),
-    }
-
-
-# Report -------------------------------------------------------------------------------------------
-
-
-def _figures(
-    readings: dict[tuple[str, str], Lara8Reading],
-    comparisons: dict[tuple[str, str], SensorComparison],
-) -> Iterator[Drawing]:
-    names = list(dict.fromkeys(name for name, _ in readings))
-    yield (
-        "torque",
-        _torque_figure(readings, names),
-        "Torque from outside, from motor torque alone, against J^T of the sensor's wrench "
-        "(its delay taken off), of the most loaded joint of those that move.",
-    )
-    shown = SWEEP if SWEEP in names else names[0]
-    what = f"The wrench at the flange in {shown}, with its band, against the sensor."
-    yield "wrench", comparisons[shown, "urdf"].figure(), what
+    level = controller_friction(reading.log.name)
+    slow = level.coulomb + level.stribeck + level.load * np.abs(reading.transmitted)
+    rest = by_joint(rms, _rows(reading.log, "rest"), reading.error)
+    return {"rest_rmse_nm": rest, "level_nm": slow.mean(axis=0)}
 
 
 def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> Figure:
@@ -283,7 +229,7 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
     for panel, name in zip(axes[:, 0], names, strict=True):
         ours = readings[name, "urdf"]
         log = ours.log
-        truth = log.joint_torque(log.sensor_wrench())
+        truth = log.truth
         moves = log.moving.sum(axis=0) >= MIN_ROWS
         j = int(np.argmax(np.where(moves, np.nanmean(np.abs(truth), axis=0), -1.0)))
         t, tau, sd = log.recording.t, ours.batch.tau_ext[:, j], ours.batch.torque_sd[:, j]

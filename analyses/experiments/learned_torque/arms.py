@@ -32,10 +32,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
-    FOLDER,
     FREE_LOGS,
     LOADED_LOGS,
     identify_ur10e,
+    log_file,
 )
 from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_specimen
 from wrenchsight.analyses.methods.learning.identification import identify
@@ -58,8 +58,7 @@ THREE: Final = "three_runs"
 AMOUNTS: Final = {"quarter": 0.25, "half": 0.5, THREE: 1.0}  # of each fitted run, its start
 REPEATED: Final = "same_motion"  # the three runs, and the motion that is judged, without its load
 WEEKS: Final = "weeks"  # the three runs, and all free motion of the weeks before
-_MOVING = {f: [n for n in names if "17-p" not in n or "ptp" in n] for f, names in FREE_LOGS.items()}
-FREE: Final = {n: f for f, names in _MOVING.items() for n in names}
+FREE: Final = [name for name in FREE_LOGS if "17-p" not in name or "ptp" in name]  # that move
 SAME_WEEK: Final = "ur-20_02_10-20sec_7harm"
 LATER: Final = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec")
 SINGLE_JOINTS: Final = tuple(f"ur-20_01_22-joint_{j + 1}" for j in range(6))
@@ -81,14 +80,14 @@ class Ur10e:
     def __init__(self, data: Path, seed: int, quick: bool, progress: ProgressCallback) -> None:
         """Args: `quick` takes one model for all amounts, and little training."""
         self.robot, self._data = Robot.load("ur10e"), data
-        whole = [self._read(FOLDER, name.removesuffix(".csv")) for name in FITTED]
+        whole = [self._read(name.removesuffix(".csv")) for name in FITTED]
         sets = {
             name: [own[: round(share * own.num_samples)] for own in whole]
             for name, share in AMOUNTS.items()
         }
-        before = [self._read(own, name) for name, own in FREE.items() if name not in LATER]
+        before = [self._read(name) for name in FREE if name not in LATER]
         sets[WEEKS] = [*whole, *before]
-        sets[REPEATED] = [*whole, self._read(FOLDER, LATER[0])]
+        sets[REPEATED] = [*whole, self._read(LATER[0])]
         three = identify_ur10e(data, self.robot, LAW).model
         self.predictors, self.models, self.seconds = {}, {}, {}
         for k, (name, recordings) in enumerate(sets.items()):
@@ -96,7 +95,7 @@ class Ur10e:
             own = name == THREE or quick
             self.models[name] = three if own else identify(recordings, self.robot, [], LAW).model
             # A joint that stands carries any torque within its stiction: no model is fitted there.
-            single = [self._read(FOLDER, own) for own in SINGLE_JOINTS] if name == WEEKS else []
+            single = [self._read(own) for own in SINGLE_JOINTS] if name == WEEKS else []
             logs = [
                 torque_log(own, self.robot, self.models[name]) for own in (*recordings, *single)
             ]
@@ -111,21 +110,21 @@ class Ur10e:
 
     def free(self, name: str, amount: str) -> Judged:
         """A contact-free log, read at the flange."""
-        log = torque_log(self._read(FREE[name], name), self.robot, self.models[amount])
+        log = torque_log(self._read(name), self.robot, self.models[amount])
         J = np.asarray(self.robot.chain.jacobian(log.motion.q))
         return Judged.at_point(log, J[:, 3:], self._covariance)
 
-    def loaded(self, folder: str, name: str, amount: str) -> Judged:
+    def loaded(self, name: str, amount: str) -> Judged:
         """A log with a known payload, read where it acts; LEARNING samples tell where."""
-        recording = resampled(self._read(folder, name), TIME_STEP)
+        recording = resampled(self._read(name), TIME_STEP)
         log = torque_log(recording, self.robot, self.models[amount], loaded=True)
         J = np.asarray(self.robot.chain.jacobian(log.motion.q))
         R_WE, _ = self.robot.chain.pose(log.motion.q)
         rows = np.flatnonzero(log.motion.used)[:LEARNING:STRIDE]
         tau = log.model - log.motion.torque  # the model's point is taken for all predictors
         p_EP = find_point_of_action(J[rows], R_WE[rows], tau[rows], self._covariance).p_EP
-        mass = LOADED_LOGS[folder][name]
-        force = mass * payload_reference(self.robot, recording, FILTER.cutoff, p_EP).direction
+        mass = LOADED_LOGS[name]
+        force = mass * payload_reference(self.robot, recording, FILTER.cutoff, p_EP)
         J_P = jacobian_at(J, R_WE, p_EP)[:, 3:]
         known = np.einsum("kaj,ka->kj", J_P, force)
         motion = replace(log.motion, torque=log.motion.torque + known)
@@ -137,8 +136,8 @@ class Ur10e:
         state, (least, most) = _state(judged.log), self._range
         return np.asarray(((state >= least) & (state <= most)).all(axis=1))
 
-    def _read(self, folder: str, name: str) -> Recording:
-        return read_recording(self._data / folder / f"{name}.csv", robot=self.robot)
+    def _read(self, name: str) -> Recording:
+        return read_recording(log_file(self._data, name), robot=self.robot)
 
 
 def _state(log: TorqueLog) -> Array:
@@ -210,7 +209,7 @@ def lara8_errors(data: Path, seed: int, quick: bool) -> dict[str, dict[str, Erro
     """
     logs: dict[str, tuple[TorqueLog, Array]] = {}
     for own in read_logs(data):
-        external = own.joint_torque(own.sensor_wrench())
+        external = own.truth
         known = np.flatnonzero(np.isfinite(external).all(axis=1))
         rows = slice(int(known[0]), int(known[-1]) + 1)
         piece = own.recording[rows]

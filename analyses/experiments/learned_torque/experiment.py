@@ -47,13 +47,13 @@ from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
     Errors,
     Judged,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER,
     LOADED,
     LOADED_LOGS,
 )
 from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.analyses.output.figures import Figure, draw_bars, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import Figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -74,14 +74,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
     three, all_weeks = arm.predictors[THREE], arm.predictors[WEEKS]
     free = {name: arm.free(name, THREE) for name in FREE}
     errors = {name: three.errors(own) for name, own in free.items()}
-    loads = {
-        name: three.errors(arm.loaded(folder, name, THREE))
-        for folder, own in LOADED_LOGS.items()
-        for name in own
-    }
+    loads = {name: three.errors(arm.loaded(name, THREE)) for name in LOADED_LOGS}
     later = {name: all_weeks.errors(arm.free(name, WEEKS)) for name in LATER}
-    later[LOAD] = all_weeks.errors(arm.loaded(FOLDER, LOAD, WEEKS))
-    again = arm.loaded(FOLDER, LOAD, REPEATED)
+    later[LOAD] = all_weeks.errors(arm.loaded(LOAD, WEEKS))
+    again = arm.loaded(LOAD, REPEATED)
     again = again.narrowed(np.arange(len(again.rows)) < (0.95 - HELD_OUT) * len(again.rows))
     repeated = arm.predictors[REPEATED].errors(again)  # of what was trained without the load
     others = [name for name in free if name != SAME_WEEK]
@@ -106,8 +102,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "range": _by_range(arm, [free[name] for name in others]),
     }
     what = (
-        "Torque error by the motion that was fitted, and within and beyond its range: geometric "
-        "mean of the joints."
+        "Torque error by the motion (s) that was fitted, and over samples within and beyond its "
+        "range: geometric mean of the joints."
     )
     return ExperimentResult(
         metrics=metrics,
@@ -156,27 +152,17 @@ def _by_range(arm: Ur10e, logs: Sequence[Judged]) -> dict[str, Any]:
 
 
 def _figure(metrics: Mapping[str, Any]) -> Figure:
-    figure, axes = new_figure(2, 1, height=5.6)
-    panels = axes[:, 0]
-    for panel, key, unit in zip(panels, ("amount", "range"), ("s", "samples"), strict=True):
-        groups = metrics[key]
-        names = [
-            f"{name.replace('_', ' ')}\n{own.get('fitted_s', own.get('samples')):.0f} {unit}"
-            for name, own in groups.items()
-        ]
-        series = {
-            label: [_mean_ratio(own[method]["held_out_rmse_nm"], 1.0) for own in groups.values()]
-            for method, label in LABELS.items()
-        }
-        draw_bars(panel, series, names)
-        for bars in panel.containers:
-            panel.bar_label(bars, fmt="%.2f", fontsize=8)
-        panel.set_yscale("log")
-        panel.set_ylim(0.1, 40.0)
-        panel.set_ylabel("torque RMSE [N m]")
-    panels[0].set_title("by what was fitted, over the week after")
-    panels[1].set_title("within and beyond the range of the three runs, over other weeks")
-    legend_on_top(figure, panels[0])
+    groups = metrics["amount"] | metrics["range"]
+    names = [
+        f"{name.replace('_', ' ')}, {own.get('fitted_s', own.get('samples')):.0f}"
+        for name, own in groups.items()
+    ]
+    series = {
+        label: [_mean_ratio(own[method]["held_out_rmse_nm"], 1.0) for own in groups.values()]
+        for method, label in LABELS.items()
+    }
+    figure = bar_rows({"torque RMSE [N m]": series}, names)
+    figure.axes[0].set_yscale("log")
     return figure
 
 

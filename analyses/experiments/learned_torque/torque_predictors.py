@@ -72,8 +72,6 @@ def torque_log(
 
     Args:
         recording: the log, all of it known, on a uniform grid if a torque is.
-        robot: that it is of.
-        model: a model of it.
         external: (T, n) N m at the recording's samples, torque of a wrench that is known.
         loaded: whether the torque that the gears transmit is the measured one, not the model's.
     """

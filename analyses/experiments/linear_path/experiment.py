@@ -7,6 +7,7 @@ case keeps robot, tool, table and workpiece apart.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,21 +16,19 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     OPTIMISED_PATH,
     OPTIMISED_POSTURE,
     OTHER_ELBOW_POSTURE,
+    branch_start,
+    followed,
 )
 from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
 from wrenchsight.analyses.methods.planning.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
 from wrenchsight.analyses.methods.planning.placement_files import (
-    draw_history,
     draw_profiles,
     write_placement_page,
 )
 from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
-from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -37,8 +36,6 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.diagrams.distances.placement_cell import PlacementCell
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.paths import StraightPath
 from wrenchsight.models.placement.placement_search import SearchEffort
 from wrenchsight.models.placement.placement_task import ClearanceConfig, load_task
 from wrenchsight.models.robot.robot import Robot
@@ -87,9 +84,11 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     if context.quick:
         effort = replace(effort, num_rounds=2, num_solves=4)
     table = place(table_task, table_source, robot, seed=context.seed, effort=effort)
+    s = np.linspace(0.0, 1.0, OPTIMISED_PATH.num_segments + 1)
+    elbows = {"one_elbow": OPTIMISED_POSTURE, "other_elbow": OTHER_ELBOW_POSTURE}
     postures = {
-        "one_elbow": _along(robot, OPTIMISED_PATH, OPTIMISED_POSTURE),
-        "other_elbow": _along(robot, OPTIMISED_PATH, OTHER_ELBOW_POSTURE),
+        name: followed(robot, OPTIMISED_PATH, s, branch_start(robot, OPTIMISED_PATH, posture))
+        for name, posture in elbows.items()
     }
     article = {name: robot.chain.condition_number(q) for name, q in postures.items()}
     cell = PlacementCell(robot, ClearanceConfig(distance=0.0))
@@ -102,13 +101,6 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     distances["optimised"] = own_distance(optimised.best.fine.q)
     context.progress(1.0, "done")
     return LinearPath(optimised, from_seeds, swarms, table, article, distances)
-
-
-def _along(robot: Robot, path: StraightPath, posture: Array) -> Array:
-    """(k + 1, n) along a path, on the branch of a posture at its midpoint."""
-    back = follow_path(robot, *path.poses(np.linspace(0.5, 0.0, 51)), posture)
-    s = np.linspace(0.0, 1.0, path.num_segments + 1)
-    return follow_path(robot, *path.poses(s), back[-1])
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -154,7 +146,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics=metrics,
         figures=_figures(out, outcome),
         recordings=_pages(context, outcome),
-        comparison=_comparison(metrics),
+        comparison=_comparison(),
         notes=NOTES,
         configuration={
             "robot": main.robot.name,
@@ -188,7 +180,7 @@ def _timings(found: LinearPath) -> dict[str, Any]:
     }
 
 
-def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
+def _comparison() -> list[ComparisonRow]:
     mean = "even mean over 21 points; the article's mean is over time"
     along = "even mean over 21 points; the article's mean is along the path"
     return [
@@ -216,70 +208,28 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     ]
 
 
-def _figures(out: OutputFolder, found: LinearPath) -> Iterator["Drawing | FigureFile"]:
-    main, table = found.optimised, found.table
-    path = draw_profiles(out, "path", main.initial, main.best, main.measure)
-    yield FigureFile(
-        path.relative_to(out.path),
+def _figures(out: OutputFolder, found: LinearPath) -> Iterator[FigureFile]:
+    plain = (
         "Condition number along the article's initial path and along the path found (Fig. 8), and "
-        "the joints on the latter.",
+        "the joints on the latter."
     )
-    yield (
-        "convergence",
-        _convergence_figure(found),
-        "Best cost known over the time of computing (one core, kernels compiled): this program and "
-        "PSO-GA on the same cost. The curves begin above the panel. Dotted: the two best local "
-        "optima that the first met.",
-    )
-    path = draw_profiles(out, "table", table.initial, table.best, table.measure)
-    what = "The same with a table below the robot, a board below the path, and clearance."
-    yield FigureFile(path.relative_to(out.path), what)
-
-
-def _convergence_figure(found: LinearPath) -> Figure:
-    main = found.optimised
-    figure, ((ax,),) = new_figure(1, 1, height=3.4)
-    for index, (label, results, colour) in enumerate(
-        (
-            ("this program, random seeds", found.from_seeds, COLOUR["after"]),
-            ("PSO-GA, random seeds", found.swarms, COLOUR["article"]),
-        )
-    ):
-        for number, result in enumerate(results):
-            draw_history(ax, result.search.history, colour, label if number == 0 else "_")
-            ax.lines[-1].set_alpha(0.75)
-            ax.lines[-1].set_zorder(3 - index)
-    draw_history(ax, main.search.history, COLOUR["truth"], "this program, from the article's guess")
-    ax.set_ylim(10.95, 11.45)
-    for optimum in main.search.optima[:2]:
-        ax.axhline(optimum.cost, color=COLOUR["reference"], linewidth=0.8, linestyle=":")
-        text = f" {optimum.cost:.3f}"
-        ax.text(1.0, optimum.cost, text, transform=ax.get_yaxis_transform(), va="center", size=8.5)
-    ax.set_xlim(left=0.03)
-    log_scale(ax, "x")
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("mean condition number")
-    legend_on_top(figure, ax)
-    return figure
+    table = "The same with a table below the robot, a board below the path, and clearance."
+    for name, own, what in (("path", found.optimised, plain), ("table", found.table, table)):
+        path = draw_profiles(out, name, own.initial, own.best, own.measure)
+        yield FigureFile(path.relative_to(out.path), what)
 
 
 def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
     files = []
-    for name, result, title in (
-        ("linear-path", found.optimised, "Linear path"),
-        ("linear-path-table", found.table, "Linear path with table"),
+    # A workpiece stands where the best path is; the initial one would run through it.
+    for name, result, title, with_initial in (
+        ("linear-path.html", found.optimised, "Linear path", True),
+        ("linear-path-table.html", found.table, "Linear path with table", False),
     ):
-        path = context.out / f"{name}.html"
-        # A workpiece stands where the best path is; the initial one would run through it.
-        write_placement_page(result, path, title, with_initial=result.task.clearance is None)
-        files.append(
-            FigureFile(
-                path.relative_to(context.out),
-                f"{title}: the arm along the "
-                + ("initial and the " if result.task.clearance is None else "")
-                + "optimised path, coloured by its condition number.",
-            )
-        )
+        write_placement_page(result, context.out / name, title, with_initial=with_initial)
+        paths = "initial and the optimised" if with_initial else "optimised"
+        what = f"{title}: the arm along the {paths} path, coloured by its condition number."
+        files.append(FigureFile(Path(name), what))
     return files
 
 

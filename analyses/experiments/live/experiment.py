@@ -23,14 +23,17 @@ import numpy as np
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     force_of_load,
 )
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import (
+    axes_of,
+    bar_rows,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    FREE_LOGS,
-    LOADED_LOGS,
+    LOADS,
     MORE,
-    identify_ur10e,
+    log_file,
+    presliding_arm,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.live.reader_process import make_live, read_stream
 from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.live.session import live
@@ -41,10 +44,8 @@ from wrenchsight.analyses.methods.live.watch_config import (
     WatchSettings,
     load_watched,
 )
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
-    Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
@@ -72,12 +73,8 @@ STATIC = "ur-20_01_17-p"  # begins the names of the postures at rest: there noth
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log with and without tracking, and two sources at real time."""
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data, robot, IdentificationConfig(friction="presliding"), context.part(0.0, 0.3)
-    ).model
-    masses = {name: 0.0 for names in FREE_LOGS.values() for name in names if _moves(name)}
-    masses |= {name: mass for own in LOADED_LOGS.values() for name, mass in own.items()}
+    robot, model = presliding_arm(context, 0.3)
+    masses = {name: mass for name, mass in LOADS.items() if _moves(name)}
     metrics: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "model.yaml"
@@ -86,16 +83,23 @@ def run(context: ExperimentContext) -> ExperimentResult:
             context.progress(0.3 + 0.6 * k / len(masses), log)
             seconds = QUICK_TIME if context.quick else np.inf
             plain, tracked = (
-                read_log(_path(context.data, log), path, track, seconds) for track in (False, True)
+                read_log(log_file(context.data, log), path, track, seconds)
+                for track in (False, True)
             )
             truth = truth_of(plain, robot, model, mass)
             metrics[log] = {**judged(tracked, truth), "untracked": judged(plain, truth)}
         context.progress(0.9, "at real time")
         seconds = PLAYED_TIME[context.quick]
-        metrics |= sources(_path(context.data, PLAYED), path, robot, seconds)
+        metrics |= sources(log_file(context.data, PLAYED), path, robot, seconds)
+    rows = {
+        "inside [%]": [metrics[log] for log in masses],
+        "inside, without --track [%]": [metrics[log]["untracked"] for log in masses],
+    }
+    shares = {words: axes_of([own["inside_95_pct"] for own in one]) for words, one in rows.items()}
+    what = f"by log, as `watch --track` reads them after {FROM:g} s, and without."
     return ExperimentResult(
         metrics=metrics,
-        figures=[_drawn({log: metrics[log] for log in masses})],
+        figures=[("live", bar_rows(shares, list(masses)), f"Share inside the 95 % band, {what}")],
         comparison=_comparison(),
         notes=NOTES,
         configuration={"loads_kg": masses},
@@ -104,16 +108,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _moves(name: str) -> bool:
     return not (name.startswith(STATIC) and name[len(STATIC) :].isdigit())
-
-
-def _path(data: Path, log: str) -> Path:
-    (folder,) = (
-        folder
-        for logs in (FREE_LOGS, LOADED_LOGS)
-        for folder, names in logs.items()
-        if log in names
-    )
-    return data / folder / f"{log}.csv"
 
 
 def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:
@@ -226,38 +220,6 @@ def _comparison() -> list[ComparisonRow]:
         "seven weeks before it, with a load of 1.069 kg": "ur-19_12_23_load.inside_95_pct",
     }
     return [ComparisonRow(f"{inside}, {words}", key) for words, key in rows.items()]
-
-
-def _drawn(metrics: dict[str, Any]) -> Drawing:
-    figure, axes = new_figure(1, 1, height=5.0)
-    panel: Any = axes[0, 0]
-    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
-    places = np.arange(len(metrics))
-    for i, axis in enumerate("xyz"):
-        level = places + 0.25 * (i - 1)
-        shares = [own["inside_95_pct"][i] for own in metrics.values()]
-        before = [own["untracked"]["inside_95_pct"][i] for own in metrics.values()]
-        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
-        panel.plot(
-            before,
-            level,
-            "D",
-            color=COLOUR["truth"],
-            markerfacecolor="white",
-            ms=3.5,
-            label="without --track" if i == 0 else None,
-            zorder=3,
-        )
-    panel.set_yticks(places, list(metrics))
-    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
-    panel.set_xlim(60.0, 100.5)
-    panel.invert_yaxis()
-    figure.legend(loc="outside upper center", ncols=4)
-    caption = (
-        f"Share of the samples inside the stated 95 % band, log by log, as `watch --track` reads "
-        f"them after {FROM:g} s."
-    )
-    return "live", figure, caption
 
 
 NOTES = (

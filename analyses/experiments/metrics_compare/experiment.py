@@ -17,11 +17,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import rankdata
+from scipy.stats import rankdata, spearmanr
 
-from wrenchsight.analyses.output.axes import log_scale
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
+from wrenchsight.analyses.output.figures import SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -47,7 +45,6 @@ RMSE = np.array([3.2926, 3.5804, 2.2578, 0.5272, 0.7846, 0.3602])  # N m, articl
 MAX_SPEED = 0.5  # rad/s; a machining motion
 FLOOR = 0.0  # m; E stays above it
 METHODS = ("inverse", "bayesian")
-_TOGETHER = 100  # resamplings at a time
 _FITTING_STEPS = 60  # of the weights of `InertialErrors`
 
 # Each is taken with the sign that makes a larger value a worse posture.
@@ -80,15 +77,6 @@ class Draws:
     torque_rmse: Array
     friction_rmse: Array
     length: float
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """Spearman's rank correlation and its bootstrap 95 % confidence interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 def draw_postures(robot: Robot, count: int, rng: np.random.Generator) -> Array:
@@ -239,53 +227,31 @@ def _scaled(J: Array, length: float) -> Array:
     return scaled
 
 
-def rank_correlation(a: Array, b: Array) -> float:
-    """Spearman's rank correlation of a (N,) and b (N,)."""
-    return float(_weighted_correlation(np.ones((1, len(a))), rankdata(a), rankdata(b))[0])
-
-
-def _ranks(times: Array, order: NDArray[np.intp]) -> Array:
-    """(K, N) mean rank of each row where row i is there times[k, i] times, from the rows' order."""
-    sorted_times = times[:, order]
-    ranks = np.empty_like(times)
-    ranks[:, order] = np.cumsum(sorted_times, axis=1) - 0.5 * (sorted_times - 1.0)
-    return ranks
-
-
-def _weighted_correlation(weights: Array, a: Array, b: Array) -> Array:
-    """(K,) correlation of a and b ((N,) or (K, N)) under weights (K, N)."""
-    total = np.sum(weights, axis=1, keepdims=True)
-    a = a - np.sum(weights * a, axis=1, keepdims=True) / total
-    b = b - np.sum(weights * b, axis=1, keepdims=True) / total
-    squares = np.sum(weights * a * a, axis=1) * np.sum(weights * b * b, axis=1)
-    return np.asarray(np.sum(weights * a * b, axis=1) / np.sqrt(squares))
+def _spearman(a: Array, b: Array) -> float:
+    return float(spearmanr(a, b).statistic)
 
 
 def bootstrap(
     columns: dict[str, Array], target: Array, count: int, rng: np.random.Generator
-) -> tuple[dict[str, Correlation], dict[str, Array]]:
-    """Rank correlation of each column with the target, with its 95 % percentile interval.
+) -> tuple[dict[str, list[float]], dict[str, Array]]:
+    """Rank correlation of each column with the target, and its 95 % percentile interval.
 
     All columns meet the same resampled rows, so that their differences can be judged as well.
 
     Returns:
-        The correlations, and each one's values (count,) over the resamplings.
+        The correlations and the interval's ends, and each one's values (count,) over the
+        resamplings.
     """
-    N = len(target)
-    draws = {name: np.empty(count) for name in columns}
-    order = {name: np.argsort(column, kind="stable") for name, column in columns.items()}
-    target_order = np.argsort(target, kind="stable")
-    for start in range(0, count, _TOGETHER):
-        rows = slice(start, min(start + _TOGETHER, count))
-        # How often each row is drawn: ranks then follow from one sorting, by running sums.
-        times = rng.multinomial(N, np.full(N, 1.0 / N), rows.stop - start).astype(np.float64)
-        ranks = _ranks(times, target_order)
-        for name in columns:
-            draws[name][rows] = _weighted_correlation(times, _ranks(times, order[name]), ranks)
+    N, table = len(target), np.stack([*columns.values(), target])
+    values = np.empty((len(columns), count))
+    for k in range(count):
+        rows = np.repeat(np.arange(N), rng.multinomial(N, np.full(N, 1.0 / N)))
+        values[:, k] = np.corrcoef(rankdata(table[:, rows], axis=1))[-1, :-1]
+    draws = dict(zip(columns, values, strict=True))
     result = {}
     for name, column in columns.items():
-        low, high = np.quantile(draws[name], [0.025, 0.975])
-        result[name] = Correlation(rank_correlation(column, target), float(low), float(high))
+        interval = np.quantile(draws[name], [0.025, 0.975])
+        result[name] = [_spearman(column, target), *interval.tolist()]
     return result, draws
 
 
@@ -303,7 +269,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "friction_rmse_nm": draws.friction_rmse,
         "characteristic_length_m": draws.length,
     }
-    result: dict[str, dict[str, Correlation]] = {}
+    result: dict[str, dict[str, list[float]]] = {}
     for index, method in enumerate(METHODS):
         context.progress(0.3 + 0.35 * index, f"bootstrap, {method}")
         rng = np.random.default_rng([context.seed, 1])
@@ -312,10 +278,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         gap = resampled["stated_sd"] - resampled["jcn"]
         metrics[method] = {
             name: {
-                "rank_correlation": correlation.value,
-                "interval_95": [correlation.low, correlation.high],
-                "with_interval": [correlation.value, correlation.low, correlation.high],
-                "rank_correlation_of_relative_error": rank_correlation(
+                "rank_correlation": correlation[0],
+                "interval_95": correlation[1:],
+                "with_interval": correlation,
+                "rank_correlation_of_relative_error": _spearman(
                     draws.predictors[method][name], draws.relative_error[method]
                 ),
             }
@@ -341,11 +307,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "How well each measure of a posture ranks the force error there; bars: 95 % "
                 "intervals.",
             ),
-            (
-                "errors",
-                _errors_figure(draws),
-                "Force error of each posture over the condition number and over the stated sd.",
-            ),
         ],
         comparison=[
             ComparisonRow(
@@ -362,14 +323,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> Figure:
+def _correlations_figure(found: dict[str, dict[str, list[float]]]) -> Figure:
     figure, ((ax,),) = new_figure(1, 1, height=3.4)
     names = list(PREDICTORS)
     for index, method in enumerate(METHODS):
-        value, low, high = (
-            np.array([getattr(found[method][name], key) for name in names])
-            for key in ("value", "low", "high")
-        )
+        value, low, high = np.transpose([found[method][name] for name in names])
         ax.errorbar(
             value,
             np.arange(len(names)) + 0.16 * (2 * index - 1),
@@ -383,33 +341,6 @@ def _correlations_figure(found: dict[str, dict[str, Correlation]]) -> Figure:
     ax.invert_yaxis()
     ax.set_xlabel("rank correlation with the force error")
     legend_on_top(figure, ax)
-    return figure
-
-
-def _errors_figure(draws: Draws) -> Figure:
-    figure, axes = new_figure(2, 2, height=5.6, share_y=True)
-    for row, method in enumerate(METHODS):
-        for column, (name, label) in enumerate(
-            (("jcn", "condition number of J"), ("stated_sd", "stated sd of the force [N]"))
-        ):
-            ax = axes[row, column]
-            x, y = draws.predictors[method][name], draws.force_error[method]
-            ax.plot(x, y, ".", color=COLOUR["estimate"], markersize=1.8, alpha=0.5)
-            order = np.argsort(x, kind="stable")
-            groups = np.array_split(order, 20)
-            ax.plot(
-                [float(np.median(x[group])) for group in groups],
-                [float(np.median(y[group])) for group in groups],
-                color=COLOUR["truth"],
-                label="median of a twentieth",
-            )
-            ax.set_xlabel(label)
-            ax.set_title(method)
-            log_scale(ax, "x")
-        axes[row, 0].set_ylabel("force error [N]")
-    for panel in axes.flat:
-        log_scale(panel, "y")
-    legend_on_top(figure, axes[0, 0])
     return figure
 
 

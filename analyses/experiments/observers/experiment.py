@@ -29,16 +29,19 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
-from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import identify_arm
+from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
+    identify_arm,
+    read_contact_free,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    FREE_LOGS,
-    LOADED_LOGS,
+    LOADS,
     MORE,
-    identify_ur10e,
+    log_file,
+    presliding_arm,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.runs.simulated_logs import (
     PERIODS,
@@ -46,27 +49,23 @@ from wrenchsight.analyses.methods.runs.simulated_logs import (
     simulate_excitation,
     stored_excitation,
 )
-from wrenchsight.analyses.output.figures import (
-    COLOUR,
-    SERIES,
-    Figure,
-    legend_below,
-    legend_on_top,
-    new_figure,
-)
 from wrenchsight.analyses.study.experiment import (
     Drawing,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import (
+    EstimateBatch,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
 from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_fit import fit_torque_error
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
@@ -88,7 +87,6 @@ NOISE_CUTOFF = 5.0  # Hz
 DELAYS = np.arange(-0.05, 0.3005, 0.0025)  # s that are tried
 METHODS = ("force_only", "bayesian")
 SMOOTHED = "kalman-smoothed"
-SHOWN = "ur-20_02_19_15harm50sec-pushes", (10.0, 20.0)  # log and part of it, s, in the figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,77 +109,48 @@ class Scene:
     torque_samples: str = "trapezoidal"
 
 
-@dataclass(frozen=True, eq=False)
-class Read:
-    """What an observer reads of a scene: (N, 3) N, (N, 3) N, (N,)."""
-
-    force: Array
-    sd: Array
-    valid: Flags
-
-
 def run(context: ExperimentContext) -> ExperimentResult:
     """Reads every log by every observer."""
     scenes = {**_real_scenes(context), **_simulated_scenes(context)}
     kinds: dict[str, type] = {kind_name(kind): kind.Config for kind in OBSERVERS}
     kinds[SMOOTHED] = KalmanObserverConfig
     metrics: dict[str, Any] = {name: {} for name in kinds}
-    shown: dict[str, Read] = {}
     for k, (log, scene) in enumerate(scenes.items()):
         context.progress(0.6 + 0.35 * k / len(scenes), log)
         for name, kind in kinds.items():
             result: dict[str, Any] = {}
             for method in METHODS:
-                read = _read(scene, kind, method, name == SMOOTHED)
-                entry = _measured(scene, read)
+                entry = _measured(scene, _read(scene, kind, method, name == SMOOTHED))
                 result |= entry if method == METHODS[0] else {method: entry}
-                if log == SHOWN[0] and method == METHODS[0]:
-                    shown[name] = read
             metrics[name][log] = result
     context.progress(0.95, "figures")
-    figures = [_summary(metrics)]
-    if shown:
-        what = f"Pushes of {PUSH:g} N put into `{SHOWN[0].removesuffix('-pushes')}`."
-        figures.append(("pushes", _push_figure(scenes[SHOWN[0]], shown), what))
     return ExperimentResult(
         metrics=metrics,
-        figures=figures,
+        figures=[_summary(metrics)],
         notes=_notes(metrics),
         configuration={"observers": {kind_name(kind): kind.Config() for kind in OBSERVERS}},
     )
 
 
 def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data,
-        robot,
-        IdentificationConfig(friction=LAW),
-        context.part(0.0, 0.3),
-    ).model
+    robot, model = presliding_arm(context, 0.3)
     scenes = {}
-    for folder, entry in FREE_LOGS.items():
-        for name in entry:
-            log = context.data / folder / f"{name}.csv"
-            if not log.is_file():
-                continue
-            recording = read_recording(log, robot=robot)
-            uniform = resampled(recording, TIME_STEP)
-            N, step = uniform.num_samples, position_resolution(recording.q)
-            scenes[name] = Scene(uniform, np.zeros((N, 3)), robot, model, step)
-            if name in PUSHED:
-                forces = push_forces(
-                    *(N, TIME_STEP, PUSH, PUSH_TIME, PAUSE),
-                    np.random.default_rng([context.seed, PUSHED.index(name)]),
-                )
-                scenes[f"{name}-pushes"] = Scene(
-                    pushed(uniform, robot, forces), forces, robot, model, step
-                )
-    for folder, loaded in LOADED_LOGS.items():
-        for name, mass in loaded.items():
-            log = context.data / folder / f"{name}.csv"
-            if log.is_file():
-                scenes[name] = _loaded_scene(read_recording(log, robot=robot), mass, robot, model)
+    for name, mass in LOADS.items():
+        log = log_file(context.data, name)
+        if not log.is_file():
+            continue
+        recording = read_recording(log, robot=robot)
+        if mass > 0.0:
+            scenes[name] = _loaded_scene(recording, mass, robot, model)
+            continue
+        uniform = resampled(recording, TIME_STEP)
+        N, step = uniform.num_samples, position_resolution(recording.q)
+        scenes[name] = Scene(uniform, np.zeros((N, 3)), robot, model, step)
+        if name in PUSHED:
+            rng = np.random.default_rng([context.seed, PUSHED.index(name)])
+            forces = push_forces(N, TIME_STEP, PUSH, PUSH_TIME, PAUSE, rng)
+            there = pushed(uniform, robot, forces)
+            scenes[f"{name}-pushes"] = Scene(there, forces, robot, model, step)
     return scenes
 
 
@@ -203,12 +172,7 @@ def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: Identi
 
 def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
     robot = context.robot(ROBOT)
-    models = identify_arm(
-        robot,
-        context.seed,
-        context.quick,
-        context.part(0.3, 0.55),
-    )
+    models = identify_arm(robot, context.seed, context.quick, context.part(0.3, 0.55))
     recording = models.held_out[0]
     other = simulate_excitation(
         *(robot, mirrored(stored_excitation(robot, 1)), 1 if context.quick else PERIODS),
@@ -245,17 +209,11 @@ def _with_torque_error(model: IdentifiedModel, robot: Robot, log: Recording) -> 
     observer = MomentumObserverConfig(time_step=log.time_step)
     config = WrenchEstimatorConfig(observer, position_resolution=step.tolist())
     estimator = WrenchEstimator(robot, replace(model, torque_error=None), config)
-    seen = estimator.observe(log.q, log.v, log.current)
-    settled = log.t - log.t[0] > MARGIN
-    reading = HeldOutReading(
-        *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
-        *(seen.fresh & settled, estimator.friction, log.time_step),
-        *(np.full(robot.num_joints, observer.K_0[0]), step),
-    )
+    reading = read_contact_free(estimator, log, observer.K_0[0], log.t - log.t[0] > MARGIN)
     return replace(model, torque_error=fit_torque_error([reading]))
 
 
-def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> Read:
+def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> EstimateBatch:
     config = WrenchEstimatorConfig(
         kind(time_step=scene.recording.time_step, torque_samples=scene.torque_samples),
         WrenchReconstructionConfig(method),
@@ -263,24 +221,23 @@ def _read(scene: Scene, kind: type, method: str, smoothed: bool) -> Read:
     )
     estimator, log = WrenchEstimator(scene.robot, scene.model, config), scene.recording
     if smoothed:
-        batch = smoothed_estimate(estimator, log.q, log.v, log.current)
-    else:
-        batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
-    return Read(batch.wrench[:, 3:], batch.standard_deviation[:, 3:], batch.valid)
+        return smoothed_estimate(estimator, log.q, log.v, log.current)
+    return estimator.run(estimator.initial_state(), log.q, log.v, log.current)
 
 
-def _measured(scene: Scene, read: Read) -> dict[str, Any]:
+def _measured(scene: Scene, read: EstimateBatch) -> dict[str, Any]:
+    force = read.wrench[:, 3:]
     step, N = scene.recording.time_step, scene.recording.num_samples
     margin = round(MARGIN / step)
     selected = ~scene.recording.dropout
     selected[:margin] = selected[-margin:] = False
-    error = read.force - scene.truth
-    noise = read.force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(read.force)
-    inside = np.abs(error) <= SIGMA_95 * read.sd
+    error = force - scene.truth
+    noise = force - ZeroPhaseLowPass(NOISE_CUTOFF, step, 2)(force)
+    inside = np.abs(error) <= SIGMA_95 * read.standard_deviation[:, 3:]
     valid = selected & read.valid
     changes = bool(np.ptp(scene.truth, axis=0).any())
     rows = np.flatnonzero(valid if valid.any() else selected)
-    delay = _delay(scene.truth, read.force, rows, step) if changes else None
+    delay = _delay(scene.truth, force, rows, step) if changes else None
     return {
         "rmse_n": rms(error[selected]),
         "bias_n": error[selected].mean(axis=0),
@@ -322,57 +279,28 @@ def never_valid(metrics: Mapping[str, Any]) -> list[str]:
 
 def _summary(metrics: Mapping[str, Any]) -> Drawing:
     logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
-    logs = [log for log in logs if log not in unread] + unread
-    figure, axes = new_figure(1, 2, height=0.34 * len(logs) + 1.2)
-    places = np.arange(len(logs))
-    width = 0.8 / len(metrics)
-    for i, (name, entry) in enumerate(metrics.items()):
-        shift = width * (i - 0.5 * (len(metrics) - 1))
-        errors, shares = np.full(len(logs), np.nan), np.full(len(logs), np.nan)
-        for k, log in enumerate(logs):
-            kind = "" if log in unread else "valid_"
-            if entry[log][f"{kind}rmse_n"] is not None:
-                errors[k] = total(entry[log], f"{kind}rmse_n")
-                shares[k] = np.mean(entry[log][f"{kind}inside_95_pct"])
-        for panel, values in zip(axes[0], (errors, shares), strict=True):
-            bars = panel.barh(places + shift, values, width, color=SERIES[i], label=name)
-            for bar, log in zip(bars, logs, strict=True):
-                if log in unread:
-                    bar.set(hatch="////", alpha=0.5, edgecolor="white", linewidth=0.0)
-    left, right = axes[0]
-    left.set_yticks(places, [f"{log} *" if log in unread else log for log in logs])
-    left.set_ylim(len(logs) - 0.4, -0.6)
-    left.set_xlabel("force error, RMSE [N]")
-    right.set_yticks(places, [""] * len(logs))
-    right.set_ylim(left.get_ylim())
-    right.axvspan(90.0, 98.0, alpha=0.2, lw=0)
-    lowest = min(bar.get_width() for bar in right.patches if np.isfinite(bar.get_width()))
-    right.set_xlim(min(50.0, 10.0 * np.floor(0.1 * lowest)), 100.0)
-    right.set_xlabel("inside the 95 % band [%]")
-    legend_on_top(figure, left, ncols=4)
+
+    def drawn(own: Mapping[str, Any], log: str, key: str) -> Any:
+        value = own[log][key if log in unread else f"valid_{key}"]
+        return [np.nan] * 3 if value is None else value
+
+    rows = {
+        "RMSE [N]": {
+            name: [np.linalg.norm(drawn(own, log, "rmse_n")) for log in logs]
+            for name, own in metrics.items()
+        },
+        "inside [%]": {
+            name: [np.mean(drawn(own, log, "inside_95_pct")) for log in logs]
+            for name, own in metrics.items()
+        },
+    }
     caption = (
         "Every observer on every log (force_only): error, and share inside, of the valid samples."
     )
     if unread:
-        caption += f" Hatched (*): of all samples, as none is valid, on {', '.join(unread)}."
-    return "observers", figure, caption
-
-
-def _push_figure(scene: Scene, shown: Mapping[str, Read]) -> Figure:
-    t = scene.recording.t - scene.recording.t[0]
-    rows = (t >= SHOWN[1][0]) & (t <= SHOWN[1][1])
-    figure, axes = new_figure(3, 1, share_x=True)
-    for k, axis in enumerate("xyz"):
-        panel = axes[k, 0]
-        panel.plot(t[rows], scene.truth[rows, k], color=COLOUR["truth"], lw=1.2, label="truth")
-        for i, (name, read) in enumerate(shown.items()):
-            panel.plot(t[rows], read.force[rows, k], color=SERIES[i], lw=0.9, label=name)
-        panel.set_ylabel(f"f$_{axis}$ [N]")
-        low, high = np.percentile([read.force[rows, k] for read in shown.values()], [1, 99])
-        panel.set_ylim(min(low, -PUSH) - 5.0, max(high, PUSH) + 5.0)
-    axes[2, 0].set_xlabel("time [s]")
-    legend_below(figure, axes[0, 0])
-    return figure
+        caption += f" (*): of all samples, as none is valid, on {', '.join(unread)}."
+    marked = [f"{log} *" if log in unread else log for log in logs]
+    return "observers", bar_rows(rows, marked), caption
 
 
 def _notes(metrics: Mapping[str, Any]) -> list[str]:

@@ -23,11 +23,9 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
     knowledge_by_evidence,
     rms,
 )
-from wrenchsight.analyses.output.axes import log_scale
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
-    draw_bars,
     fill_band,
     legend_below,
     new_figure,
@@ -151,16 +149,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
     ]
     metrics["prior"] = _knowledge_metrics(knowledge)
     metrics["prior_unloaded_noise"] = _knowledge_metrics(unloaded)
+    by_authors = [
+        rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
+        for log in logs
+    ]
     metrics["authors"] = {
-        "rmse_n": (
-            by_authors := np.array(
-                [
-                    rms(np.linalg.norm((log.robot_force - log.sensor_force)[log.loaded], axis=1))
-                    for log in logs
-                ]
-            )
-        ),
-        "mean_rmse_n": float(by_authors.mean()),
+        "rmse_n": by_authors,
+        "mean_rmse_n": float(np.mean(by_authors)),
     }
     context.progress(0.7, "figures")
     return ExperimentResult(
@@ -171,16 +166,6 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 _force_figure(logs, readings),
                 "Force on the pad (its axes) at the poses where eq. 22 reads best (left) and worst "
                 "(right)",
-            ),
-            (
-                "rmse",
-                _bar_figure(readings),
-                "RMSE of the force per pose and method, rows with more than 1 N",
-            ),
-            (
-                "ranking",
-                _rank_figure(readings),
-                "What ranks the poses: the stated sd, or the condition number",
             ),
         ],
         comparison=_comparison(),
@@ -219,43 +204,6 @@ def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -
         axes[0, column].set_title(f"pose {k + 1}, condition number {condition:.0f}")
         axes[2, column].set_xlabel("time [s]")
     legend_below(figure, axes[0, 0], 4)
-    return figure
-
-
-_BARS = {"inverse": "eq. 22", "truncated": "truncated", "damped": "damped",
-         "force_only": "force only", "bayesian": "Bayesian"}  # fmt: skip
-
-
-def _bar_figure(readings: dict[str, MethodReading]) -> Figure:
-    figure, ((ax,),) = new_figure(1, 1, height=3.3)
-    rmse = {method: [log.rmse for log in readings[method].logs] for method in _BARS}
-    series = {f"{_BARS[one]}, mean {np.mean(own):.2f} N": own for one, own in rmse.items()}
-    draw_bars(ax, series, range(1, NUM_POSES + 1))
-    ax.set_xlabel("pose")
-    ax.set_ylabel("RMSE of the force [N]")
-    ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return figure
-
-
-def _rank_figure(readings: dict[str, MethodReading]) -> Figure:
-    figure, axes = new_figure(1, 2, share_y=True, height=3.4)
-    for method, colour in (("inverse", COLOUR["before"]), ("bayesian", COLOUR["estimate"])):
-        metrics = readings[method].metrics()
-        ranks = metrics["rank_correlation"]["poses"]
-        condition = [np.mean(log.condition_number[log.loaded]) for log in readings[method].logs]
-        for ax, x, rank in (
-            (axes[0, 0], metrics["stated_sd_n"], ranks["stated_sd"]),
-            (axes[0, 1], condition, ranks["condition_number"]),
-        ):
-            label = f"{_BARS[method]}, rank correlation {rank:.2f}"
-            ax.plot(x, metrics["rmse_n"], "o", color=colour, label=label)
-            ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    for panel in axes.flat:
-        log_scale(panel, "x")
-        log_scale(panel, "y")
-    axes[0, 0].set_xlabel("stated sd of the force [N]")
-    axes[0, 1].set_xlabel("condition number")
-    axes[0, 0].set_ylabel("RMSE of the force [N]")
     return figure
 
 

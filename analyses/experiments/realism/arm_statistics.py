@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import correlate
 
 from wrenchsight.analyses.methods.calibration.model_residual import ModelResidual
 from wrenchsight.models.arrays import Array
@@ -94,11 +95,8 @@ def correlation_time(errors: list[TorqueError]) -> Array:
     for log in errors:
         step = float(np.median(np.diff(log.t)))
         x = log.error - log.error.mean(axis=0)
-        size = 1 << int(np.ceil(np.log2(2 * len(x))))
-        spectrum = np.abs(np.fft.rfft(x, size, axis=0)) ** 2
-        correlation = np.fft.irfft(spectrum, size, axis=0)[: len(x)]
-        below = correlation < correlation[0] / np.e
-        times.append(step * np.argmax(below, axis=0))
+        own = np.stack([correlate(one, one)[len(x) - 1 :] for one in x.T], axis=1)
+        times.append(step * np.argmax(own < own[0] / np.e, axis=0))
     return np.asarray(np.mean(times, axis=0))
 
 
@@ -106,13 +104,11 @@ def drift(errors: list[TorqueError]) -> dict[str, Array]:
     """RMS (n,) over the logs of the error's slope in velocity, N m s/rad, and in its sign, N m."""
     slopes = []
     for log in errors:
-        n = log.v.shape[1]
-        slope = np.empty((2, n))
-        for j in range(n):
-            v = log.v[:, j]
+        slope = []
+        for v, error in zip(log.v.T, log.error.T, strict=True):
             A = np.stack([v, np.tanh(v / TURN), np.ones_like(v)], axis=1)
-            slope[:, j] = np.linalg.lstsq(A, log.error[:, j], rcond=None)[0][:2]
-        slopes.append(slope)
+            slope.append(np.linalg.lstsq(A, error, rcond=None)[0][:2])
+        slopes.append(np.transpose(slope))
     viscous, dry = np.sqrt(np.mean(np.square(slopes), axis=0))
     return {"viscous_nms_per_rad": viscous, "dry_nm": dry}
 
@@ -127,8 +123,7 @@ def load_statistics(free: TorqueError, loaded: TorqueError) -> dict[str, Array]:
     t = free.t - free.t[0]
     later = carried.t - carried.t[0] - shift
     inside = (t >= later[0]) & (t <= later[-1])
-    n = free.error.shape[1]
-    other = np.stack([np.interp(t[inside], later, carried.error[:, j]) for j in range(n)], axis=1)
+    other = np.stack([np.interp(t[inside], later, one) for one in carried.error.T], axis=1)
     difference = other - free.error[inside]
     return {
         "residual_nm": rms,
@@ -145,11 +140,8 @@ def _shift(first: TorqueError, second: TorqueError) -> float:
     middle = (t > 0.2 * t[-1]) & (t < 0.8 * t[-1])
 
     def gap(shift: float) -> float:
-        entry = [
-            np.interp(t[middle] + shift, times, second.v[:, j]) - first.v[middle, j]
-            for j in range(first.v.shape[1])
-        ]
-        return float(np.sum(np.square(entry)))
+        moved = [np.interp(t[middle] + shift, times, v) for v in second.v.T]
+        return float(np.sum((np.transpose(moved) - first.v[middle]) ** 2))
 
     return float(shifts[int(np.argmin([gap(shift) for shift in shifts]))])
 
@@ -162,19 +154,15 @@ def pass_repeatability(recording: Recording, robot: Robot, joint: int) -> float:
     uniform = resampled(recording, TIME_STEP)
     q, v = uniform.q[:, joint], uniform.v[:, joint]
     tau = robot.joint_torque(uniform.current)[:, joint]
-    steady = np.abs(np.gradient(v, TIME_STEP)) < 0.1
-    moving = steady & (np.abs(v) > 0.02)
-    cells: dict[tuple[int, int], dict[int, list[float]]] = {}
-    number = np.cumsum(np.concatenate([[0], (np.diff(np.sign(v)) != 0).astype(int)]))
-    for k in np.flatnonzero(moving):
-        cell = (round(q[k] / PLACE), round(v[k] / SAME_SPEED))
-        cells.setdefault(cell, {}).setdefault(int(number[k]), []).append(float(tau[k]))
-    spread, count = 0.0, 0
-    for passes in cells.values():
-        if len(passes) > 1:
-            means = np.array([np.mean(values) for values in passes.values()])
-            spread += float(((means - means.mean()) ** 2).sum())
-            count += len(means) - 1
+    moving = (np.abs(np.gradient(v, TIME_STEP)) < 0.1) & (np.abs(v) > 0.02)
+    number = np.cumsum(np.diff(np.sign(v), prepend=np.sign(v[0])) != 0)
+    keys = np.stack([np.rint(q / PLACE), np.rint(v / SAME_SPEED), number])[:, moving]
+    # The mean of each pass in each cell of place and speed, then their spread within the cells
+    of_pass, which = np.unique(keys, axis=1, return_inverse=True)
+    means = np.bincount(which, tau[moving]) / np.bincount(which)
+    _, cell, passes_in = np.unique(of_pass[:2], axis=1, return_inverse=True, return_counts=True)
+    spread = np.sum((means - (np.bincount(cell, means) / passes_in)[cell]) ** 2)
+    count = np.sum(passes_in - 1)
     return float(np.sqrt(spread / count)) if count >= FEWEST else float("nan")
 
 

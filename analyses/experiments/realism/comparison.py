@@ -1,9 +1,11 @@
-"""The same statistics of real logs and of their simulated twins, each about a model of its own."""
+"""The same statistics of real logs and of their simulated twins, and what chance does to them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from wrenchsight.analyses.experiments.realism.arm_statistics import (
     TorqueError,
@@ -44,6 +46,7 @@ STILL = "ur-20_01_17-ptp_10_points"
 PASSES = tuple(f"ur-20_01_22-joint_{k}" for k in range(1, 7))
 # Of LOADED: mass as published, centre of mass as found from the log's first 10 s.
 PAYLOAD = ToolConfig("load", 2.805, [0.027, 0.174, 0.053], [0.005, 0.005, 0.005, 0.0, 0.0, 0.0])
+ERROR = 0.05  # of calling what is chance a difference, a number
 DAY_DRAWS = 6  # by which the simulated days are drawn anew: four real days are a small sample
 _DAY = slice(3, 11)  # of a log's name
 
@@ -130,3 +133,39 @@ def compared(
         name: {"real": entry, "simulated": simulated[name], "ratio": simulated[name] / entry}
         for name, entry in real.items()
     }
+
+
+@dataclass(frozen=True, eq=False)
+class ToldApart:
+    """Of one statistic.
+
+    Attributes:
+        factor: by which chance takes a ratio from 1, up or down, in all but ERROR of the cases;
+            NaN where no joint tells.
+        joints: (n,) whether a joint's number is further off than the aim and than chance.
+    """
+
+    factor: float
+    joints: NDArray[np.bool_]
+
+
+def told_apart(ratio: Array, two_simulated: Array, aim: float) -> ToldApart:
+    """Judges one statistic, by Student's t with the spread of the two simulated arms.
+
+    Were the truth right, the real arm's log ratios to one simulated arm would have the standard
+    deviation of the two simulated arms' (of expectation zero, one degree of freedom a joint).
+
+    Args:
+        ratio: (n,) of simulated over real; NaN where a joint has no such number.
+        two_simulated: (n,) of one simulated arm over another with the same parameters.
+        aim: by which a ratio may differ from 1 before anybody asks whether it is chance.
+    """
+    apart = np.log(two_simulated[np.isfinite(two_simulated) & (two_simulated > 0.0)])
+    if apart.size == 0:
+        return ToldApart(float("nan"), np.zeros(ratio.shape, dtype=np.bool_))
+    spread = float(np.sqrt(np.mean(apart**2)))
+    limit = float(student.ppf(1.0 - ERROR / 2.0, apart.size)) * spread
+    known = np.isfinite(ratio) & (ratio > 0.0)
+    size = np.abs(np.log(np.where(known, ratio, 1.0)))
+    off = np.abs(np.where(known, ratio, 1.0) - 1.0) > aim
+    return ToldApart(float(np.exp(limit)), known & off & (size > limit))

@@ -12,14 +12,13 @@ single joints. Of the days that differ only four are real: their statistics are 
 No statistic of so few minutes is exact. How far chance alone takes them apart is seen from a second
 simulated arm with the same parameters, on other days and with other noise: a truth that is exactly
 right would be found no closer to the real arm than these two are to each other. A number is told
-apart if it is further off than the aim and than chance (`chance`).
+apart if it is further off than the aim and than chance (`told_apart`).
 """
 
 from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.realism.chance import ToldApart, told_apart
 from wrenchsight.analyses.experiments.realism.comparison import (
     CHECKED,
     DAY_DRAWS,
@@ -30,10 +29,16 @@ from wrenchsight.analyses.experiments.realism.comparison import (
     SETTLED_LOAD,
     STILL,
     ArmLogs,
+    ToldApart,
     compared,
+    told_apart,
     twins,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
+    FOLDER,
+    MORE,
+    log_file,
+)
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -50,11 +55,10 @@ AIM = 0.25  # by which a simulated statistic may differ from the real one
 def run(context: ExperimentContext) -> ExperimentResult:
     """Simulates the twins, identifies both arms, compares."""
     robot = context.robot("ur10e")
-    recordings = {}
-    for name in (*FIT, *CHECKED, LOADED, STILL, *PASSES):
-        entry = context.data / FOLDER / f"{name}.csv"
-        path = entry if entry.is_file() else context.data / MORE / f"{name}.csv"
-        recordings[name] = read_recording(path, robot=robot)
+    recordings = {
+        name: read_recording(log_file(context.data, name), robot=robot)
+        for name in (*FIT, *CHECKED, LOADED, STILL, *PASSES)
+    }
     context.progress(0.05, "identifying the real arm")
     real = ArmLogs.of(recordings, robot).statistics()
     days = 2 if context.quick else DAY_DRAWS

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import branch_start, followed
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathStudy
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
     VARIANTS,
     RepeatedCycles,
-    cycle_metrics,
     force_figure,
     repeat_cycles,
 )
@@ -187,31 +186,28 @@ COMPARISON = (
     ComparisonRow("RMSE in Y, path found here, K_0 = 20, bayesian", "found_bayesian.rmse_y_n"),
     ComparisonRow("Share in the 95 % band, path found here", "found_bayesian.share_in_95_band"),
 )
-STUDY = PathStudy(
-    title="Repeated cycles without contact",
-    passes=4,
-    variants=VARIANTS,
-    variants_title="Second cycle without contact: one change per row",
-    comparison=COMPARISON,
-    notes=NOTES,
-)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
-    metrics = cycle_metrics(cycles)
-    metrics["noise_alone"] = noise_alone(context.robot(ROBOT), cycles.torque_sd)
-    return STUDY.result(
+    torque_sd = cycles.metrics["torque_sd_nm"]
+    more = {"noise_alone": noise_alone(context.robot(ROBOT), torque_sd)}
+    return path_result(
         context,
         cycles.runs,
-        metrics,
-        _figures(cycles, 1.1 * metrics[BEFORE]["max_error_y_n"]),
+        cycles.metrics | more,
+        _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
+        title="Repeated cycles without contact",
+        passes=4,
+        variants=VARIANTS,
+        comparison=COMPARISON,
+        notes=NOTES,
     )
 
 
-def _figures(cycles: RepeatedCycles, limit: float) -> Iterator[Drawing]:
+def _figures(cycles: RepeatedCycles) -> Iterator[Drawing]:
     yield (
         "torques",
         torque_figure(cycles),
@@ -219,7 +215,7 @@ def _figures(cycles: RepeatedCycles, limit: float) -> Iterator[Drawing]:
     )
     yield (
         "force-y",
-        force_figure(cycles, 1, False, limit),
+        force_figure(cycles, False),
         "Force in Y read in the second cycle, where nothing touches the arm (Fig. 16). The "
         "error grows with the condition number at the path's ends: at 0, 200 and 400 s.",
     )

@@ -8,23 +8,16 @@ article.
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathStudy
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
-    AFTER,
     BEFORE,
-    OURS,
     VARIANTS,
     RepeatedCycles,
-    cycle_metrics,
     force_figure,
     repeat_cycles,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS
-from wrenchsight.analyses.methods.reading.force_errors import draw_signal, force_metrics
-from wrenchsight.analyses.output.axes import legend_above, limit_y
-from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
+from wrenchsight.analyses.methods.reading.force_errors import force_metrics
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -43,35 +36,6 @@ def _sensor(cycles: RepeatedCycles) -> dict[str, Any]:
     force, true = run.reference[half:], run.wrench_true[half:, 3:]
     figures = force_metrics(force, force * 0.0, true)
     return {key: value for key, value in figures.items() if key.startswith(("rmse", "correl"))}
-
-
-def close_figure(cycles: RepeatedCycles) -> Figure:
-    """Some seconds at the path's end and in its middle: what pushes look like in each reading."""
-    shown = (
-        (BEFORE, COLOUR["before"]),
-        (AFTER, COLOUR["after"]),
-        (OURS, COLOUR["estimate"]),
-    )
-    figure, axes = new_figure(len(shown), 2, height=7.0, share_y=True)
-    for row, (key, colour) in enumerate(shown):
-        reading = cycles.readings[key]
-        length = float(reading.t[-1])
-        width = max(0.03 * length, 2.0)
-        for panel, at, where in (
-            (axes[row, 0], 0.5 * length, "at the path's end"),
-            (axes[row, 1], 0.25 * length, "in its middle"),
-        ):
-            rows = slice(*np.searchsorted(reading.t, [at - 0.5 * width, at + 0.5 * width]))
-            part = reading.part(rows)
-            draw_signal(panel, part.t, part.force[:, 1], colour, "read", alpha=0.8)
-            panel.plot(part.t, part.reference[:, 1], color=COLOUR["truth"], label="sensor")
-            panel.set_title(f"{reading.name}\n{where}", fontsize=8.5)
-            limit_y(panel, -60.0, 60.0, "N")
-        axes[row, 0].set_ylabel("force fy [N]")
-        legend_above(axes[row, 0], ncols=2)
-    for panel in axes[-1]:
-        panel.set_xlabel("time in the second cycle [s]")
-    return figure
 
 
 NOTES = (
@@ -128,41 +92,32 @@ COMPARISON = (
     ),
     ComparisonRow("Share in the 95 % band, optimised path", "optimised.share_in_95_band"),
 )
-STUDY = PathStudy(
-    title="Repeated cycles, pushed by hand",
-    passes=4,
-    variants=VARIANTS,
-    variants_title="Second cycle, pushed by hand: one change per row",
-    comparison=COMPARISON,
-    notes=NOTES,
-)
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle-push` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
-    metrics = cycle_metrics(cycles)
-    metrics["sensor"] = _sensor(cycles)
-    return STUDY.result(
+    more = {"sensor": _sensor(cycles)}
+    return path_result(
         context,
         cycles.runs,
-        metrics,
-        _figures(cycles, 1.1 * metrics[BEFORE]["max_error_y_n"]),
+        cycles.metrics | more,
+        _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
+        title="Repeated cycles, pushed by hand",
+        passes=4,
+        variants=VARIANTS,
+        comparison=COMPARISON,
+        notes=NOTES,
     )
 
 
-def _figures(cycles: RepeatedCycles, limit: float) -> Iterator[Drawing]:
+def _figures(cycles: RepeatedCycles) -> Iterator[Drawing]:
     yield (
         "force-y",
-        force_figure(cycles, 1, True, limit),
+        force_figure(cycles, True),
         "Force in Y read in the second cycle and the sensor's (Fig. 17). The noise is "
         "largest near the initial path's ends, where the arm turns round.",
-    )
-    yield (
-        "force-y-close",
-        close_figure(cycles),
-        "The same, some seconds of it: at the path's end and in the middle.",
     )
 
 

@@ -66,8 +66,6 @@ def held_out(log: Recording, robot: Robot, law: str, stretches: int) -> TorqueFi
     """Predicts each stretch of a recording by a fit of the others.
 
     Args:
-        log: of free motion.
-        robot: whose it is.
         law: of friction.
         stretches: of equal length.
     """

@@ -46,8 +46,6 @@ class PreparedRun:
     """A run and what does not depend on any friction law.
 
     Attributes:
-        run: as read.
-        robot: with the run's tool.
         model: of its rigid body, masses as published; friction is put in.
         normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
         R_WE: (T, 3, 3).
@@ -85,8 +83,6 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     """Evaluates kinematics, and collects the rows for friction fits.
 
     Args:
-        run: as read.
-        robot: with the run's tool.
         identified: model of another specimen.
     """
     there = np.isfinite(run.q)
@@ -137,7 +133,6 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
     """The article's chain: observer with Coulomb-viscous friction, then F = J^-T tau_ext.
 
     Args:
-        prepared: the run.
         law: Coulomb-viscous.
         torque_sd: (6,) N m, of the law's residual: the noise that eq. 22 passes on.
     """
@@ -193,7 +188,6 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     rounded.
 
     Args:
-        prepared: the run.
         log: its file, with rounded velocities.
         model: folder with model.yaml, of `identify --refresh --other-specimen`, and robot.yaml.
         out: folder for the results.
@@ -212,20 +206,10 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     for i, a in enumerate(axes):
         for j, b in enumerate(axes[i:], start=i):
             covariance[:, i, j] = covariance[:, j, i] = column[f"cov_{a}_{b}"]
-    return _along_tool(prepared, force, covariance, column["valid"] == 1.0)
-
-
-def _along_tool(
-    prepared: PreparedRun, force: Array, covariance: Array, valid: Flags
-) -> ForceReading:
-    """Means over blocks of a force (T, 3) N in axes of W along the tool, pressing positive."""
-    z = prepared.R_WE[:, :, 2]
+    z = prepared.R_WE[:, :, 2]  # along the tool, pressing positive
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z, covariance, z))
-    return ForceReading(
-        block_mean(-np.einsum("ki,ki->k", z, force)),
-        block_mean(sd),
-        block_mean(valid.astype(float)) == 1.0,
-    )
+    valid = block_mean((column["valid"] == 1.0).astype(float)) == 1.0
+    return ForceReading(block_mean(-np.einsum("ki,ki->k", z, force)), block_mean(sd), valid)
 
 
 def _excess_torque(prepared: PreparedRun) -> Array:

@@ -1,8 +1,8 @@
 """All contact runs read by all methods and judged: the numbers of experiment `ur10e-contact`."""
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -14,13 +14,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     INTERVALS,
     JUDGED,
     SCENES,
-    read_run,
     write_rounded,
 )
 from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
     PreparedRun,
     averaged,
-    prepare,
     read_article,
     read_by_hand,
     read_command,
@@ -100,55 +98,16 @@ class ReadRun:
         return Judgement.of(averaged(self.readings[method], windows), truth)
 
 
-@dataclass(frozen=True, eq=False)
-class ContactStudy:
-    """What the experiment reports.
-
-    Attributes:
-        runs: read by all methods.
-        air: the friction fit without a sensor, by controller.
-    """
-
-    runs: tuple[ReadRun, ...]
-    air: Mapping[str, SpecimenRefit]
-
-
-def prepare_runs(
-    files: Sequence[Path],
-    robots: Mapping[str, Robot],
-    identified: IdentifiedModel,
-    progress: Callable[[float], None],
-) -> list[PreparedRun]:
-    """Reads the runs.
-
-    Args:
-        robots: with the tool of each controller.
-        identified: model of another specimen.
-
-    Raises:
-        InputError: one is damaged.
-    """
-    prepared = []
-    for k, path in enumerate(files):
-        progress(k / len(files))
-        run = read_run(path)
-        prepared.append(prepare(run, robots[run.name.controller], identified))
-    return prepared
-
-
 def read_runs(
     prepared: Sequence[PreparedRun],
     files: Sequence[Path],
     identified: IdentifiedModel,
     progress: Callable[[float], None],
-) -> ContactStudy:
+) -> tuple[list[ReadRun], dict[str, SpecimenRefit]]:
     """Fits the friction and reads every run by every method.
 
     Args:
-        prepared: the runs.
-        files: they are of.
         identified: model of another specimen.
-        progress: told the share of the work.
     """
     plain = fit_rows([run.air.level for run in prepared], plain_friction())
     torque_sd = np.where(np.isfinite(plain.scatter), plain.scatter, _UNKNOWN_SCATTER)
@@ -188,7 +147,7 @@ def read_runs(
                 ),
             }
             runs.append(ReadRun(run, readings))
-    return ContactStudy(tuple(runs), air)
+    return runs, air
 
 
 def _of(prepared: Sequence[PreparedRun], controller: str) -> list[PreparedRun]:
@@ -217,87 +176,42 @@ def plain_friction() -> PreslidingFriction:
     )
 
 
-def contact_metrics(study: ContactStudy) -> dict[str, Any]:
+def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
     """Bias, scatter and band by scene, controller, speed, interval and method, and pooled."""
-    found: dict[tuple[str, str, str, str], list[Judgement]] = defaultdict(list)
-    by_force: dict[tuple[str, str, str], list[Judgement]] = defaultdict(list)
-    halves: dict[tuple[str, str, str], list[Judgement]] = defaultdict(list)
-    for read in study.runs:
+    judged: dict[tuple[str, ...], list[Judgement]] = {path: [] for path in _paths()}
+    for read in runs:
         name = read.prepared.run.name
         half = "settled" if name.stem in SETTLED_ON else "checked"
-        for method in METHODS:
-            for interval in INTERVALS:
-                judgement = read.judged(method, interval)
-                if judgement is None:
-                    continue
-                found[name.group, name.speed_key, interval, method].append(judgement)
-                by_force[f"f{name.force}", interval, method].append(judgement)
-                if interval in JUDGED:
-                    kind = "slide" if interval == "slide" else "rest"
-                    halves[half, kind, method].append(judgement)
-    metrics: dict[str, Any] = {
-        f"{scene}_{controller}": {
-            speed: {
-                interval: {
-                    method: pooled_judgement(
-                        found.get((f"{scene}_{controller}", speed, interval, method), [])
-                    )
-                    for method in METHODS
-                }
-                for interval in INTERVALS
-            }
-            for speed in SPEEDS
-        }
-        for scene in SCENES
-        for controller in CONTROLLERS
-    }
-    metrics["by_force"] = _nested({key: pooled_judgement(v) for key, v in by_force.items()})
-    metrics["summary"] = _summary(found)
-    for half in ("settled", "checked"):
-        metrics[half] = {
-            kind: {
-                method: pooled_judgement(halves.get((half, kind, method), [])) for method in METHODS
-            }
-            for kind in ("rest", "slide")
-        }
+        for method, interval in product(METHODS, INTERVALS):
+            judgement = read.judged(method, interval)
+            if judgement is None:
+                continue
+            paths: list[tuple[str, ...]] = [
+                (name.group, name.speed_key, interval, method),
+                ("by_force", f"f{name.force}", interval, method),
+            ]
+            if interval in JUDGED:
+                kind = "slide" if interval == "slide" else "rest"
+                paths += [("summary", method, kind), (half, kind, method)]
+            if interval == "slide":
+                paths.append(("summary", method, f"{name.scene}_slide_{name.speed_key}"))
+            for path in paths:
+                judged.setdefault(path, []).append(judgement)
+    metrics: dict[str, Any] = {}
+    for path, own in judged.items():
+        node = metrics
+        for key in path[:-1]:
+            node = node.setdefault(key, {})
+        node[path[-1]] = pooled_judgement(own)
     return metrics
 
 
-def _nested(flat: Mapping[tuple[str, str, str], Any]) -> dict[str, Any]:
-    nested: dict[str, Any] = {}
-    for (a, b, c), value in sorted(flat.items(), key=lambda item: (len(item[0][0]), item[0])):
-        nested.setdefault(a, {}).setdefault(b, {})[c] = value
-    return nested
-
-
-def _summary(
-    found: Mapping[tuple[str, str, str, str], list[Judgement]],
-) -> dict[str, Any]:
-    """By method: all at rest, all slides, and slides by scene and speed, controllers together."""
-
-    def pooled(method: str, choose: Callable[[str, str, str], bool]) -> dict[str, Any]:
-        own = [
-            judgement
-            for (group, speed, interval, name), judgements in found.items()
-            if name == method and choose(group, speed, interval)
-            for judgement in judgements
-        ]
-        return pooled_judgement(own)
-
-    def slides(scene: str, speed: str) -> Callable[[str, str, str], bool]:
-        return lambda group, own, interval: (
-            interval == "slide" and group.startswith(scene) and own == speed
-        )
-
-    return {
-        method: {
-            "rest": pooled(method, lambda g, s, interval: interval in ("hold1", "hold2")),
-            "slide": pooled(method, lambda g, s, interval: interval == "slide"),
-        }
-        | {
-            f"{scene}_slide_{speed}": pooled(method, slides(scene, speed))
-            for scene in ("straight", "ramp")
-            for speed in SPEEDS
-        }
-        for method in METHODS
-    }
+def _paths() -> list[tuple[str, ...]]:
+    """Of the metrics that are there also where no run is of their kind."""
+    kinds = product(SCENES, CONTROLLERS, SPEEDS, INTERVALS, METHODS)
+    slides = [f"{scene}_slide_{speed}" for scene in ("straight", "ramp") for speed in SPEEDS]
+    return [
+        *((f"{scene}_{controller}", *rest) for scene, controller, *rest in kinds),
+        *(("summary", method, kind) for method in METHODS for kind in ("rest", "slide", *slides)),
+        *product(("settled", "checked"), ("rest", "slide"), METHODS),
+    ]

@@ -9,6 +9,7 @@ what a person gets: `identify --refresh MODEL --other-specimen` on the motion in
 same controller; `carried_over` takes the friction of the other specimen as it is.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
@@ -16,26 +17,32 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     FOLDER,
     JUDGED,
     find_runs,
+    read_run,
     tooled,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER as IDENTIFIED_FOLDER,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import identify_ur10e
-from wrenchsight.analyses.experiments.ur10e_contact.contact_figures import (
-    error_figure,
-    force_figure,
-    one_run_a_group,
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import presliding_arm
+from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
+    AXIS,
+    block_mean,
+    prepare,
 )
-from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import AXIS
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     SETTLED_ON,
-    ContactStudy,
+    ReadRun,
     contact_metrics,
-    prepare_runs,
     read_runs,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.output.axes import limit_y
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    Figure,
+    fill_band,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -44,61 +51,55 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 
 _SHOWN = {
     "command": "never a sensor",
     "calibrated": "calibrated once",
 }
+_FULL_SCALE = 160.0  # N; impacts leave the picture
 _JUDGED_BY = ("bias_n", "sd_n", "rmse_n", "inside_95_pct", "correlation")
 _CHECK = "the data set's own check"  # K (i - i_target) of joints 2 and 3, over all 67 runs
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Reads every run by every method, and judges them against the sensor."""
-    robot, files = Robot.load("ur10e"), find_runs(context.data)
-    identified = identify_ur10e(
-        context.data,
-        robot,
-        IdentificationConfig(friction="presliding"),
-        context.part(0.0, 0.3),
-    ).model
+    files = find_runs(context.data)
+    robot, identified = presliding_arm(context, 0.3)
     robots = {controller: tooled(robot, controller) for controller in CONTROLLERS}
-    prepared = prepare_runs(
-        files,
-        robots,
-        identified,
-        lambda share: context.progress(0.3 + 0.1 * share, "reading the runs"),
-    )
-    study = read_runs(
+    prepared = []
+    for k, path in enumerate(files):
+        context.progress(0.3 + 0.1 * k / len(files), "reading the runs")
+        own = read_run(path)
+        prepared.append(prepare(own, robots[own.name.controller], identified))
+    reads, air = read_runs(
         prepared, files, identified, lambda share: context.progress(0.4 + 0.5 * share, "forces")
     )
-    metrics = contact_metrics(study)
-    metrics["friction"] = {own: refit.metrics() for own, refit in study.air.items()}
-    metrics["runs"] = _run_metrics(study)
+    metrics = contact_metrics(reads)
+    metrics["friction"] = {own: refit.metrics() for own, refit in air.items()}
+    metrics["runs"] = _run_metrics(reads)
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "forces",
-                force_figure(one_run_a_group(study)),
+                _force_figure(_one_run_a_group(reads)),
                 "Force along the tool from motor currents, without a sensor, against the sensor: "
                 "one run of each kind.",
             ),
-            ("errors", error_figure(metrics), "Error of the force over 0.1 s by method."),
         ],
         comparison=_comparison(metrics),
         notes=NOTES,
         configuration={
-            "runs": [read.prepared.run.name.stem for read in study.runs],
+            "runs": [read.prepared.run.name.stem for read in reads],
             "settled_on": sorted(SETTLED_ON),
             "filter": ContactConfig(axis=AXIS),
         },
     )
 
 
-def _run_metrics(study: ContactStudy) -> dict[str, Any]:
+def _run_metrics(reads: Sequence[ReadRun]) -> dict[str, Any]:
     """Without a sensor, run by run; keys without dots, which part a metric's path."""
     return {
         read.prepared.run.name.stem.replace(".", "p"): {
@@ -106,8 +107,46 @@ def _run_metrics(study: ContactStudy) -> dict[str, Any]:
             for interval in JUDGED
             if (judged := read.judged("command", interval)) is not None
         }
-        for read in study.runs
+        for read in reads
     }
+
+
+def _one_run_a_group(reads: Sequence[ReadRun]) -> list[ReadRun]:
+    """The run of the middle force of each scene and controller, in the order of their names."""
+    groups: dict[str, list[ReadRun]] = {}
+    for read in reads:
+        groups.setdefault(read.prepared.run.name.group, []).append(read)
+    chosen = []
+    for _, own in sorted(groups.items(), reverse=True):
+        ranked = sorted(own, key=lambda r: (r.prepared.run.name.force, r.prepared.run.name))
+        chosen.append(ranked[len(ranked) // 2])
+    return chosen
+
+
+def _force_figure(reads: Sequence[ReadRun]) -> Figure:
+    """The force along the tool over time, a panel a run: sensor, ours with its band, by hand."""
+    figure, axes = new_figure(len(reads), 1, height=2.1 * len(reads) + 0.6)
+    panels: list[Any] = list(axes[:, 0])
+    for axis, read in zip(panels, reads, strict=True):
+        run, ours = read.prepared.run, read.readings["command"]
+        assert ours.sd is not None
+        t = block_mean(run.t)
+        for interval in JUDGED:
+            if interval in run.intervals:
+                axis.axvspan(*run.intervals[interval], color=COLOUR["reference"], alpha=0.08, lw=0)
+        fill_band(axis, t, ours.force, SIGMA_95 * ours.sd)
+        by_hand = read.readings["two_joints"].force
+        axis.plot(
+            t, by_hand, color=COLOUR["article"], lw=0.7, label="K (i - i_target), joints 2 and 3"
+        )
+        axis.plot(t, ours.force, color=COLOUR["estimate"], lw=1.2, label="ours, never a sensor")
+        axis.plot(t, read.prepared.truth, color=COLOUR["truth"], lw=1.0, label="sensor")
+        limit_y(axis, -40.0, _FULL_SCALE, "N")
+        axis.set_ylabel("force [N]")
+        axis.set_title(run.name.stem)
+    panels[-1].set_xlabel("time from the first contact [s]; shaded: where it is judged")
+    legend_on_top(figure, panels[0], ncols=4)
+    return figure
 
 
 def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:

@@ -11,6 +11,7 @@ the lowest error would give.
 
 from typing import Any
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     VALIDATED,
@@ -21,7 +22,6 @@ from wrenchsight.analyses.methods.learning.identification_config import LAWS, Id
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
 from wrenchsight.analyses.methods.learning.law_choice import best_law
 from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.output.figures import Figure, draw_bars, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,
@@ -65,7 +65,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     figures = [_drawing(fit, robot.joint_names) for fit in result.validation]
     figures += [_drawing(fit, robot.joint_names, best) for fit in results[best].validation]
     what = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
-    figures.append(("friction_laws", _laws_figure(results, robot.joint_names), what))
+    rows = {
+        f"{fit.name} [%]": {law: 100.0 * own.validation[k].relative for law, own in results.items()}
+        for k, fit in enumerate(result.validation)
+    }
+    names = [joint.removesuffix("_joint") for joint in robot.joint_names]
+    figures.append(("friction_laws", bar_rows(rows, names), what))
     result.model.save(context.out / "model.yaml")
     results[best].model.save(context.out / "model_best.yaml")
     return ExperimentResult(
@@ -122,77 +127,33 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
     return stem, torque_figure(fit, joint_names, kind), f"{what}{with_law}."
 
 
-def _laws_figure(results: dict[str, IdentificationResult], joint_names: tuple[str, ...]) -> Figure:
-    """Held-out torque error of every law, joint by joint, over both validation runs."""
-    figure, axes = new_figure(2, 1, height=6.0, share_x=True)
-    for panel, name in zip(axes[:, 0], VALIDATED, strict=True):
-        left = {
-            law: 100.0 * fit.relative
-            for law, result in results.items()
-            for fit in result.validation
-            if fit.name == name
-        }
-        draw_bars(panel, left, [joint.removesuffix("_joint") for joint in joint_names])
-        panel.set_ylabel("unexplained torque [%]")
-        panel.set_title(name)
-    legend_on_top(figure, axes[0, 0], ncols=4)
-    return figure
-
-
 def _comparison() -> list[ComparisonRow]:
-    plain, other = "plain tools", "figaroh"
-    harmonic = "validation.14harm50sec.rmse_nm"
-    best = "best.validation"
+    plain, best = "plain tools", " with the best friction law"
+
+    def share(key: str, words: str, joint: int, pct: float, remark: str = "") -> ComparisonRow:
+        label = f"Share unexplained over ptp_10_points{words}, joint {joint}"
+        key = f"{key}.ptp_10_points.relative_pct.{joint - 1}"
+        return ComparisonRow(label, key, pct, remark, plain)
+
+    torque, key = "Torque RMSE over 14harm50sec", "validation.14harm50sec.rmse_nm"
+    of_best, own = [1.09, 1.15, 0.53, 0.22, 0.24, 0.20], [1.97, 3.11, 1.30, 0.44, 0.40, 0.34]
+    filtered = "the regressor is filtered like the torque"
+    other, figaroh = "least squares with sgn friction", [2.52, 3.52, 1.42, 0.54, 0.50, 0.43]
+    rests = "at rest, stiction carries what friction as a function of velocity cannot"
     return [
-        ComparisonRow(
-            "Torque RMSE over 14harm50sec with the best friction law, joints 1 to 6",
-            f"{best}.14harm50sec.rmse_nm",
-            [1.09, 1.15, 0.53, 0.22, 0.24, 0.20],
-            "",
-            plain,
-        ),
-        ComparisonRow(
-            "Share unexplained over ptp_10_points with the best friction law, joint 5",
-            f"{best}.ptp_10_points.relative_pct.4",
-            7.7,
-            "",
-            plain,
-        ),
-        ComparisonRow(
-            "Share unexplained over ptp_10_points with the best friction law, joint 6",
-            f"{best}.ptp_10_points.relative_pct.5",
-            19.3,
-            "",
-            plain,
-        ),
-        ComparisonRow(
-            "Torque RMSE over 14harm50sec, joints 1 to 6",
-            harmonic,
-            [1.97, 3.11, 1.30, 0.44, 0.40, 0.34],
-            "the regressor is filtered like the torque",
-            plain,
-        ),
+        ComparisonRow(f"{torque}{best}, joints 1 to 6", f"best.{key}", of_best, "", plain),
+        share("best.validation", best, 5, 7.7),
+        share("best.validation", best, 6, 19.3),
+        ComparisonRow(f"{torque}, joints 1 to 6", key, own, filtered, plain),
         ComparisonRow(
             "torque RMSE over 14harm50sec, against the package figaroh",
-            harmonic,
-            [2.52, 3.52, 1.42, 0.54, 0.50, 0.43],
-            "least squares with sgn friction",
+            key,
+            figaroh,
             other,
+            "figaroh",
         ),
-        ComparisonRow(
-            "Share unexplained over ptp_10_points, joint 5",
-            "validation.ptp_10_points.relative_pct.4",
-            26.0,
-            "",
-            plain,
-        ),
-        ComparisonRow(
-            "Share unexplained over ptp_10_points, joint 6",
-            "validation.ptp_10_points.relative_pct.5",
-            51.0,
-            "at rest, stiction carries what friction as a function of velocity cannot",
-            plain,
-        ),
+        share("validation", "", 5, 26.0),
+        share("validation", "", 6, 51.0, rests),
     ]
 
 

@@ -30,22 +30,21 @@ but the margin to a stated mass may owe something to the choice; `best.point_rul
 rules.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
-    MARGIN,
+    INNER,
     MASS,
     METHODS,
     REFERENCE_CUTOFF,
-    TIME_STEP,
     AtLoad,
-    Reading,
-    Reference,
     estimate_run,
     estimator_config,
+    payload_metrics,
     payload_reference,
     read_at_load,
 )
@@ -55,24 +54,33 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     VALIDATED,
     identify_ur10e,
 )
-from wrenchsight.analyses.experiments.ur10e_payload.payload_figures import (
-    force_figure,
-    methods_figure,
-    singular_figure,
-)
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.analyses.output.figures import (
+    COLOUR,
+    Figure,
+    fill_band,
+    legend_on_top,
+    new_figure,
+)
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
-from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
+from wrenchsight.models.estimation.wrench import (
+    WrenchEstimate,
+    WrenchReconstruction,
+    live_prior,
+)
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
 
 UNLOADED = VALIDATED["14harm50sec"]
 # Whether the force at the point of action has a mean, and the noise a scale of its own.
@@ -89,26 +97,21 @@ def run(context: ExperimentContext) -> ExperimentResult:
     model = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.3)).model
     context.progress(0.3, "estimating over the loaded run")
     loaded, batch = estimate_run(context.data / FOLDER / LOADED, robot, model)
-    inner = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
-    t = loaded.t[inner] - loaded.t[0]
-    reference = Reference(payload_reference(robot, loaded, REFERENCE_CUTOFF).direction[inner])
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF)[INNER]
 
     context.progress(0.4, "finding the prior")
     Sigma_tau = model.residual_covariance
-    prior = evidence_prior(batch.J[inner], batch.tau_ext[inner], Sigma_tau)
-    *free, noise_scale = evidence_prior_and_noise(batch.J[inner], batch.tau_ext[inner], Sigma_tau)
+    seen = batch.J[INNER], batch.tau_ext[INNER], Sigma_tau
+    prior = evidence_prior(*seen)
+    *free, noise_scale = evidence_prior_and_noise(*seen)
     priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": live_prior(robot.payload)}
-    readings = {}
-    for name, config in METHODS.items():
-        reconstruction = WrenchReconstruction(config.with_prior(*priors[name]), Sigma_tau)
-        readings[name] = Reading.of(reconstruction.reconstruct(batch.J, batch.tau_ext), inner)
+    readings = _at_flange(batch, Sigma_tau, priors)
 
     context.progress(0.7, "the same over an unloaded run")
     _, empty = estimate_run(context.data / FOLDER / UNLOADED, robot, model)
-    bayesian = WrenchReconstruction(METHODS["bayesian"].with_prior(*prior), Sigma_tau)
-    unloaded = bayesian.reconstruct(empty.J[inner], empty.tau_ext[inner])
+    unloaded = _at_flange(empty, Sigma_tau, {"bayesian": prior})["bayesian"]
     metrics: dict[str, Any] = {
-        name: reading.metrics(reference) for name, reading in readings.items()
+        name: payload_metrics(own, direction) for name, own in readings.items()
     }
     metrics |= {
         "true_mass_kg": MASS,
@@ -124,45 +127,34 @@ def run(context: ExperimentContext) -> ExperimentResult:
             "noise_factor": noise_scale,
         },
         "unloaded": {
-            "observed_torque_rms_nm": rms(empty.tau_ext[inner]),
+            "observed_torque_rms_nm": rms(empty.tau_ext[INNER]),
             "stated_torque_sd_nm": np.sqrt(np.diag(Sigma_tau)),
             "bayesian_force_rms_n": rms(unloaded.wrench[:, 3:]),
         },
         "condition_number": {
-            "median": float(np.median(batch.condition_number[inner])),
-            "max": float(np.max(batch.condition_number[inner])),
+            "median": float(np.median(batch.condition_number[INNER])),
+            "max": float(np.max(batch.condition_number[INNER])),
         },
     }
     context.progress(0.72, "the best friction law")
     best_model = identify_ur10e(context.data, robot, IdentificationConfig(friction="best"))
     at_load, best_readings = _with_best_law(
-        context.data / FOLDER / LOADED, robot, best_model.model, reference
+        context.data / FOLDER / LOADED, robot, best_model.model, direction
     )
-    metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics()}
+    metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics}
     context.progress(0.9, "figures")
     return ExperimentResult(
         metrics=metrics,
         figures=(
             (
                 "payload_force",
-                force_figure(t, readings["bayesian"], reference),
+                _figure(loaded.t[INNER] - loaded.t[0], readings["bayesian"], direction),
                 "Force on the flange over the loaded run: Bayesian reading with its 95 % band, and "
                 "the payload's weight and inertia.",
             ),
             (
-                "payload_singular_pass",
-                singular_figure(t, readings["bayesian"], readings["inverse"], reference),
-                "The same around a singular pass, with the plain inverse (eq. 22); samples that "
-                "its flag calls invalid are shaded.",
-            ),
-            (
-                "payload_methods",
-                methods_figure(metrics),
-                "Force error per axis and the payload's mass as each method reads it.",
-            ),
-            (
                 "payload_force_at_load",
-                force_figure(at_load.t, at_load.readings["bayesian"], at_load.reference),
+                _figure(at_load.t, at_load.bayesian, at_load.direction),
                 "The force where the load acts, found from the first 10 s, with the best friction "
                 "law.",
             ),
@@ -176,35 +168,59 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
+def _at_flange(
+    batch: EstimateBatch, Sigma_tau: Array, priors: Mapping[str, tuple[float, float]]
+) -> dict[str, WrenchEstimate]:
+    """Readings by those of METHODS that `priors` names."""
+    readings = {}
+    for name, prior in priors.items():
+        reconstruction = WrenchReconstruction(METHODS[name].with_prior(*prior), Sigma_tau)
+        readings[name] = reconstruction.reconstruct(batch.J[INNER], batch.tau_ext[INNER])
+    return readings
+
+
 def _with_best_law(
-    log: Path, robot: Robot, model: IdentifiedModel, reference: Reference
+    log: Path, robot: Robot, model: IdentifiedModel, direction: Array
 ) -> tuple[AtLoad, dict[str, Any]]:
     """Readings at the point of action, and the metrics of those at the flange."""
     loaded, batch = estimate_run(log, robot, model)
-    margin = round(MARGIN / TIME_STEP)
-    inner = slice(margin, -margin)
     Sigma_tau = model.residual_covariance
-    prior = evidence_prior(batch.J[inner], batch.tau_ext[inner], Sigma_tau)
+    prior = evidence_prior(batch.J[INNER], batch.tau_ext[INNER], Sigma_tau)
     flange: dict[str, Any] = {"force_sd_n": prior[0], "moment_sd_nm": prior[1]}
-    for name in ("bayesian", "force_only"):
-        reconstruction = WrenchReconstruction(METHODS[name].with_prior(*prior), Sigma_tau)
-        reading = Reading.of(reconstruction.reconstruct(batch.J, batch.tau_ext), inner)
-        flange[name] = reading.metrics(reference)
-
+    readings = _at_flange(batch, Sigma_tau, dict.fromkeys(("bayesian", "force_only"), prior))
+    flange |= {name: payload_metrics(own, direction) for name, own in readings.items()}
     at_load = {
         name: read_at_load(robot, loaded, batch, Sigma_tau, with_mean, free_noise)
         for name, (with_mean, free_noise) in POINT_RULES.items()
     }
     flange["point_rules"] = {
-        name: {"point_m": one.found.p_EP}
+        name: {"point_m": one.metrics["point_m"]}
         | {
             method: {key: metrics[key] for key in ("rmse_n", "mass_kg")}
-            for method, metrics in one.metrics().items()
-            if method in ("bayesian", "force_only") and isinstance(metrics, dict)
+            for method, metrics in one.metrics.items()
+            if method in readings
         }
         for name, one in at_load.items()
     }
     return at_load["mean_and_noise"], flange
+
+
+def _figure(t: Array, reading: WrenchEstimate, direction: Array) -> Figure:
+    """The force's components with their 95 % band, and the truth; where invalid, shaded."""
+    figure, axes = new_figure(3, 1, height=7.4, share_x=True)
+    signals = reading.wrench[:, 3:].T, reading.standard_deviation[:, 3:].T, MASS * direction.T
+    for panel, name, force, sd, truth in zip(axes[:, 0], AXES, *signals, strict=True):
+        style = {"step": "mid", "color": COLOUR["invalid"], "lw": 0, "zorder": 0}
+        whole = panel.get_xaxis_transform()
+        shaded = ~reading.valid
+        panel.fill_between(t, 0, 1, shaded, label="flagged invalid", transform=whole, **style)
+        fill_band(panel, t, force, SIGMA_95 * sd, "Bayesian, 95 % band")
+        panel.plot(t, force, color=COLOUR["estimate"], lw=1.1, label="Bayesian")
+        panel.plot(t, truth, color=COLOUR["truth"], lw=1.4, label="payload (truth)")
+        panel.set_ylabel(f"force {name} [N]")
+    axes[-1, 0].set_xlabel("time [s]")
+    legend_on_top(figure, axes[0, 0])
+    return figure
 
 
 def _comparison() -> list[ComparisonRow]:

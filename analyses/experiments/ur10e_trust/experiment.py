@@ -29,21 +29,23 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import (
+    axes_of,
+    bar_rows,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
-    FREE_LOGS,
-    LOADED_LOGS,
+    LOADS,
     MORE,
-    identify_ur10e,
+    log_file,
+    presliding_arm,
 )
 from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
 from wrenchsight.analyses.methods.learning.identification_config import (
-    IdentificationConfig,
     RefreshConfig,
 )
 from wrenchsight.analyses.methods.reading.engines import covariance_about
 from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
-from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
@@ -86,26 +88,17 @@ FEWEST = 30  # samples of a regime
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Identifies, reads every log, and counts how often the band holds the truth."""
-    robot = Robot.load("ur10e")
-    model = identify_ur10e(
-        context.data, robot, IdentificationConfig(friction="presliding"), context.progress
-    ).model
+    robot, model = presliding_arm(context, 0.6)
     metrics: dict[str, Any] = {}
-    logs = [(context.data / f / f"{n}.csv", 0.0) for f, names in FREE_LOGS.items() for n in names]
-    logs += [
-        (context.data / folder / f"{name}.csv", mass)
-        for folder, own in LOADED_LOGS.items()
-        for name, mass in own.items()
-    ]
     renewed: dict[str, IdentifiedModel] = {}
-    for k, (log, mass) in enumerate(logs):
-        context.progress(0.6 + 0.35 * k / len(logs), log.stem)
-        recording = read_recording(log, robot=robot)
+    for k, (log, mass) in enumerate(LOADS.items()):
+        context.progress(0.6 + 0.35 * k / len(LOADS), log)
+        recording = read_recording(log_file(context.data, log), robot=robot)
         own = _log_metrics(recording, mass, robot, model, MARGIN)
         begin = MARGIN
         if mass == 0.0 and "sliding" in own:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
-            renewed[log.stem] = refresh_model(recording, robot, model, config).model
+            renewed[log] = refresh_model(recording, robot, model, config).model
             begin += round(REFRESH_SECONDS / TIME_STEP)
             drift = _drift_told(recording, robot, model)
             if drift is not None and model.torque_error is not None:
@@ -116,20 +109,28 @@ def run(context: ExperimentContext) -> ExperimentResult:
         if "sliding" in own:
             first = round(TRACKED_FROM / TIME_STEP)
             own["tracked"] = _log_metrics(recording, mass, robot, model, first, tracked=True)
-        source = REFRESHED_BY.get(log.stem, log.stem)
+        source = REFRESHED_BY.get(log, log)
         if source in renewed:
             own["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
-        metrics[log.stem] = own
+        metrics[log] = own
     context.progress(0.95, "figure")
+    none = {"all": {"inside_95_pct": [np.nan] * 3}}
+    cases = {"inside [%]": list(metrics.values())}
+    for case in ("widened", "refreshed"):
+        cases[f"inside, {case} [%]"] = [own.get(case, none) for own in metrics.values()]
+    shares = {
+        words: axes_of([own["all"]["inside_95_pct"] for own in case])
+        for words, case in cases.items()
+    }
     return ExperimentResult(
         metrics=metrics,
         figures=[
             (
                 "trust",
-                _figure(metrics),
-                "Share of the samples inside the stated 95 % band, log by log; open diamonds: with "
-                "the drift that `estimate` finds in the log and allows for; full ones: of the "
-                f"model whose friction was found again from {REFRESH_SECONDS:g} s without contact.",
+                bar_rows(shares, list(metrics)),
+                "Share of the samples inside the stated 95 % band, log by log; also with the drift "
+                "that `estimate` finds in the log and allows for, and of the model whose friction "
+                f"was found again from {REFRESH_SECONDS:g} s without contact.",
             )
         ],
         comparison=_comparison(),
@@ -137,14 +138,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
+def _config(recording: Recording, method: str = "bayesian") -> WrenchEstimatorConfig:
+    return WrenchEstimatorConfig(
+        MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
+        WrenchReconstructionConfig(method),
+        position_resolution=position_resolution(recording.q).tolist(),
+    )
+
+
 def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
     """(n,) drift that `estimate` allows for in the band of a contact-free log; None: nothing."""
     uniform = resampled(recording, TIME_STEP)
-    config = WrenchEstimatorConfig(
-        MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
-        position_resolution=position_resolution(recording.q).tolist(),
-    )
-    estimator = WrenchEstimator(robot, model, config)
+    estimator = WrenchEstimator(robot, model, _config(recording))
     seen = estimator.observe(uniform.q, uniform.v, uniform.current)
     watch = FrictionWatch(model, estimator.chain, estimator.observer.pole, TIME_STEP)
     known = seen.fresh & ~uniform.dropout
@@ -165,11 +170,7 @@ def _log_metrics(
     uniform = resampled(recording, TIME_STEP)
     found: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
-        config = WrenchEstimatorConfig(
-            MomentumObserverConfig([K_0], TIME_STEP, "trapezoidal"),
-            WrenchReconstructionConfig(method),
-            position_resolution=position_resolution(recording.q).tolist(),
-        )
+        config = _config(recording, method)
         estimator = WrenchEstimator(robot, model, config)
         if not estimator.learnt:
             raise ValueError("the model has no torque error")
@@ -247,53 +248,20 @@ def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    inside = "Inside the stated 95 % band, x y z"
+    inside, before = "Inside the stated 95 % band, x y z", "ur-19_12_23_free"
+    rows = {
+        "a week after the fit": "ur-20_02_19_15harm50sec",
+        "seven weeks before it": before,
+        "the same as `estimate` states it, by the drift that the log shows": f"{before}.widened",
+        f"the same as a controller reads it after {TRACKED_FROM:g} s, friction followed": (
+            f"{before}.tracked"
+        ),
+        f"the same with friction refreshed from {REFRESH_SECONDS:g} s": f"{before}.refreshed",
+    }
     return [
-        ComparisonRow(
-            f"{inside}, a week after the fit", "ur-20_02_19_15harm50sec.all.inside_95_pct"
-        ),
-        ComparisonRow(f"{inside}, seven weeks before it", "ur-19_12_23_free.all.inside_95_pct"),
-        ComparisonRow(
-            f"{inside}, the same as `estimate` states it, by the drift that the log shows",
-            "ur-19_12_23_free.widened.all.inside_95_pct",
-        ),
-        ComparisonRow(
-            f"{inside}, the same as a controller reads it after {TRACKED_FROM:g} s, friction "
-            "followed",
-            "ur-19_12_23_free.tracked.all.inside_95_pct",
-        ),
-        ComparisonRow(
-            f"{inside}, the same with friction refreshed from {REFRESH_SECONDS:g} s",
-            "ur-19_12_23_free.refreshed.all.inside_95_pct",
-        ),
+        ComparisonRow(f"{inside}, {words}", f"{key}.all.inside_95_pct")
+        for words, key in rows.items()
     ]
-
-
-def _figure(metrics: dict[str, Any]) -> Figure:
-    figure, ((panel,),) = new_figure(1, 1, height=6.0)
-    panel.axvspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
-    places = np.arange(len(metrics))
-    for i, axis in enumerate("xyz"):
-        level = places + 0.25 * (i - 1)
-        shares = [own["all"]["inside_95_pct"][i] for own in metrics.values()]
-        panel.barh(level, shares, 0.23, color=SERIES[i], label=f"f{axis}", zorder=2)
-        for key, fill, words in (
-            ("widened", "white", "as estimate states it"),
-            ("refreshed", COLOUR["truth"], "with friction refreshed"),
-        ):
-            again = [
-                own[key]["all"]["inside_95_pct"][i] if key in own else np.nan
-                for own in metrics.values()
-            ]
-            style = {"color": COLOUR["truth"], "markerfacecolor": fill, "ms": 3.5, "zorder": 3}
-            panel.plot(again, level, "D", label=words if i == 0 else None, **style)
-    panel.set_yticks(places, list(metrics))
-    panel.set_xlabel("samples inside the 95 % band [%]; shaded: 90 to 98")
-    least = min(min(own["all"]["inside_95_pct"]) for own in metrics.values())
-    panel.set_xlim(min(50.0, 10.0 * np.floor(0.1 * least)), 100.5)
-    panel.invert_yaxis()
-    figure.legend(loc="outside upper center", ncols=5)
-    return figure
 
 
 def _notes(metrics: dict[str, Any]) -> list[str]:

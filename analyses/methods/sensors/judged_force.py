@@ -89,7 +89,7 @@ class Judgement:
             share_valid=valid,
             stated_sd=stated,
             force=float(np.mean(truth[there])),
-            correlation=_correlation(reading.force[there], truth[there]),
+            correlation=correlation(reading.force[there], truth[there]),
             count=len(error),
         )
 
@@ -107,7 +107,8 @@ class Judgement:
         }
 
 
-def _correlation(a: Array, b: Array) -> float | None:
+def correlation(a: Array, b: Array) -> float | None:
+    """Pearson's, of a (M,) and b (M,); None where one of them does not vary."""
     if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return None
     return float(np.corrcoef(a, b)[0, 1])

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,8 @@ from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.stored_result import write_result
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
 
 
 class Ran(NamedTuple):
@@ -50,3 +53,32 @@ def run_experiment(
         return Ran(result.metrics, out, stored["notes"])
 
     return run
+
+
+@pytest.fixture(scope="module")
+def ran(
+    request: pytest.FixtureRequest,
+    run_experiment: Callable[..., Ran],
+    data_holding: Callable[..., Path],
+) -> Ran:
+    """The folder's experiment, with the module's OPTIONS, on recordings that hold its FILES."""
+    module, folder = request.module, request.path.parent.name
+    experiment = import_module(f"wrenchsight.analyses.experiments.{folder}.experiment").EXPERIMENT
+    data = data_holding(*module.FILES) if hasattr(module, "FILES") else Path("absent")
+    return run_experiment(experiment, data, **getattr(module, "OPTIONS", {}))
+
+
+@pytest.fixture(scope="module")
+def metrics(ran: Ran) -> dict[str, Any]:
+    """What it measured."""
+    return ran.metrics
+
+
+@pytest.fixture(scope="session")
+def swing(ur10e: Robot) -> Recording:
+    """4 s of a UR10e whose joints all swing once, with rounded angles and without currents."""
+    t = 100.0 + 0.01 * np.arange(400)
+    turned = 0.2 * (1 - np.cos(2 * np.pi * (t - 100.0) / 4.0))
+    q = np.round(np.asarray(ur10e.home) + turned[:, None], 4)
+    v = np.gradient(q, 0.01, axis=0)
+    return Recording(t=t, q=q, v=v, current=np.zeros_like(q), source="real")

@@ -12,16 +12,16 @@ The reading is the estimator's own (`models.estimation.estimator`), causal, at K
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.mounting import Mounting
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
-from wrenchsight.analyses.methods.sensors.sensor_log import SensorLog, SensorLogCollector
+from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -84,8 +84,6 @@ class Lara8Log:
     """A recording on its uniform grid.
 
     Attributes:
-        name: of the file.
-        robot: the arm.
         recording: N samples.
         J: (N, 6, n) rows [angular; linear] at the flange in base axes.
         R_WE: (N, 3, 3).
@@ -110,15 +108,15 @@ class Lara8Log:
         tare = np.array([float(x) for x in self.config.tare.split(",")])
         return Mounting("tool", np.diag([-1.0, -1.0, 1.0]), -1, tare, DELAY)
 
-    @property
-    def mounting_without_tare(self) -> Mounting:
-        """The same with the sensor's zero left in."""
-        return replace(self.mounting, tare=np.zeros(6))
-
     def sensor_wrench(self, mounting: Mounting | None = None) -> Array:
         """(N, 6) on the robot in base axes, force first; NaN where the sensor's delay leads out."""
         mounting = mounting if mounting is not None else self.mounting
         return mounting.on_robot(self.recording.t, self.recording.extra["sensor"], self.R_WE)
+
+    @cached_property
+    def truth(self) -> Array:
+        """(N, n) N m, J^T of the sensor's wrench; NaN where its delay leads out of the log."""
+        return self.joint_torque(self.sensor_wrench())
 
     def joint_torque(self, wrench: Array) -> Array:
         """(N, n) J^T of a wrench (N, 6), force first."""
@@ -131,7 +129,6 @@ class Lara8Reading:
     """A log's reading by one variant.
 
     Attributes:
-        log: as read.
         batch: of the estimator.
         transmitted: (N, n) N m, motor torque less friction.
     """
@@ -140,20 +137,14 @@ class Lara8Reading:
     batch: EstimateBatch
     transmitted: Array
 
-    def torque_rmse(self, truth: Array, where: Flags) -> list[float | None]:
-        """Per joint over its own rows, N m; None for a joint with fewer than MIN_ROWS."""
-        error = self.batch.tau_ext - truth
-        return rmse_by_joint(error, where)
+    @property
+    def error(self) -> Array:
+        """(N, n) N m, of the torque."""
+        return self.batch.tau_ext - self.log.truth
 
     def against_sensor(self) -> SensorComparison:
-        """The wrench against the sensor's, over 0.1 s."""
-        return compare_with_sensor(self.sensor_log(), self.log.config)
-
-    def sensor_log(self) -> SensorLog:
-        """Both side by side; from the observer's settling on."""
+        """The wrench against the sensor's, over 0.1 s, from the observer's settling on."""
         recording, batch = self.log.recording, self.batch
-        collector = SensorLogCollector(recording.time_step)
-        first = settled_from(recording)
         signals = (
             recording.t,
             batch.wrench[:, FORCE_FIRST],
@@ -163,24 +154,28 @@ class Lara8Reading:
             recording.v,
             recording.extra["sensor"],
         )
+        collector = SensorLogCollector(recording.time_step)
+        first = settled_from(recording)
         collector.add(*(np.asarray(signal[first:], float) for signal in signals))
-        result = collector.log()
-        assert result is not None
-        return result
+        both = collector.log()
+        assert both is not None
+        return compare_with_sensor(both, self.log.config)
 
 
 MIN_ROWS: Final = 20
 
 
-def by_joint(statistic: Callable[[Array], Any], error: Array, where: Flags) -> list[float | None]:
-    """A statistic per joint over the rows (N, n) that are wanted and finite; None of too few."""
-    columns = (one[rows & np.isfinite(one)] for one, rows in zip(error.T, where.T, strict=True))
-    return [float(statistic(one)) if len(one) >= MIN_ROWS else None for one in columns]
-
-
-def rmse_by_joint(error: Array, where: Flags) -> list[float | None]:
-    """RMS per joint over the rows where it is wanted and finite."""
-    return by_joint(rms, error, where)
+def by_joint(
+    statistic: Callable[..., Any], where: Flags, error: Array, *more: Array
+) -> list[float | None]:
+    """A statistic of each joint's error and of `more` (N, n) of it, over the rows where it is
+    wanted and the error is finite; None where they are fewer than MIN_ROWS.
+    """
+    result: list[float | None] = []
+    for j, rows in enumerate((where & np.isfinite(error)).T):
+        columns = [signal[rows, j] for signal in (error, *more)]
+        result.append(float(statistic(*columns)) if rows.sum() >= MIN_ROWS else None)
+    return result
 
 
 def settled_from(recording: Recording) -> int:
@@ -291,7 +286,6 @@ def read_log(
     """Reads a log by one of VARIANTS.
 
     Args:
-        log: to read.
         variant: whose rigid body: the controller's is put in the place of the URDF's by what the
             two differ, at the target speed and acceleration that the controller's is of.
         friction: None: `controller_friction`.

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_method import errors_alone
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     line_of,
     on_path,
     planned_task,
+    repetition_torque,
     run_task,
     task_path,
 )
@@ -30,7 +30,6 @@ def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str,
     """Figures of `RepeatCycle` or `RepeatCyclePush`, by the experiments' keys.
 
     Args:
-        context: of an experiment.
         scenario: its name.
     """
     robot = context.robot(ROBOT)

@@ -19,16 +19,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     task_path,
     uniform_motion,
 )
+from wrenchsight.analyses.experiments.setups.path_runs.task_variants import inverse_estimator
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import article_models
 from wrenchsight.analyses.methods.reading.force_errors import reductions
 from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
-from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 
-K_0 = 20.0  # 1/s, the article's
 ONE_WAY_QUICK = 8.0  # s
 
 
@@ -38,7 +35,7 @@ def method_by_model(context: ExperimentContext) -> dict[str, Any]:
     context.progress(0.0, "identification")
     result, semi_parametric = article_models(robot, context.seed, context.quick)
     laws = {"coulomb_viscous": result.model, "semi_parametric": semi_parametric}
-    read = {law: _estimator(robot, model) for law, model in laws.items()}
+    read = {law: inverse_estimator(robot, model) for law, model in laws.items()}
 
     def figures(run: TaskRun, law: str) -> dict[str, Any]:
         return errors_alone(read_run(law, run, read[law]).metrics())
@@ -63,14 +60,6 @@ def _task(context: ExperimentContext, robot: Robot, name: str, path: str) -> Tas
     scenario = planned_task(context, name, ONE_WAY_QUICK)
     scenario = on_path(scenario, robot, *task_path(robot, path))
     return run_task(scenario, robot, path).between(*uniform_motion(line_of(scenario)))
-
-
-def _estimator(robot: Robot, model: Any) -> WrenchEstimator:
-    """Eq. 22; the stated covariance counts next to a singularity, where it keeps it finite."""
-    config = WrenchEstimatorConfig(
-        MomentumObserverConfig([K_0]), WrenchReconstructionConfig("inverse")
-    )
-    return WrenchEstimator(robot, model, config)
 
 
 def errors_alone(metrics: Mapping[str, Any]) -> dict[str, Any]:

@@ -42,7 +42,6 @@ def found_path(
     the difference: it is turned so that its midpoint lies straight ahead, like the article's.
 
     Args:
-        seed: of the search.
         model: with it, the path whose Bayesian reading has the least force sd for this model's
             residual covariance, instead of the one with the least mean condition number.
     """

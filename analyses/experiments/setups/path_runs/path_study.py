@@ -1,7 +1,6 @@
-"""The skeleton of the experiments along the article's paths: what each states, and its result."""
+"""The skeleton of the experiments along the article's paths: their arm, runs and result."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -25,66 +24,58 @@ from wrenchsight.analyses.study.experiment import (
 from wrenchsight.diagrams.scenario import Scenario
 
 ONE_WAY_QUICK = 8.0  # s, of a pushed pass
-BAND_CAPTION = "Grey: where the share inside a correct 95 % band lies."
 
 
-@dataclass(frozen=True)
-class PathStudy:
-    """What an experiment along the article's paths states, whatever it measures.
+def path_result(
+    context: ExperimentContext,
+    runs: Mapping[str, TaskRun],
+    metrics: dict[str, Any],
+    figures: Iterable[Drawing],
+    configuration: Mapping[str, Any],
+    *,
+    title: str,
+    passes: int,
+    variants: Sequence[Any],
+    comparison: Sequence[ComparisonRow],
+    notes: Sequence[str],
+    caption: str = "Errors of every variant.",
+) -> ExperimentResult:
+    """The result of an experiment along the article's paths.
 
-    Attributes:
+    Args:
+        runs: by path.
+        metrics: with those of each variant.
+        figures: besides that of all variants; not made where nobody looks at them.
+        configuration: besides the variants.
         title: of the page on which the arm moves.
         passes: along the path, in each run.
         variants: rows of the table, each with a `key` of the metrics and a `label`.
-        variants_title: of the figure of all variants.
         comparison: rows of the table "article / here".
         notes: for the report, see `filled`.
-        variants_caption: of that figure.
+        caption: of the figure of all variants.
     """
+    context.progress(0.93, "figures")
+    pages = []
+    if context.draws:
+        pages = [write_runs_page(context.robot(ROBOT), runs, passes, context.out, title)]
 
-    title: str
-    passes: int
-    variants: Sequence[Any]
-    variants_title: str
-    comparison: Sequence[ComparisonRow]
-    notes: Sequence[str]
-    variants_caption: str = f"Errors of every variant. {BAND_CAPTION}"
-
-    def result(
-        self,
-        context: ExperimentContext,
-        runs: Mapping[str, TaskRun],
-        metrics: dict[str, Any],
-        figures: Iterable[Drawing],
-        configuration: Mapping[str, Any],
-    ) -> ExperimentResult:
-        """The experiment's result; figures and the page only where somebody looks at them.
-
-        Args:
-            context: of the experiment.
-            runs: by path.
-            metrics: with those of each variant.
-            figures: besides that of all variants; not made where nobody looks at them.
-            configuration: besides the variants.
-        """
-        context.progress(0.93, "figures")
-        pages = []
-        if context.draws:
-            robot = context.robot(ROBOT)
-            pages = [write_runs_page(robot, runs, self.passes, context.out, self.title)]
-        return ExperimentResult(
-            metrics=metrics,
-            figures=chain(figures, self._variants_figure(metrics)),
-            recordings=pages,
-            comparison=self.comparison,
-            notes=self.notes,
-            configuration={**configuration, "variants": self.variants},
+    def of_variants() -> Iterator[Drawing]:
+        labels = {variant.key: variant.label for variant in variants}
+        figure = variants_figure(metrics, labels, f"{title}: one change per row")
+        yield (
+            "variants",
+            figure,
+            f"{caption} Grey: where the share inside a correct 95 % band lies.",
         )
 
-    def _variants_figure(self, metrics: Mapping[str, Any]) -> Iterator[Drawing]:
-        labels = {variant.key: variant.label for variant in self.variants}
-        figure = variants_figure(metrics, labels, self.variants_title)
-        yield "variants", figure, self.variants_caption
+    return ExperimentResult(
+        metrics=metrics,
+        figures=chain(figures, of_variants()),
+        recordings=pages,
+        comparison=comparison,
+        notes=notes,
+        configuration={**configuration, "variants": variants},
+    )
 
 
 def pushed_arm(
@@ -93,17 +84,10 @@ def pushed_arm(
     """The arm's models and the scenario of a pushed pass.
 
     Args:
-        context: of the experiment.
-        scenario: name of a bundled one.
         share: of the progress that is reached.
     """
-    models = identify_arm(
-        context.robot(ROBOT),
-        context.seed,
-        context.quick,
-        context.part(0.0, share),
-        contact_noise=context.draws,
-    )
+    robot, report = context.robot(ROBOT), context.part(0.0, share)
+    models = identify_arm(robot, context.seed, context.quick, report, context.draws)
     return models, planned_task(context, scenario, ONE_WAY_QUICK)
 
 
@@ -113,9 +97,9 @@ def pushed_runs(
     """The runs of scenarios by path, where the arm moves evenly; progress from `start` to 0.85."""
     runs: dict[str, TaskRun] = {}
     for k, (path, scenario) in enumerate(scenarios.items()):
-        step = (0.85 - start) / len(scenarios)
-        report = context.part(start + k * step, start + (k + 1) * step)
-        run = run_task(scenario, models.robot, path, report)
+        done = start + (0.85 - start) * k / len(scenarios)
+        context.progress(done, f"simulating, {path} path")
+        run = run_task(scenario, models.robot, path)
         runs[path] = run.between(*uniform_motion(line_of(scenario)))
     context.progress(0.86, "readings")
     return runs

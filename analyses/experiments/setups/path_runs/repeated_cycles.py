@@ -1,17 +1,10 @@
-"""What does repeated motion read? Two cycles along each path; the second is read with the first.
-
-The torques of the first cycle are tau_d of eq. 4 in the second one: the model's error cancels, and
-the rest, noise and what friction does not repeat, is read as a force that grows with the
-condition number. As the article has it, eq. 4 takes the drives' torque as it comes, without the
-observer's low-pass.
-"""
+"""What does repeated motion read? Two cycles along each path; the second is read with the first."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.path_runs.repetition_errors import repetition_errors
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
@@ -21,6 +14,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     on_path,
     planned_task,
     read_repetition,
+    repetition_torque,
     run_task,
     task_path,
 )
@@ -41,7 +35,6 @@ from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig,
     live_prior,
 )
-from wrenchsight.models.rigid_body.spatial_vectors import AXES
 
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s
@@ -88,17 +81,16 @@ class RepeatedCycles:
         runs: by path.
         readings: by variant.
         scenario: as run, on the initial path.
-        torque_sd: (n,) N m of eq. 4 by noise alone, raw, as slow motion shows it.
-        filtered_torque_sd: (n,) N m, the same behind K_0.
-        filtered_torque_rms: (n,) N m by path, what eq. 4 behind K_0 reads in the second cycle.
+        metrics: by variant; the article's reductions on top; ours against the article's method;
+            (n,) N m of eq. 4 by noise alone, as slow motion shows it, raw and behind K_0
+            (`torque_sd_nm`, `filtered_torque_sd_nm`), and what eq. 4 behind K_0 reads in the second
+            cycle, by path (`filtered_torque_rms_nm`).
     """
 
     runs: dict[str, TaskRun]
     readings: dict[str, ForceReading]
     scenario: Scenario
-    torque_sd: Array
-    filtered_torque_sd: Array
-    filtered_torque_rms: dict[str, Array]
+    metrics: dict[str, Any]
 
 
 def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCycles:
@@ -107,71 +99,55 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
     scenario = planned_task(context, scenario_name, ONE_WAY_QUICK)
     motion = line_of(scenario)
     period = round(2 * motion.one_way / scenario.time_step)
-    learnt = repetition_errors(
-        robot,
-        (None, K_0),
-        context.seed,
-        context.quick,
-        context.part(0.0, 0.05),
-    )
+    context.progress(0.0, "the error of eq. 4")
+    learnt = repetition_errors(robot, (None, K_0), context.seed, context.quick)
     errors = {error.K_0: error for error in learnt}
+    prior = live_prior(robot.payload)
     runs: dict[str, TaskRun] = {}
     readings: dict[str, ForceReading] = {}
     torque_rms: dict[str, Array] = {}
     for k, path in enumerate(PATHS):
-        step = 0.85 / len(PATHS)
-        report = context.part(0.05 + k * step, 0.05 + (k + 1) * step)
+        context.progress(0.05 + 0.85 * k / len(PATHS), f"simulating, {path} path")
         moved = on_path(scenario, robot, *task_path(robot, path))
-        run = run_task(moved, robot, path, report).between(motion.lead_in)
+        run = run_task(moved, robot, path).between(motion.lead_in)
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
         here = [variant for variant in VARIANTS if variant.path == path]
         readers = []
         for variant in here:
-            config = WrenchReconstructionConfig(variant.method).with_prior(
-                *live_prior(robot.payload)
-            )
+            config = WrenchReconstructionConfig(variant.method).with_prior(*prior)
             error = errors[variant.K_0]
             reconstruction = WrenchReconstruction(config, error.correlation)
             readers.append(RepetitionReader(variant.label, reconstruction, error))
-        for variant, reading in zip(
-            here, read_repetition(run, robot, period, readers), strict=True
-        ):
-            readings[variant.key] = reading
-    ordered = {variant.key: readings[variant.key] for variant in VARIANTS}
-    return RepeatedCycles(
-        runs, ordered, scenario, errors[None].noise, errors[K_0].noise, torque_rms
-    )
-
-
-def cycle_metrics(cycles: RepeatedCycles) -> dict[str, Any]:
-    """Figures by variant; the article's reductions on top; ours against the article's method."""
-    metrics: dict[str, Any] = {key: entry.metrics() for key, entry in cycles.readings.items()}
+        read = read_repetition(run, robot, period, readers)
+        readings |= {variant.key: one for variant, one in zip(here, read, strict=True)}
+    metrics: dict[str, Any] = {one.key: readings[one.key].metrics() for one in VARIANTS}
     before, after = metrics[BEFORE], metrics[AFTER]
     metrics["found_against_initial"] = reductions(before, metrics["found"])
     metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])
     metrics["ours_against_article"] = reductions(after, metrics[OURS])
-    metrics["torque_sd_nm"] = cycles.torque_sd
-    metrics["filtered_torque_sd_nm"] = cycles.filtered_torque_sd
-    metrics["filtered_torque_rms_nm"] = cycles.filtered_torque_rms
-    return {**reductions(before, after), **metrics}
+    metrics["torque_sd_nm"] = errors[None].noise
+    metrics["filtered_torque_sd_nm"] = errors[K_0].noise
+    metrics["filtered_torque_rms_nm"] = torque_rms
+    return RepeatedCycles(runs, readings, scenario, {**reductions(before, after), **metrics})
 
 
-def force_figure(cycles: RepeatedCycles, k: int, with_reference: bool, limit: float) -> Figure:
-    """Force along axis k before and after the optimisation (the article's Figs. 16 and 17)."""
+def force_figure(cycles: RepeatedCycles, with_reference: bool) -> Figure:
+    """Force along Y before and after the optimisation (the article's Figs. 16 and 17)."""
+    limit = 1.1 * cycles.metrics[BEFORE]["max_error_y_n"]
     shown = (BEFORE, AFTER, OURS)
     figure, axes = new_figure(len(shown), 1, height=2.3 * len(shown) + 0.6, share_x=True)
     for panel, key, colour in zip(
         axes[:, 0], shown, (COLOUR["before"], COLOUR["after"], COLOUR["estimate"]), strict=True
     ):
         reading = cycles.readings[key]
-        draw_signal(panel, reading.t, reading.force[:, k], colour, "read")
+        draw_signal(panel, reading.t, reading.force[:, 1], colour, "read")
         if with_reference:
-            draw_signal(panel, reading.t, reading.reference[:, k], COLOUR["truth"], "sensor")
-        draw_band(panel, reading, k, edges=not with_reference)
+            draw_signal(panel, reading.t, reading.reference[:, 1], COLOUR["truth"], "sensor")
+        draw_band(panel, reading, 1, edges=not with_reference)
         panel.set_title(reading.name)
-        panel.set_ylabel(f"force f{AXES[k]} [N]")
+        panel.set_ylabel("force fy [N]")
         if with_reference or key != OURS:
             limit_y(panel, -limit, limit, "N")
         legend_above(panel, ncols=3)

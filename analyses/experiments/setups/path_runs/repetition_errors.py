@@ -8,20 +8,17 @@ how much may turn round (`wrenchsight.models.identification.repetition_error`).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
+from wrenchsight.analyses.experiments.setups.path_runs.task_runs import repetition_torque
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
+    POSTURES,
     reversal_recordings,
 )
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import POSTURES
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
-    CONFIG,
     identify_simulated_arm,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ProgressCallback
 from wrenchsight.models.identification.repetition_error import RepetitionError, repetition_error
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
@@ -37,37 +34,20 @@ def repetition_errors(
     gains: Sequence[float | None],
     seed: int = 0,
     quick: bool = False,
-    progress: ProgressCallback = lambda fraction, what: None,
 ) -> list[RepetitionError]:
     """The error of eq. 4 behind each K_0 (1/s; None: raw); nothing of it is from a task's run.
 
     Args:
         robot: with its simulated truth.
         gains: K_0.
-        seed: of the noise.
         quick: a shorter log for the identification, and one posture.
-        progress: called with the share done.
     """
     postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])
     # The first of the two as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
     first, second = (
-        reversal_recordings(
-            robot,
-            postures,
-            SPEEDS,
-            seed + 100 * (1 + k),
-            lambda share, what, k=k: progress(0.4 * (k + share), what),  # type: ignore[misc]
-            PERIOD,
-        )
-        for k in range(2)
+        reversal_recordings(robot, postures, SPEEDS, seed + 100 * (1 + k), PERIOD) for k in range(2)
     )
-    result, _ = identify_simulated_arm(
-        robot,
-        seed,
-        1 if quick else PERIODS,
-        replace(CONFIG, seed=seed),
-        lambda share, what: progress(0.8 + 0.2 * share, what),
-    )
+    result, _ = identify_simulated_arm(robot, seed, quick)
     level = np.abs(result.model.friction.coulomb_viscous.coulomb)
     resolution = position_resolution(np.vstack([log.q for log in first]))
     errors = []

@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     INITIAL_PATH,
@@ -25,14 +26,10 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     found_path,
 )
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
-from wrenchsight.analyses.methods.advance import run_loop
 from wrenchsight.analyses.methods.reading.force_errors import ForceReading
-from wrenchsight.analyses.methods.runs.fast_runs import is_free, run_free
-from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
+from wrenchsight.analyses.methods.runs.fast_runs import run_free
 from wrenchsight.analyses.study.experiment import ExperimentContext, FigureFile
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
 from wrenchsight.diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
 from wrenchsight.models.arrays import Array
@@ -59,7 +56,6 @@ _SESSIONS = {
 }  # scenarios in which a hand pushes
 _BLOCK = 50_000  # rows read at a time: a covariance a row is much memory
 _FRAMES = 200  # of a pass in a recording
-_STRETCH = 0.5  # s between two reports of progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +63,6 @@ class TaskRun:
     """One run of a task.
 
     Attributes:
-        name: of the path.
         recording: t, q, v and measured current: all that an estimator may see.
         wrench_true: (T, 6) rotation first, N m and N.
         ft_wrench: (T, 6) of the sensor; None where the scenario has none.
@@ -99,14 +94,10 @@ class TaskRun:
         """The part of the run from `start` to `end`, s."""
         first, last = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
         rows = slice(int(first), int(last))
-        return replace(
-            self,
-            recording=self.recording[rows],
-            wrench_true=self.wrench_true[rows],
-            ft_wrench=None if self.ft_wrench is None else self.ft_wrench[rows],
-            tau_f_true=self.tau_f_true[rows],
-            q_exact=self.q_exact[rows],
-        )
+        names = ("recording", "wrench_true", "ft_wrench", "tau_f_true", "q_exact")
+        columns = {name: getattr(self, name) for name in names}
+        there = {name: own[rows] for name, own in columns.items() if own is not None}
+        return replace(self, **there)
 
 
 def line_of(scenario: Scenario) -> LineMotion:
@@ -197,8 +188,6 @@ def planned_task(context: ExperimentContext, name: str, one_way_quick: float) ->
     """`task_scenario` as an experiment runs it, with the hand of its world.
 
     Args:
-        context: of the experiment.
-        name: of the scenario.
         one_way_quick: s, `one_way` of a quick run.
     """
     scenario = task_scenario(name, context.seed, one_way_quick if context.quick else None)
@@ -221,27 +210,15 @@ def _by_hand(segment: WrenchSegment, hand: Hand) -> WrenchSegment:
     )
 
 
-def run_task(
-    scenario: Scenario,
-    robot: Robot,
-    name: str = "task",
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> TaskRun:
-    """Simulates the closed loop of a scenario and returns what was recorded.
+def run_task(scenario: Scenario, robot: Robot, name: str = "task") -> TaskRun:
+    """Simulates a scenario in which nothing but a hand touches the arm; what was recorded.
 
     Args:
-        scenario: what happens.
+        scenario: what happens; `is_free`.
         robot: with its simulated truth.
-        name: of the run.
-        progress: called with the share done.
     """
-    nominal = IdentifiedModel.nominal(robot)
-    if is_free(scenario):
-        motion = planned_motion(scenario, robot, everywhere=name in PATHS)
-        t, signals = run_free(scenario, robot, nominal, motion)
-        progress(1.0, f"simulating, {name} path")
-    else:
-        t, signals = _run_closed_loop(scenario, robot, nominal, name, progress)
+    motion = planned_motion(scenario, robot, everywhere=name in PATHS)
+    t, signals = run_free(scenario, robot, IdentifiedModel.nominal(robot), motion)
     recording = Recording(
         t=t, q=signals["q"], v=signals["v"], current=signals["current"], source=name
     )
@@ -259,27 +236,6 @@ def run_task(
     )
 
 
-def _run_closed_loop(
-    scenario: Scenario,
-    robot: Robot,
-    nominal: IdentifiedModel,
-    name: str,
-    progress: ProgressCallback,
-) -> tuple[Array, dict[str, Array]]:
-    wanted = ["q", "v", "current", "wrench_true", "tau_f_true"]
-    if scenario.force_torque_sensor is not None:
-        wanted.append("ft_wrench")
-    loop = make_closed_loop(
-        scenario,
-        robot,
-        nominal,
-        log=LogRequest(also=("tau_f_true",), only=wanted),
-        with_estimator=False,  # the variants read the log
-    )
-    what = f"simulating, {name} path"
-    return run_loop(loop, scenario.duration, _STRETCH, lambda share: progress(share, what))
-
-
 def write_runs_page(
     robot: Robot, runs: Mapping[str, TaskRun], passes: int, out: Path, title: str
 ) -> FigureFile:
@@ -288,7 +244,6 @@ def write_runs_page(
     Args:
         runs: by the path's name.
         passes: that each run holds.
-        title: of the page.
     """
     motions = []
     for name, run in runs.items():
@@ -334,12 +289,31 @@ def read_run(
     )
 
 
+def repetition_torque(
+    recording: Recording, robot: Robot, period: int, K_0: float | None = None
+) -> Array:
+    """tau_ext (T - period, n) in N m by eq. 4: torque one period ago (tau_d) minus torque now.
+
+    In our sign: what the environment exerts, positive along the motion it causes.
+
+    Args:
+        recording: of a motion that repeats itself.
+        period: samples.
+        K_0: 1/s, of a first-order low-pass as the momentum observer's; None: raw, as eq. 4 stands.
+    """
+    tau = robot.joint_torque(recording.current)
+    tau_ext = tau[:-period] - tau[period:]
+    if K_0 is None:
+        return np.asarray(tau_ext)
+    pole = float(np.exp(-K_0 * recording.time_step))
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], tau_ext, axis=0))
+
+
 @dataclass(frozen=True, eq=False)
 class RepetitionReader:
     """One way to read the second cycle.
 
     Attributes:
-        name: of the reading.
         reconstruction: with the correlation of the error.
         error: of eq. 4; the stated sds hold the lag of its K_0 behind a force of HAND_HZ.
     """
@@ -401,7 +375,6 @@ def planned_motion(scenario: Scenario, robot: Robot, everywhere: bool) -> JointT
     """`make_trajectory`; within a study the same motion is planned once.
 
     Args:
-        scenario: what happens.
         robot: what it truly is has no part in its plan.
         everywhere: whether all worlds of a campaign have this motion, as they have PATHS.
     """

@@ -26,8 +26,10 @@ from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, ne
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.robot import Robot
 
 K_0 = 20.0  # 1/s, the article's
 FAST = 60.0  # 1/s, ours: follows a hand of 3 Hz; the currents' noise then costs tenths of a newton
@@ -54,7 +56,6 @@ def read_variants(
     """Readings by variant; the prior is `live_prior` of the robot's payload.
 
     Args:
-        runs: by path.
         speed: rad/s, the highest planned joint speed of the task.
     """
     readings = {}
@@ -66,12 +67,17 @@ def read_variants(
     return readings
 
 
-def known_friction(models: ArmModels, run: TaskRun, gain: float = K_0) -> dict[str, Any]:
-    """Errors of the `inverse` reading when the true friction is taken off the torques."""
+def inverse_estimator(robot: Robot, model: IdentifiedModel, gain: float = K_0) -> WrenchEstimator:
+    """Eq. 22; the stated covariance counts next to a singularity, where it keeps it finite."""
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([gain]), WrenchReconstructionConfig("inverse")
     )
-    estimator = WrenchEstimator(models.robot, models.models["coulomb-viscous"], config)
+    return WrenchEstimator(robot, model, config)
+
+
+def known_friction(models: ArmModels, run: TaskRun, gain: float = K_0) -> dict[str, Any]:
+    """Errors of the `inverse` reading when the true friction is taken off the torques."""
+    estimator = inverse_estimator(models.robot, models.models["coulomb-viscous"], gain)
     reading = read_run("true friction known", run, estimator, run.tau_f_true)
     return _without_band(reading.metrics())
 

@@ -27,19 +27,16 @@ Nothing of it comes from a task's run. Eq. 4, where the first cycle's torque sta
 has an error of its own: `wrenchsight.analyses.experiments.setups.path_runs.repetition_errors`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
 
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
-    reversal_recordings,
-    separate_recordings,
-)
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import (
     POSTURES,
+    reversal_recordings,
     semi_parametric_model,
+    separate_recordings,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     CONFIG,
@@ -47,8 +44,8 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
 )
 from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
 from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ProgressCallback
-from wrenchsight.analyses.study.shared_results import digest, shared
+from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
+from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -59,8 +56,6 @@ from wrenchsight.models.observers.momentum_observer import MomentumObserverConfi
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
-
-Result = TypeVar("Result")
 
 LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
 # Passes as slow as a task's joints, with travel enough that the drives' own compliance does not
@@ -82,7 +77,6 @@ class ArmModels:
     """What the contact-free logs of an arm say.
 
     Attributes:
-        robot: whose logs they are.
         models: by law, as in LAWS.
         held_out: contact-free logs that no model was fitted on.
         passes: more of them, which planning does without.
@@ -92,16 +86,13 @@ class ArmModels:
     models: Mapping[str, IdentifiedModel]
     held_out: tuple[Recording, ...]
     passes: tuple[Recording, ...] = ()
-    # By name, law and K_0: variants of one estimator differ in what comes after
-    _known: dict[tuple[str, str, float], Any] = field(default_factory=dict, repr=False)
+    # By law and K_0: variants of one estimator differ in what comes after
+    _known: dict[tuple[str, float], tuple[Array, TorqueErrorModel]] = field(
+        default_factory=dict, repr=False
+    )
 
     def estimator(
-        self,
-        law: str,
-        speed: float,
-        K_0: float,
-        reconstruction: WrenchReconstructionConfig,
-        by_state: bool = True,
+        self, law: str, speed: float, K_0: float, reconstruction: WrenchReconstructionConfig
     ) -> WrenchEstimator:
         """An estimator with a law's model and the covariance of its error in a task.
 
@@ -110,76 +101,44 @@ class ArmModels:
             speed: rad/s, the highest joint speed of the planned task.
             K_0: 1/s.
             reconstruction: method and prior.
-            by_state: whether its torque error follows the joints' states, or is Sigma_tau.
         """
-        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
-        model = self.models[law]
-        tau_ext, v = self.held_out_errors(law, K_0)
+        tau_ext, error = self.observed(law, K_0)
+        v = np.vstack([log.v[_settled(log, K_0)] for log in self.held_out])
         covariance = covariance_at_speed(tau_ext, v, speed)
-        error = self.torque_error(law, K_0) if by_state else None
-        model = replace(model, residual_covariance=covariance, torque_error=error)
+        model = replace(self.models[law], residual_covariance=covariance, torque_error=error)
+        config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]), reconstruction)
         return WrenchEstimator(self.robot, model, config)
 
-    def torque_error(self, law: str, K_0: float) -> TorqueErrorModel:
-        """What an observer with a law's model errs by, as the held-out logs show.
-
-        Args:
-            law: one of LAWS.
-            K_0: 1/s.
+    def observed(self, law: str, K_0: float) -> tuple[Array, TorqueErrorModel]:
+        """tau_ext (N, n) N m that a law's observer (K_0, 1/s) reads of the settled held-out logs,
+        and the torque error that these and the passes show; once for all that have this arm.
         """
-        return self._once(
-            "torque_error", law, K_0, lambda: fit_torque_error(self._readings(law, K_0))
-        )
+        if (law, K_0) not in self._known:
+            own = self.robot, self.models[law], self.held_out, self.passes, K_0
+            self._known[law, K_0] = shared("observed", own, lambda: self._observed(law, K_0))
+        return self._known[law, K_0]
 
-    def held_out_errors(self, law: str, K_0: float) -> tuple[Array, Array]:
-        """tau_ext (N, n) N m that an observer reads of the held-out logs, and v (N, n) rad/s.
-
-        Args:
-            law: one of LAWS.
-            K_0: 1/s.
-        """
-        v = [log.v[_settled(log, K_0)] for log in self.held_out]
-        tau_ext = self._once("held_out_errors", law, K_0, lambda: self._read_held_out(law, K_0))
-        return tau_ext, np.vstack(v)
-
-    def _once(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
-        """For all experiments that have this arm, a result of a law's observer."""
-        own = self._kept("digest", law, 0.0, lambda: self._digest(law)), K_0
-        return self._kept(name, law, K_0, lambda: shared(name, own, compute))
-
-    def _kept(self, name: str, law: str, K_0: float, compute: Callable[[], Result]) -> Result:
-        key = name, law, K_0
-        if key not in self._known:
-            self._known[key] = compute()
-        result: Result = self._known[key]
-        return result
-
-    def _digest(self, law: str) -> str:
-        return digest((self.robot, self.models[law], self.held_out, self.passes))
-
-    def _read_held_out(self, law: str, K_0: float) -> Array:
-        own = self._readings(law, K_0)[: len(self.held_out)]
-        readings = zip(own, self.held_out, strict=True)
-        return np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in readings])
-
-    def _readings(self, law: str, K_0: float) -> list[HeldOutReading]:
-        return self._kept("readings", law, K_0, lambda: self._read(law, K_0))
-
-    def _read(self, law: str, K_0: float) -> list[HeldOutReading]:
+    def _observed(self, law: str, K_0: float) -> tuple[Array, TorqueErrorModel]:
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
         plain = replace(self.models[law], torque_error=None)
         estimator = WrenchEstimator(self.robot, plain, config)
-        readings = []
-        for log in (*self.held_out, *self.passes):
-            seen = estimator.observe(log.q, log.v, log.current)
-            readings.append(
-                HeldOutReading(
-                    *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
-                    *(seen.fresh & _settled(log, K_0), estimator.friction, log.time_step),
-                    *(np.full(self.robot.num_joints, K_0), position_resolution(log.q)),
-                )
-            )
-        return readings
+        logs = *self.held_out, *self.passes
+        readings = [read_contact_free(estimator, log, K_0, _settled(log, K_0)) for log in logs]
+        held_out = zip(readings, self.held_out, strict=False)  # the first of them
+        tau_ext = np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in held_out])
+        return tau_ext, fit_torque_error(readings)
+
+
+def read_contact_free(
+    estimator: WrenchEstimator, log: Recording, K_0: float, used: Flags
+) -> HeldOutReading:
+    """What an observer (K_0, 1/s) reads where nothing touches the arm; `used` (N,) samples."""
+    seen = estimator.observe(log.q, log.v, log.current)
+    return HeldOutReading(
+        *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
+        *(seen.fresh & used, estimator.friction, log.time_step),
+        *(np.full(log.num_joints, K_0), position_resolution(log.q)),
+    )
 
 
 def _settled(log: Recording, K_0: float) -> Flags:
@@ -198,9 +157,7 @@ def identify_arm(
 
     Args:
         robot: with its simulated truth.
-        seed: of the noise and of the training.
         quick: shorter logs, fewer postures.
-        progress: called with the share done.
         contact_noise: of `identify`; only contact detection reads it.
     """
     arguments = robot, seed, quick, contact_noise
@@ -214,23 +171,13 @@ def identify_arm(
 def _identify_arm(
     robot: Robot, seed: int, quick: bool, contact_noise: bool, progress: ProgressCallback
 ) -> tuple[dict[str, IdentifiedModel], tuple[Recording, ...], tuple[Recording, ...]]:
-    result, (log, other) = identify_simulated_arm(
-        robot,
-        seed,
-        1 if quick else PERIODS,
-        replace(CONFIG, seed=seed),
-        lambda share, what: progress(0.2 * share, what),
-        contact_noise,
-    )
-    fast, slow = _reversals(robot, seed, quick, lambda s, what: progress(0.2 + 0.6 * s, what))
+    progress(0.0, "identification")
+    result, (log, other) = identify_simulated_arm(robot, seed, quick, contact_noise=contact_noise)
+    progress(0.2, "reversals")
+    fast, slow = _reversals(robot, seed, quick)
+    postures = np.asarray(robot.home) + np.asarray(HELD_OUT_POSTURES)
     passes = reversal_recordings(
-        robot,
-        np.asarray(robot.home) + np.asarray(HELD_OUT_POSTURES),
-        SLOW_SPEEDS[1:],
-        seed + 200,
-        lambda s, what: progress(0.8 + 0.05 * s, what),
-        SLOW_PERIOD,
-        HELD_OUT_WAYS,
+        robot, postures, SLOW_SPEEDS[1:], seed + 200, SLOW_PERIOD, HELD_OUT_WAYS
     )
     progress(0.85, "friction laws")
     fitted = [*fast, *slow[:-1]]
@@ -249,35 +196,26 @@ def article_models(
 
     Args:
         robot: with its simulated truth.
-        seed: of the noise and of the training.
         quick: shorter logs, fewer postures.
     """
-    config = replace(CONFIG, seed=seed, cross_validate=False)  # asks what its observer errs by
-    periods = 1 if quick else PERIODS
-    result, _ = identify_simulated_arm(robot, seed, periods, config, contact_noise=False)
+    config = replace(CONFIG, cross_validate=False)  # asks what its observer errs by
+    result, _ = identify_simulated_arm(robot, seed, quick, config, contact_noise=False)
     fast, slow = _reversals(robot, seed, quick, held_out=False)
     return result, _with_networks(robot, result, [*fast, *slow], seed)
 
 
 def _reversals(
-    robot: Robot,
-    seed: int,
-    quick: bool,
-    progress: ProgressCallback = lambda fraction, what: None,
-    held_out: bool = True,
+    robot: Robot, seed: int, quick: bool, held_out: bool = True
 ) -> tuple[list[Recording], list[Recording]]:
     """Logs of fast passes, and of slow ones; of these the last is held out of every fit."""
     postures = np.asarray(robot.home) + np.asarray(POSTURES)
-    fast = reversal_recordings(
-        robot, postures[:1], seed=seed, progress=lambda s, what: progress(0.25 * s, what)
-    )
+    fast = reversal_recordings(robot, postures[:1], seed=seed)
     slow_postures = postures[-2:] if quick else postures[1:]
     slow = reversal_recordings(
         robot,
         slow_postures if held_out else slow_postures[:-1],
         SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS,
         seed + 100,
-        lambda s, what: progress(0.25 + 0.75 * s, what),
         SLOW_PERIOD,
     )
     return fast, slow

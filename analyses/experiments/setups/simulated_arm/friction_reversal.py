@@ -3,26 +3,31 @@
 Two sources: a planned motion of the simulated arm
 (`models.excitation.friction_reversal.reversal_motion`, the article's eqs. 16-19), and recordings of
 any arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
-Either gives friction samples over velocity, on which `analyses.methods.learning.friction_training`
-trains the networks, and the asymmetric part that eq. 15 neglects.
+Either gives friction samples over velocity, on which the networks of the article's law are trained
+near zero velocity, and the asymmetric part that eq. 15 neglects.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback, simulate_motion
-from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, panels_in_pairs
+from wrenchsight.analyses.methods.learning.friction_training import (
+    TrainedNetworks,
+    TrainingConfig,
+    train_networks,
+)
+from wrenchsight.analyses.methods.learning.identification import IdentificationResult
+from wrenchsight.analyses.methods.runs.simulated_logs import simulate_motion
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.excitation.friction_reversal import (
     ReversalSamples,
     reversal_motion,
     separate,
 )
-from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
@@ -32,32 +37,30 @@ from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 SPEEDS = (0.01, 0.03, 0.06, 0.11, 0.18, 0.28, 0.45, 0.8)  # rad/s, of the planned passes
 PERIOD = 2.0  # s
 REST = 0.002  # rad/s
+# Departures from the home posture, rad; the last one is the test's.
+POSTURES = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.4, 0.2, -0.2, 0.5, 0.3, -0.4),
+    (-0.4, -0.2, 0.1, -0.5, -0.2, 0.4),
+    (0.2, 0.1, 0.15, 0.2, -0.4, 0.8),
+)
 
 
 @dataclass(frozen=True, eq=False)
 class SeparatedFriction:
-    """Friction of all joints by reversal.
+    """Friction of all joints by reversal; one entry a joint."""
 
-    Attributes:
-        joint_names: n of them.
-        samples: one entry a joint.
-    """
-
-    joint_names: tuple[str, ...]
     samples: tuple[ReversalSamples, ...]
 
-    def table(self, symmetric: bool = False) -> tuple[Array, Array]:
+    def table(self) -> tuple[Array, Array]:
         """Velocities and torques (N, n) of both directions, NaN where a joint has fewer than N.
 
-        Args:
-            symmetric: whether the asymmetric part is left out, as the article does.
+        The asymmetric part is left out, as the article does.
         """
-        columns = []
-        for samples in self.samples:
-            v, torque = samples.friction()
-            if symmetric:
-                torque = np.concatenate([samples.symmetric, -samples.symmetric])
-            columns.append((v, torque))
+        columns = [
+            (np.r_[own.speed, -own.speed], np.r_[own.symmetric, -own.symmetric])
+            for own in self.samples
+        ]
         rows = max(len(v) for v, _ in columns)
         table = np.full((2, rows, len(columns)), np.nan)
         for j, (v, torque) in enumerate(columns):
@@ -93,7 +96,6 @@ def separate_recordings(
     """Separates friction in recordings by pairing passes of opposite direction.
 
     Args:
-        robot: that was recorded.
         recordings: uniform or not; each is resampled to its median step and low-passed.
         model: mass matrix and, for the asymmetric part, gravity.
         cutoff: Hz, of the zero-phase low-pass.
@@ -117,7 +119,7 @@ def separate_recordings(
         signals = uniform.t, q, v, derivative(v, step), tau
         for j in range(robot.num_joints) if joints is None else (joints[k],):
             result[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
-    return SeparatedFriction(robot.joint_names, tuple(_joined(j, s) for j, s in enumerate(result)))
+    return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
 
 
 def reversal_recordings(
@@ -125,7 +127,6 @@ def reversal_recordings(
     postures: ArrayLike,
     speeds: Sequence[float] = SPEEDS,
     seed: int = 0,
-    progress: ProgressCallback = lambda fraction, what: None,
     period: float = PERIOD,
     ways: ArrayLike | None = None,
 ) -> list[Recording]:
@@ -135,8 +136,6 @@ def reversal_recordings(
         robot: with its simulated truth; the controller is the drives' own.
         postures: (K, n) rad, in which the passes meet.
         speeds: rad/s of the passes.
-        seed: of the noise.
-        progress: called with the share done.
         period: s, of the passes; slow ones need a long one, or the drives' own compliance takes up
             the whole travel.
         ways: (K, n) or (n,) share of the motion that each joint makes, with its sign; None: signs
@@ -149,36 +148,9 @@ def reversal_recordings(
     directions = np.broadcast_to(np.asarray(ways, dtype=np.float64), postures.shape)
     for k, (posture, way) in enumerate(zip(postures, directions, strict=True)):
         motion = reversal_motion(robot, way, posture, speeds, period)
-
-        def part(share: float, what: str, k: int = k) -> None:
-            progress((k + share) / len(postures), what)
-
-        log = simulate_motion(robot, motion, seed + k, f"reversals {k + 1}", progress=part)
+        log = simulate_motion(robot, motion, seed + k, f"reversals {k + 1}")
         recordings.append(log.recording)
     return recordings
-
-
-def reversal_figure(
-    separated: SeparatedFriction,
-    law: CoulombViscous,
-    title: str,
-) -> Figure:
-    """Separated friction over velocity, one panel a joint, with the law (the article's Fig. 18)."""
-    n = len(separated.joint_names)
-    figure, panels = panels_in_pairs(n, "velocity [rad/s]", "friction [N m]")
-    for j, axis in enumerate(panels):
-        v, torque = separated.samples[j].friction()
-        axis.plot(v, torque, ".", color=COLOUR["reference"], ms=2, alpha=0.4, label="separated")
-        most = float(np.abs(v).max(initial=0.1))
-        line = np.tile(np.linspace(-most, most, 801)[:, None], (1, n))
-        axis.plot(
-            line[:, j], law.torque(line)[:, j], color=COLOUR["before"], label="Coulomb-viscous"
-        )
-        share = separated.metrics()["asymmetric_pct"][j]
-        axis.set_title(f"{separated.joint_names[j]}: asymmetric part {share:.0f} %")
-    legend_below(figure, panels[0], 3)
-    figure.suptitle(title)
-    return figure
 
 
 def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:
@@ -187,3 +159,21 @@ def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:
 
     names = ("position", "speed", "acceleration", "symmetric", "asymmetric")
     return ReversalSamples(joint, *(column(name) for name in names))
+
+
+def semi_parametric_model(
+    robot: Robot,
+    plain: IdentificationResult,
+    separated: SeparatedFriction,
+    training: TrainingConfig | None = None,
+) -> tuple[IdentifiedModel, TrainedNetworks]:
+    """The article's way: symmetric friction by reversal; odd networks on the plain law.
+
+    The plain law's torque error is not that of this law: the model has none.
+    """
+    v, torque = separated.table()
+    law = plain.model.friction.coulomb_viscous
+    config = training or TrainingConfig(seed=plain.config.seed, odd=True)
+    trained = train_networks(v, torque, law, config=config, joint_names=robot.joint_names)
+    friction = SemiParametricFriction(law, trained.networks, trained.v_crit)
+    return replace(plain.model, friction=friction, torque_error=None), trained

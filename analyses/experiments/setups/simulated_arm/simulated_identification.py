@@ -13,7 +13,6 @@ from wrenchsight.analyses.methods.learning.identification_config import Identifi
 from wrenchsight.analyses.methods.learning.torque_fit import rms
 from wrenchsight.analyses.methods.runs.simulated_logs import (
     PERIODS,
-    ProgressCallback,
     SimulatedLog,
     simulate_excitation,
     stored_excitation,
@@ -30,9 +29,8 @@ CONFIG = IdentificationConfig(cutoff=7.5, friction="coulomb-viscous")  # as in t
 def identify_simulated_arm(
     robot: Robot,
     seed: int = 0,
-    num_periods: int = PERIODS,
+    quick: bool = False,
     config: IdentificationConfig = CONFIG,
-    progress: ProgressCallback = lambda fraction, what: None,
     contact_noise: bool = True,
 ) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
     """Identifies the simulated arm from its own log along excitation 1, checked on excitation 2.
@@ -41,44 +39,25 @@ def identify_simulated_arm(
 
     Args:
         robot: with its simulated truth.
-        seed: of the noise.
-        num_periods: of each excitation.
-        config: of the identification.
-        progress: called with the share done.
+        quick: one period of each excitation in the place of PERIODS.
         contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
     """
-    arguments = robot, seed, num_periods, config, contact_noise
-    return shared("identify_simulated_arm", arguments, lambda: _identify(*arguments, progress))
 
+    periods, config = 1 if quick else PERIODS, replace(config, seed=seed)
 
-def _identify(
-    robot: Robot,
-    seed: int,
-    num_periods: int,
-    config: IdentificationConfig,
-    contact_noise: bool,
-    progress: ProgressCallback,
-) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
-    logs = tuple(
-        simulate_excitation(
-            robot,
-            stored_excitation(robot, k + 1),
-            num_periods,
-            2 * seed + k,
-            f"excitation_{k + 1}",
-            lambda share, what, k=k: progress(0.4 * (k + share), what),  # type: ignore[misc]
+    def identified() -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
+        first, second = (
+            simulate_excitation(
+                *(robot, stored_excitation(robot, k + 1), periods),
+                *(2 * seed + k, f"excitation_{k + 1}"),
+            )
+            for k in range(2)
         )
-        for k in range(2)
-    )
-    result = identify(
-        [logs[0].recording],
-        robot,
-        [logs[1].recording],
-        config,
-        lambda share, what: progress(0.8 + 0.2 * share, what),
-        contact_noise,
-    )
-    return result, (logs[0], logs[1])
+        logs = [first.recording], robot, [second.recording]
+        return identify(*logs, config, contact_noise=contact_noise), (first, second)
+
+    arguments = robot, seed, periods, config, contact_noise
+    return shared("identify_simulated_arm", arguments, identified)
 
 
 def inertial_error(robot: Robot, model: IdentifiedModel) -> tuple[Array, Array]:

@@ -91,7 +91,6 @@ class ContactRun:
     """One run; T samples, six joints.
 
     Attributes:
-        name: of the run.
         log: as recorded, corners of the path rounded in its v; q and v are NaN where they are not
             known; t is 0 at the first contact.
         current_desired: (T, 6) A.
@@ -226,20 +225,14 @@ def rounded_corners(
     direction = v / np.maximum(speed, _SLOWEST)[:, None]
     jump = np.nan_to_num(np.abs(np.diff(direction, axis=0)).sum(axis=1))
     jumps = np.flatnonzero((jump > _CORNER_JUMP) & where[1:] & (speed[1:] > _MOVING))
-    groups: list[list[int]] = []
-    for i in (int(k) for k in jumps):
-        if groups and i - groups[-1][-1] < _CORNER_STEPS:
-            groups[-1].append(i)
-        else:
-            groups.append([i])
-    groups = [group for group in groups if jump[group].sum() > _CORNER]
+    apart = np.flatnonzero(np.diff(jumps) >= _CORNER_STEPS) + 1
+    groups = [group for group in np.split(jumps, apart) if jump[group].sum() > _CORNER]
     rounded, near = v.copy(), np.zeros(len(v), bool)
     travelled = np.cumsum(speed) * step
     for number, group in enumerate(groups):
-        end = group[-1] + 1
+        end = int(group[-1]) + 1
         blend = blends[min(number, len(blends) - 1)]
-        start = int(np.searchsorted(travelled, travelled[end] - blend))
-        start = min(start, group[0])
+        start = min(int(np.searchsorted(travelled, travelled[end] - blend)), int(group[0]))
         share = np.linspace(0.0, 1.0, end - start + 1)[:, None]
         rounded[start : end + 1] = v[start] + (v[end] - v[start]) * share
         near[max(end - round(0.12 / step), 0) : end + round(0.15 / step)] = True

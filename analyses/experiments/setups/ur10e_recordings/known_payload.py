@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.analyses.methods.sensors.judged_force import correlation
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -16,7 +17,6 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.point_of_action import (
-    PointOfAction,
     find_point_of_action,
     jacobian_at,
 )
@@ -41,6 +41,7 @@ K_0 = 15.0  # 1/s
 REFERENCE_CUTOFF = 5.0  # Hz, zero-phase, of the kinematics behind the reference
 LEARNING_TIME = 10.0  # s of the loaded run that the point of action is found from
 MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's filter
+INNER = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
 # Samples of them; the observer's band is far below their rate.
 LEARNING = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), 5)
 # Every method that is compared, with what sets it apart; the prior of the others, where they have
@@ -56,88 +57,54 @@ METHODS: dict[str, WrenchReconstructionConfig] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """The payload's force on the flange, from its mass and the motion alone.
+def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any]:
+    """Errors of the force over all samples, and below `valid` over those that are flagged valid.
 
-    Attributes:
-        direction: (N, 3) g - a_E in axes of W, m/s^2.
-        mass: kg, of the payload.
+    Args:
+        estimate: of N samples.
+        direction: (N, 3) m/s^2, as `payload_reference`: the true force is MASS times it.
     """
+    force, truth = estimate.wrench[:, 3:], MASS * direction
+    deviation = estimate.standard_deviation[:, 3:]
 
-    direction: Array
-    mass: float = MASS
-
-    @property
-    def force(self) -> Array:
-        """(N, 3) N, exerted on the robot, in axes of W."""
-        return self.mass * self.direction
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What one method reads.
-
-    Attributes:
-        force: (N, 3) N in axes of W.
-        deviation: (N, 3) N, as stated.
-        valid: (N,).
-        condition_number: (N,).
-    """
-
-    force: Array
-    deviation: Array
-    valid: Flags
-    condition_number: Array
-
-    @classmethod
-    def of(cls, estimate: WrenchEstimate, fresh: slice) -> "Reading":
-        """The force of an estimate at the samples `fresh`."""
-        return cls(
-            estimate.wrench[fresh, 3:],
-            estimate.standard_deviation[fresh, 3:],
-            estimate.valid[fresh],
-            estimate.condition_number[fresh],
-        )
-
-    def metrics(self, reference: Reference) -> dict[str, Any]:
-        """Errors over all samples, and below `valid` over those that are flagged valid."""
-        error = np.linalg.norm(self.force - reference.force, axis=1)
-        worst_deviation = np.linalg.norm(self.deviation, axis=1)
-        return {
-            **self._errors(reference, np.ones(len(self.valid), bool)),
-            "share_valid_pct": 100.0 * float(self.valid.mean()),
-            "valid": self._errors(reference, self.valid),
-            "rank_correlation_with_error": {
-                "stated_sd": float(spearmanr(worst_deviation, error).statistic),
-                "condition_number": float(spearmanr(self.condition_number, error).statistic),
-            },
-        }
-
-    def _errors(self, reference: Reference, rows: Flags) -> dict[str, Any]:
+    def errors(rows: Flags) -> dict[str, Any]:
         names = [f"rmse_f{axis}_n" for axis in AXES]
         if rows.sum() < 2:
             keys = (*names, "rmse_n", "max_error_n", "mass_kg", "correlation")
             return dict.fromkeys((*keys, "inside_68_pct", "inside_95_pct"))
-        force, truth = self.force[rows], reference.force[rows]
-        direction = reference.direction[rows]
-        error = force - truth
-        share = np.abs(error) / self.deviation[rows]
+        error, along = (force - truth)[rows], direction[rows]
+        share = np.abs(error) / deviation[rows]
+        pairs = zip(force[rows].T, truth[rows].T, strict=True)
         return {
             **dict(zip(names, rms(error).tolist(), strict=True)),
             "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
             "max_error_n": float(np.linalg.norm(error, axis=1).max()),
-            "mass_kg": float(np.sum(force * direction) / np.sum(direction**2)),
-            "correlation": [_correlation(f, r) for f, r in zip(force.T, truth.T, strict=True)],
+            "mass_kg": float(np.sum(force[rows] * along) / np.sum(along**2)),
+            "correlation": [correlation(own, true) for own, true in pairs],
             "inside_68_pct": 100.0 * np.mean(share <= SIGMA_68, axis=0),
             "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
         }
 
+    size = np.linalg.norm(force - truth, axis=1)
+    ranked = {
+        "stated_sd": np.linalg.norm(deviation, axis=1),
+        "condition_number": estimate.condition_number,
+    }
+    return {
+        **errors(np.ones(len(force), bool)),
+        "share_valid_pct": 100.0 * float(estimate.valid.mean()),
+        "valid": errors(estimate.valid),
+        "rank_correlation_with_error": {
+            key: float(spearmanr(own, size).statistic) for key, own in ranked.items()
+        },
+    }
+
 
 def payload_reference(
     robot: Robot, recording: Recording, cutoff: float, p_EP: Array | None = None
-) -> Reference:
-    """The force of the payload along a recording on a uniform grid.
+) -> Array:
+    """(N, 3) g - a_E in axes of W, m/s^2, along a recording on a uniform grid: a payload's force
+    on the robot by its mass.
 
     a_E is the second derivative of the position of the flange (or of a point P fixed to it),
     computed from positions that went through a zero-phase low-pass: no model, no current, no delay.
@@ -148,7 +115,7 @@ def payload_reference(
     if p_EP is not None:
         p_WE = p_WE + R_WE @ p_EP
     a_E = derivative(derivative(p_WE, step), step)
-    return Reference(np.asarray(robot.gravity) - a_E)
+    return np.asarray(robot.gravity) - a_E
 
 
 def force_of_load(
@@ -169,7 +136,7 @@ def force_of_load(
     R_WE, _ = robot.chain.pose(motion.q)
     learnt = J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING]
     place = find_point_of_action(*learnt, Sigma_tau).p_EP
-    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place).direction
+    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place)
 
 
 def estimator_config() -> WrenchEstimatorConfig:
@@ -183,34 +150,19 @@ def estimator_config() -> WrenchEstimatorConfig:
 
 @dataclass(frozen=True, eq=False)
 class AtLoad:
-    """The readings at the point where the load acts.
+    """What is read at the point where the load acts.
 
     Attributes:
         t: (N,) s, of the test part.
-        found: from the part before.
-        prior: force sd (N) and moment sd (N m) of `bayesian_zero_mean`.
-        readings: by method.
-        reference: the payload's force at that point.
+        bayesian: the reading.
+        direction: (N, 3) m/s^2, `payload_reference` at that point.
+        metrics: by method, the point that the part before tells, and the priors.
     """
 
     t: Array
-    found: PointOfAction
-    prior: tuple[float, float]
-    readings: dict[str, Reading]
-    reference: Reference
-
-    def metrics(self) -> dict[str, Any]:
-        """Figures by method, the point found and the prior, as written to metrics.json."""
-        return {
-            **{name: one.metrics(self.reference) for name, one in self.readings.items()},
-            "point_m": self.found.p_EP,
-            "mean_force_n": self.found.mean_force_W,
-            "force_sd_n": self.found.force_sd,
-            "moment_sd_nm": self.found.moment_sd,
-            "noise_factor": self.found.noise_scale,
-            "zero_mean_force_sd_n": self.prior[0],
-            "zero_mean_moment_sd_nm": self.prior[1],
-        }
+    bayesian: WrenchEstimate
+    direction: Array
+    metrics: dict[str, Any]
 
 
 def read_at_load(
@@ -243,10 +195,19 @@ def read_at_load(
     ):
         estimate = WrenchReconstruction(config, Sigma).reconstruct(J[test], tau[test])
         estimate.wrench[:, 3:] += mean
-        readings[name] = Reading.of(estimate, slice(None))
-    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP).direction[test]
-    t = loaded.t[test] - loaded.t[0]
-    return AtLoad(t, result, zero_mean, readings, Reference(direction))
+        readings[name] = estimate
+    direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP)[test]
+    metrics = {
+        **{name: payload_metrics(own, direction) for name, own in readings.items()},
+        "point_m": result.p_EP,
+        "mean_force_n": result.mean_force_W,
+        "force_sd_n": result.force_sd,
+        "moment_sd_nm": result.moment_sd,
+        "noise_factor": result.noise_scale,
+        "zero_mean_force_sd_n": zero_mean[0],
+        "zero_mean_moment_sd_nm": zero_mean[1],
+    }
+    return AtLoad(loaded.t[test] - loaded.t[0], readings["bayesian"], direction, metrics)
 
 
 def estimate_run(
@@ -257,10 +218,3 @@ def estimate_run(
     estimator = WrenchEstimator(robot, model, estimator_config())
     state = estimator.initial_state()
     return recording, estimator.run(state, recording.q, recording.v, recording.current)
-
-
-def _correlation(a: Array, b: Array) -> float | None:
-    """None where one of them does not vary."""
-    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
-        return None
-    return float(np.corrcoef(a, b)[0, 1])

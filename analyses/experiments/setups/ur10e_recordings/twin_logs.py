@@ -24,7 +24,6 @@ from wrenchsight.models.truth.true_robot import true_robot
 
 TIME_STEP = 0.01  # s, of the reference
 CUTOFF = 8.0  # Hz, of the reference: more than twice what the motions hold
-LEAD = 0.5  # s, at rest before the motion, and as long again to come up to it
 
 
 def commanded_motion(recording: Recording) -> JointTrajectory:
@@ -45,10 +44,8 @@ def twin_log(
     """What the simulated arm records along the motion of a real log.
 
     Args:
-        recording: the real log.
         robot: with its simulated truth.
         day: seed of what differs from day to day.
-        seed: of the noise.
         payload: on the flange, unknown to the controller.
     """
     truth = robot.config.simulated_truth

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.study.experiment import ExperimentContext
+from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
@@ -22,25 +24,29 @@ VALIDATED = {
 }
 # The motion of 14harm50sec with a payload of 2.805 kg.
 LOADED = "ur-20_02_19_14harm50secLoad.csv"
-# All contact-free logs that no model is fitted on, and those with a payload, by folder.
+FILES = tuple(f"{FOLDER}/{name}" for name in (*FITTED, *VALIDATED.values(), LOADED))
 MORE = "ur10e_more"  # below the data folder
-FREE_LOGS = {
-    FOLDER: ("ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"),
-    MORE: (
-        "ur-20_02_19_15harm50sec",
-        "ur-20_02_10-20sec_7harm",
-        "ur-20_02_06-20sec_5harm",
-        "ur-20_02_06-20sec_10harm",
-        "ur-20_02_05-20sec_8harm",
-        "ur-20_01_31-unload",
-        "ur-19_12_23_free",
-        *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
-    ),
-}
-LOADED_LOGS = {  # kg
-    FOLDER: {"ur-20_02_19_14harm50secLoad": 2.805},
-    MORE: {"ur-19_12_23_load": 1.069},
-}
+# All contact-free logs that no model is fitted on, and those with a payload (kg).
+FREE_LOGS = (
+    "ur-20_02_19_14harm50sec",
+    "ur-20_01_17-ptp_10_points",
+    "ur-20_02_19_15harm50sec",
+    "ur-20_02_10-20sec_7harm",
+    "ur-20_02_06-20sec_5harm",
+    "ur-20_02_06-20sec_10harm",
+    "ur-20_02_05-20sec_8harm",
+    "ur-20_01_31-unload",
+    "ur-19_12_23_free",
+    *(f"ur-20_01_17-p{k}" for k in range(1, 6)),
+)
+LOADED_LOGS = {"ur-20_02_19_14harm50secLoad": 2.805, "ur-19_12_23_load": 1.069}
+LOADS = dict.fromkeys(FREE_LOGS, 0.0) | LOADED_LOGS  # kg
+
+
+def log_file(data: Path, name: str) -> Path:
+    """A log's file, in whichever of both folders below `data` it is."""
+    path = data / FOLDER / f"{name}.csv"
+    return path if path.is_file() else data / MORE / f"{name}.csv"
 
 
 def validation_recordings(data: Path, robot: Robot) -> list[Recording]:
@@ -73,3 +79,13 @@ def identify_ur10e(
     return replace(
         result, validation=tuple(replace(fit, name=short[fit.name]) for fit in result.validation)
     )
+
+
+def presliding_arm(context: ExperimentContext, share: float) -> tuple[Robot, IdentifiedModel]:
+    """The UR10e and its model with presliding friction, a `share` of the experiment's work.
+
+    Raises:
+        InputError: a log is missing or damaged.
+    """
+    robot, config = Robot.load("ur10e"), IdentificationConfig(friction="presliding")
+    return robot, identify_ur10e(context.data, robot, config, context.part(0.0, share)).model

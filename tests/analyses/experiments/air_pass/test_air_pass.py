@@ -3,22 +3,11 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.air_pass.experiment import EXPERIMENT, NONE
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
-    FOLDER,
-    LOADED,
-    VALIDATED,
-)
+from wrenchsight.analyses.experiments.air_pass.experiment import NONE
+from wrenchsight.analyses.experiments.setups.ur10e_recordings import ur10e_logs
 
 pytestmark = pytest.mark.slow  # three laws are fitted
-
-
-@pytest.fixture(scope="module")
-def metrics(data_holding, run_experiment):
-    """Of the whole experiment."""
-    data = data_holding(*(f"{FOLDER}/{name}" for name in (*FITTED, *VALIDATED.values(), LOADED)))
-    return run_experiment(EXPERIMENT, data).metrics
+FILES = ur10e_logs.FILES
 
 
 def test_a_plain_law_learns_much_a_rich_one_little(metrics):

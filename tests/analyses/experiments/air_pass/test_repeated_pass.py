@@ -39,39 +39,34 @@ def _pass(robot: Robot, ahead: float, load: float, own: float) -> Pass:
     return Pass(recording, tau + own * error, J)
 
 
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return Robot.load("ur10e")
-
-
-def test_passes_are_aligned_by_their_positions(robot: Robot) -> None:
-    ahead = alignment(_recording(robot, _AHEAD), _recording(robot, 0.0))
+def test_passes_are_aligned_by_their_positions(ur10e: Robot) -> None:
+    ahead = alignment(_recording(ur10e, _AHEAD), _recording(ur10e, 0.0))
     # What linear interpolation between samples leaves.
     assert ahead == pytest.approx(_AHEAD, abs=2e-4)
 
 
-def test_what_repeats_is_taken_off(robot: Robot) -> None:
-    empty, loaded = _pass(robot, _AHEAD, 0.0, 1.0), _pass(robot, 0.0, _MASS, 1.0)
-    found = loaded_pass(robot, np.eye(6), empty, loaded, _POINT, _MASS)
-    assert len(found.t) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
+def test_what_repeats_is_taken_off(ur10e: Robot) -> None:
+    empty, loaded = _pass(ur10e, _AHEAD, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 1.0)
+    found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
+    assert len(found.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
     # The reference holds the acceleration of the slow motion, 0.1 N, which is not in the torque.
-    assert np.all(found.taught.torque_rmse < 0.2)
+    assert np.all(found.taught.mean_square < 0.2**2)
     assert np.all(found.repeated_share > 0.98)
     assert np.all(found.correlation > 0.98)
-    assert all(judged.rmse < 0.5 for judged in found.taught.judged())
-    assert max(judged.rmse for judged in found.plain.judged()) > 2.0
+    assert all(judged.rmse < 0.5 for judged in found.taught.judged)
+    assert max(judged.rmse for judged in found.plain.judged) > 2.0
 
 
-def test_half_of_the_error_that_repeats_leaves_the_other_half(robot: Robot) -> None:
+def test_half_of_the_error_that_repeats_leaves_the_other_half(ur10e: Robot) -> None:
     """With a load that doubles the error, 1 - (1/2)^2 of its mean square goes."""
-    empty, loaded = _pass(robot, 0.0, 0.0, 1.0), _pass(robot, 0.0, _MASS, 2.0)
-    found = loaded_pass(robot, np.eye(6), empty, loaded, _POINT, _MASS)
+    empty, loaded = _pass(ur10e, 0.0, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 2.0)
+    found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
     assert np.allclose(found.repeated_share, 0.75, atol=0.02)
 
 
-def test_shares_are_parts_of_one_whole(robot: Robot) -> None:
-    empty, loaded = _pass(robot, 0.0, 0.0, 1.0), _pass(robot, 0.0, _MASS, 2.0)
-    found = loaded_pass(robot, np.eye(6), empty, loaded, _POINT, _MASS)
+def test_shares_are_parts_of_one_whole(ur10e: Robot) -> None:
+    empty, loaded = _pass(ur10e, 0.0, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 2.0)
+    found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
     # Nothing is carried where no current flows: no load to grow with.
     current = np.random.default_rng(0).normal(size=found.v.shape)
     shares = replace(found, load_growth=current).shares()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.bandwidth.experiment import (
-    EXPERIMENT,
     GAINS,
     first_order,
     measure_response,
@@ -12,10 +11,7 @@ from wrenchsight.analyses.experiments.bandwidth.experiment import (
     sweep_frequencies,
 )
 
-
-@pytest.fixture(scope="module")
-def metrics(run_experiment):
-    return run_experiment(EXPERIMENT, seed=3, quick=True).metrics
+OPTIONS = {"seed": 3, "quick": True}
 
 
 def gain(metrics, K_0):

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.constant_wrench.experiment import (
-    EXPERIMENT,
     WRENCH,
     read_along,
 )
@@ -19,10 +18,7 @@ from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.models.motion.inverse_kinematics import follow_path
 from wrenchsight.models.robot.robot import Robot
 
-
-@pytest.fixture(scope="module")
-def metrics(run_experiment) -> dict[str, Any]:
-    return run_experiment(EXPERIMENT, quick=True).metrics
+OPTIONS = {"quick": True}
 
 
 @pytest.mark.slow

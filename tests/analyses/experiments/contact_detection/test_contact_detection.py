@@ -7,7 +7,12 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
-from wrenchsight.analyses.experiments.contact_detection.experiment import COLLISIONS, PLACES, SIZES
+from wrenchsight.analyses.experiments.contact_detection.experiment import (
+    COLLISIONS,
+    PLACES,
+    SIZES,
+    push_key,
+)
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 GAIN = np.array([11.976, 11.976, 9.839])  # N m/A, joints 1 to 3
@@ -35,7 +40,7 @@ def test_the_collisions_are_where_the_current_leaves_the_untouched_paths(data_ho
 
 
 def test_keys_are_those_of_the_contract():
-    assert [place.key(30.0, 0.5) for place in PLACES] == [
+    assert [push_key(30.0, 0.5, place) for place in PLACES] == [
         "push_30n_500ms_at_e",
         "push_30n_500ms_off_e",
     ]

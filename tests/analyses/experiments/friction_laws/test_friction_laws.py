@@ -5,24 +5,17 @@ import pytest
 
 from wrenchsight.analyses.experiments.friction_laws.experiment import (
     ARTICLE,
-    EXPERIMENT,
     PLAIN,
     SINGLE_JOINTS,
     NearZero,
     simulated_arm,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
-    FOLDER,
-    VALIDATED,
-)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings import ur10e_logs
 from wrenchsight.analyses.methods.learning.identification_config import LAWS
 from wrenchsight.analyses.study.experiment import ExperimentContext
 
-RECORDINGS = (
-    *(f"{FOLDER}/{name}" for name in (*FITTED, *VALIDATED.values())),
-    *(f"{FOLDER}/{name}" for name in SINGLE_JOINTS),
-)
+FILES: tuple[str, ...] = ()
+OPTIONS = {"quick": True}
 
 
 def test_near_zero_counts_slow_samples_only():
@@ -30,11 +23,6 @@ def test_near_zero_counts_slow_samples_only():
     own = NearZero(v, np.array([9.0, -1.0, 2.0, 9.0]), {"a": np.array([0.0, -4.0, 6.0, 0.0])})
     assert own.rmse("a", 0.05) == pytest.approx(np.sqrt((9.0 + 16.0) / 2.0))
     assert np.isnan(own.rmse("a", 0.001))
-
-
-@pytest.fixture(scope="module")
-def metrics(data_holding, run_experiment):
-    return run_experiment(EXPERIMENT, data_holding(), quick=True).metrics
 
 
 @pytest.mark.slow
@@ -58,7 +46,7 @@ def test_laws_near_zero_where_friction_is_of_their_kind(tmp_path):
 
 @pytest.mark.slow
 def test_laws_on_the_real_arm(metrics, data_holding):
-    data_holding(*RECORDINGS)
+    data_holding(*ur10e_logs.FILES, *(f"{ur10e_logs.FOLDER}/{name}" for name in SINGLE_JOINTS))
     real = metrics["real"]
     rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
     assert rests["presliding"][4] <= 9.0

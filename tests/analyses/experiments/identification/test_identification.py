@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.identification.experiment import ARTICLE_RMSE, EXPERIMENT
+from wrenchsight.analyses.experiments.identification.experiment import ARTICLE_RMSE
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     with_known_friction,
 )
@@ -11,10 +11,7 @@ from wrenchsight.analyses.methods.runs.simulated_logs import SimulatedLog, store
 from wrenchsight.models.excitation.excitation_information import ExcitationInformation
 from wrenchsight.models.recordings.recording import Recording
 
-
-@pytest.fixture(scope="module")
-def ran(run_experiment):
-    return run_experiment(EXPERIMENT, quick=True)
+OPTIONS = {"quick": True}
 
 
 @pytest.mark.slow

@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.learned_torque.arms import LATER
-from wrenchsight.analyses.experiments.learned_torque.experiment import EXPERIMENT
+
+FILES = (
+    "ur10e/ur-20_02_19_14harm50sec.csv",
+    "ur10e_more/ur-20_02_19_15harm50sec.csv",
+    "ur10e_contact/runs.csv",
+    "neura_lara8/joint3_sweep.csv",
+)
+OPTIONS = {"quick": True}
 
 
 @pytest.mark.slow
-def test_the_model_is_the_identified_one_and_the_network_is_held_to_the_same_logs(
-    data_holding, run_experiment
-):
-    names = ("ur10e/ur-20_02_19_14harm50sec.csv", "ur10e_more/ur-20_02_19_15harm50sec.csv")
-    root = data_holding(*names, "ur10e_contact/runs.csv", "neura_lara8/joint3_sweep.csv")
-    ran = run_experiment(EXPERIMENT, root, quick=True)
-    metrics = ran.metrics
+def test_the_model_is_the_identified_one_and_the_network_is_held_to_the_same_logs(ran, metrics):
     # The README's figures of `ur10e-identification`, same law, same runs.
     model = metrics["ur10e"][LATER[0]]["model"]["torque_rmse_nm"]
     np.testing.assert_allclose(model, [1.04, 1.13, 0.53, 0.20, 0.22, 0.17], atol=0.006)

@@ -2,12 +2,7 @@ import json
 
 import pytest
 
-from wrenchsight.analyses.experiments.linear_path.experiment import EXPERIMENT
-
-
-@pytest.fixture(scope="module")
-def ran(run_experiment):
-    return run_experiment(EXPERIMENT, quick=True)
+OPTIONS = {"quick": True}
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.observers.experiment import (
     DELAYS,
-    Read,
     _delay,
     _measured,
     _notes,
@@ -101,40 +100,22 @@ def test_the_notes_say_what_the_figures_do() -> None:
     assert [note.split(" holds ")[1][:8] for note in bands] == ["92 to 95", "90 to 97"]
 
 
-def _never_valid() -> dict[str, dict[str, object]]:
-    return {
-        "momentum": {
-            "a": _figures(2.0, 95.0, None),
-            "hard-pushes": _figures(20.0, 99.0, 0.05, valid=False),
-        },
-        "kalman": {
-            "a": _figures(1.0, 97.0, None),
-            "hard-pushes": _figures(10.0, 56.0, 0.02, valid=False),
-        },
+def test_a_log_that_is_never_valid_is_named_and_marked() -> None:
+    never = {"valid": False, "delay": 0.05}
+    metrics = {
+        "momentum": {"a": _figures(2.0, 95.0, None), "hard": _figures(20.0, 99.0, **never)},
+        "kalman": {"a": _figures(1.0, 97.0, None), "hard": _figures(10.0, 56.0, **never)},
     }
-
-
-def test_a_log_that_is_never_valid_is_named() -> None:
-    metrics = _never_valid()
-    assert never_valid(metrics) == ["hard-pushes"]
+    assert never_valid(metrics) == ["hard"]
     text = " ".join(_notes(metrics))
-    assert "on 1 of 1 logs" in text
-    assert "No reading is valid of `hard-pushes`." in text
+    assert "on 1 of 1 logs" in text and "No reading is valid of `hard`." in text
     assert "The 95 % band of `kalman` holds 97 to 97 %" in text
-
-
-def test_a_log_that_one_observer_reads_validly_is_judged_by_its_valid_samples() -> None:
-    metrics = _never_valid()
-    metrics["kalman"]["hard-pushes"] = _figures(10.0, 56.0, 0.02)
+    assert "(*): of all samples, as none is valid, on hard." in _summary(metrics)[2]
+    # One observer's valid reading is enough.
+    metrics["kalman"]["hard"] = _figures(10.0, 56.0, 0.02)
     assert never_valid(metrics) == []
     assert "No reading is valid" not in " ".join(_notes(metrics))
-
-
-def test_the_figure_marks_a_log_that_is_never_valid() -> None:
-    _, _, caption = _summary(_never_valid())
-    assert "Hatched (*): of all samples, as none is valid, on hard-pushes." in caption
-    _, _, caption = _summary({"momentum": {"a": _figures(2.0, 95.0, None)}})
-    assert "Hatched" not in caption
+    assert "(*)" not in _summary(metrics)[2]
 
 
 def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
@@ -143,6 +124,10 @@ def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
     zeros = np.zeros((N, n))
     log = Recording(STEP * np.arange(N), zeros, zeros, zeros, source="never valid")
     scene: Any = SimpleNamespace(recording=log, truth=force)
-    found = _measured(scene, Read(np.roll(force, 4, axis=0), np.ones((N, 3)), np.zeros(N, bool)))
+    late = np.hstack([zeros[:, :3], np.roll(force, 4, axis=0)])
+    read: Any = SimpleNamespace(
+        wrench=late, standard_deviation=1.0 + zeros, valid=np.zeros(N, bool)
+    )
+    found = _measured(scene, read)
     assert found["valid_rmse_n"] is None
     np.testing.assert_allclose(found["delay_s"], 0.04)

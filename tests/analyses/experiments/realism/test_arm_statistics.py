@@ -16,7 +16,6 @@ from wrenchsight.analyses.experiments.realism.arm_statistics import (
     residual_by_speed,
 )
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.robot.robot import Robot
 
 STEP = 0.01
 RNG = np.random.default_rng(2)
@@ -68,8 +67,7 @@ def test_what_a_load_adds_and_what_repeats(monkeypatch):
     np.testing.assert_allclose(found["difference_nm"], 0.5, rtol=0.05)  # common's rms / sqrt 2
 
 
-def test_passes_of_a_joint_differ_by_what_was_put_in():
-    robot = Robot.load("ur10e")
+def test_passes_of_a_joint_differ_by_what_was_put_in(ur10e):
     t = STEP * np.arange(40000)
     period = 8.0
     q, v = np.zeros((2, len(t), 6))
@@ -79,11 +77,11 @@ def test_passes_of_a_joint_differ_by_what_was_put_in():
     number = np.floor(2 * t / period).astype(int)
     offset = RNG.normal(0.0, 0.8, number.max() + 1)[number]
     current = np.zeros((len(t), 6))
-    current[:, 1] = (5.0 * np.sign(v[:, 1]) + offset) / robot.torque_per_ampere[1]
+    current[:, 1] = (5.0 * np.sign(v[:, 1]) + offset) / ur10e.torque_per_ampere[1]
     log = Recording(t=t, q=q, v=v, current=current, source="passes")
     # Of 100 passes: 7 %
-    assert pass_repeatability(log, robot, 1) == pytest.approx(0.8, rel=0.2)
-    assert np.isnan(pass_repeatability(log, robot, 2))
+    assert pass_repeatability(log, ur10e, 1) == pytest.approx(0.8, rel=0.2)
+    assert np.isnan(pass_repeatability(log, ur10e, 2))
 
 
 def test_only_joints_that_rest_are_judged_at_rest():

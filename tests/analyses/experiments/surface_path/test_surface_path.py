@@ -1,10 +1,7 @@
 """The experiment `surface-path`: the article's figures on the bundled blade."""
 
-from wrenchsight.analyses.experiments.surface_path.experiment import EXPERIMENT
 
-
-def test_the_experiment_reaches_its_figures(run_experiment):
-    metrics = run_experiment(EXPERIMENT).metrics
+def test_the_experiment_reaches_its_figures(metrics):
     assert metrics["samples"] >= 100
     assert metrics["samples_lower"] == metrics["samples"]
     assert metrics["reduction_mean_pct"] >= 100.0 / 3.0

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings import ur10e_logs
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
     INTERVALS,
     JUDGED,
     SCENES,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FITTED, VALIDATED
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import METHODS, SPEEDS
 from wrenchsight.analyses.experiments.ur10e_contact.experiment import EXPERIMENT
 
@@ -28,8 +28,7 @@ _RUNS = (
 def metrics(some_data: Callable[..., Path], run_experiment) -> dict[str, Any]:
     """Of four of the runs."""
     names = [f"ur10e_contact/{stem}.csv" for stem in _RUNS]
-    names += [f"ur10e/{name}" for name in (*FITTED, *VALIDATED.values())]
-    return run_experiment(EXPERIMENT, some_data(*names)).metrics
+    return run_experiment(EXPERIMENT, some_data(*names, *ur10e_logs.FILES)).metrics
 
 
 def test_every_key_is_there_also_of_kinds_without_a_run(metrics) -> None:

@@ -3,20 +3,11 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
-    FOLDER,
-    VALIDATED,
-)
-from wrenchsight.analyses.experiments.ur10e_identification.experiment import EXPERIMENT
+from wrenchsight.analyses.experiments.setups.ur10e_recordings import ur10e_logs
 from wrenchsight.analyses.methods.learning.identification_config import LAWS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 
-
-@pytest.fixture(scope="module")
-def ran(data_holding, run_experiment):
-    files = (*FITTED, *VALIDATED.values())
-    return run_experiment(EXPERIMENT, data_holding(*(f"{FOLDER}/{name}" for name in files)))
+FILES = ur10e_logs.FILES
 
 
 @pytest.mark.slow

@@ -3,20 +3,16 @@
 import numpy as np
 import pytest
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings import known_payload, ur10e_logs
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     MASS,
-    Reading,
-    Reference,
+    payload_metrics,
     payload_reference,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FITTED,
-    FOLDER,
-    LOADED,
-    VALIDATED,
-)
-from wrenchsight.analyses.experiments.ur10e_payload.experiment import EXPERIMENT
+from wrenchsight.models.estimation.wrench import WrenchEstimate
 from wrenchsight.models.recordings.recording import Recording
+
+FILES = ur10e_logs.FILES
 
 
 def test_reference_is_the_payloads_weight_and_inertia(ur10e):
@@ -28,7 +24,7 @@ def test_reference_is_the_payloads_weight_and_inertia(ur10e):
     q = np.tile([0.3, -1.1, 1.2, 0.4, 0.8, 0.0], (len(t), 1))
     q[:, 0] = angle  # the base's axis is z
     recording = Recording(t=t, q=q, v=0 * q, current=0 * q, source="circle")
-    reference = payload_reference(ur10e, recording, 5.0)
+    direction = payload_reference(ur10e, recording, 5.0)
     _, p = ur10e.chain.pose(q)
     p[:, 2] = 0.0
     z = np.array([0.0, 0.0, 1.0])
@@ -36,25 +32,27 @@ def test_reference_is_the_payloads_weight_and_inertia(ur10e):
     inner = slice(200, -200)  # clear of the filter's transients
     # 2e-4 m/s^2: what the low-pass takes off at 2 rad/s and its harmonics, and the differences.
     np.testing.assert_allclose(
-        reference.direction[inner], np.array([0.0, 0.0, -9.81]) - a_E[inner], atol=2e-4
+        direction[inner], np.array([0.0, 0.0, -9.81]) - a_E[inner], atol=2e-4
     )
-    np.testing.assert_allclose(reference.force, MASS * reference.direction)
 
 
-def test_figures_of_merit_by_hand():
+def estimate(force, sd, valid, condition_number):
+    """Of forces (N, 3) with the sds (N,) in every axis."""
+    covariance = np.asarray(sd)[:, None, None] ** 2 * np.eye(6)
+    wrench = np.hstack([np.zeros_like(force), force])
+    return WrenchEstimate(wrench, covariance, condition_number, valid)
+
+
+def test_figures_of_merit_by_hand(monkeypatch):
+    monkeypatch.setattr(known_payload, "MASS", 2.0)
     direction = np.tile([0.0, 0.0, -10.0], (4, 1))
     direction[:, 0] = [1.0, -1.0, 1.0, -1.0]
     direction[:, 1] = [1.0, 1.0, -1.0, -1.0]
-    reference = Reference(direction, mass=2.0)
-    force = reference.force * 0.5
+    force = 0.5 * 2.0 * direction
     force[3] += [0.0, 30.0, 40.0]
-    reading = Reading(
-        force=force,
-        deviation=np.array([6.0, 6.1, 6.2, 6.3])[:, None] * np.ones(3),
-        valid=np.array([True, True, True, False]),
-        condition_number=np.array([10.0, 11.0, 12.0, 1e9]),
-    )
-    metrics = reading.metrics(reference)
+    valid = np.array([True, True, True, False])
+    own = estimate(force, [6.0, 6.1, 6.2, 6.3], valid, np.array([10.0, 11.0, 12.0, 1e9]))
+    metrics = payload_metrics(own, direction)
     assert metrics["share_valid_pct"] == 75.0
     assert metrics["valid"]["mass_kg"] == pytest.approx(1.0)
     assert metrics["valid"]["rmse_fx_n"] == pytest.approx(1.0)
@@ -70,24 +68,13 @@ def test_figures_of_merit_by_hand():
 
 
 def test_without_valid_samples_there_are_no_figures():
-    reference = Reference(np.tile([0.1, 0.2, -9.8], (5, 1)) + np.arange(5.0)[:, None])
-    reading = Reading(
-        0.9 * reference.force,
-        np.arange(1.0, 6.0)[:, None] * np.ones(3),
-        np.zeros(5, bool),
-        np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
-    )
-    metrics = reading.metrics(reference)
+    direction = np.tile([0.1, 0.2, -9.8], (5, 1)) + np.arange(5.0)[:, None]
+    count = np.arange(1.0, 6.0)
+    own = estimate(0.9 * MASS * direction, count, np.zeros(5, bool), count)
+    metrics = payload_metrics(own, direction)
     assert metrics["share_valid_pct"] == 0.0
     assert set(metrics["valid"]) <= set(metrics)
     assert all(value is None for value in metrics["valid"].values())
-
-
-@pytest.fixture(scope="module")
-def metrics(data_holding, run_experiment):
-    files = (*FITTED, *VALIDATED.values(), LOADED)
-    data = data_holding(*(f"{FOLDER}/{name}" for name in files))
-    return run_experiment(EXPERIMENT, data).metrics
 
 
 def test_bayesian_reads_the_payload(metrics):

@@ -81,7 +81,7 @@ def test_the_smoothed_band_holds_a_real_load(ur10e, data, model_file, tmp_path):
     result, table = read(log, model_file, tmp_path / "out", EstimateConfig(smooth=True))
     load: Any = result.metrics()["load"]
     recording = resampled(read_recording(log, robot=ur10e), 0.01)
-    direction = payload_reference(ur10e, recording, 5.0, np.array(load["com_m"])).direction
+    direction = payload_reference(ur10e, recording, 5.0, np.array(load["com_m"]))
     t = table[:, 0]
     weight = [np.interp(t, recording.t, 2.805 * axis) for axis in direction.T]
     table[:, 1:4] -= np.stack(weight, axis=1)
@@ -97,7 +97,7 @@ def test_a_load_that_is_taken_up_half_way_is_told_and_no_drift_for_it(
     model = IdentifiedModel.load(model_file, ur10e)
     t = log.t - log.t[0]
     R_WE, _ = ur10e.chain.pose(log.q)
-    weight = payload_reference(ur10e, log, 5.0, com).direction * mass
+    weight = payload_reference(ur10e, log, 5.0, com) * mass
     weight[t < begin] = 0.0
     J = jacobian_at(ur10e.chain.jacobian(log.q), R_WE, com)
     tau = np.einsum("kaj,ka->kj", J[:, 3:], weight)

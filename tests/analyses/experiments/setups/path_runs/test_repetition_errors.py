@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs import repetition_errors as module
-from wrenchsight.analyses.experiments.setups.simulated_arm.semi_parametric import POSTURES
+from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import POSTURES
 from wrenchsight.models.recordings.recording import Recording
 
 N, STEP = 6000, 1e-3
@@ -18,7 +18,7 @@ def test_noise_is_what_differs_between_two_runs_once_they_have_settled(sts_rever
     size = np.linspace(0.2, 0.7, n)
     seeds, asked = [], []
 
-    def recordings(robot, postures, speeds, seed, progress, period):
+    def recordings(robot, postures, speeds, seed, period):
         seeds.append(seed)
         asked.append((np.array(postures), speeds, period))
         rng = np.random.default_rng(seed)

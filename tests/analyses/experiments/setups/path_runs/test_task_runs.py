@@ -1,11 +1,11 @@
 """Runs of a task: the right motion, a log that hides the truth, readings that use the log alone."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.experiments.setups.path_runs.repetition import repetition_torque
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     PATHS,
     RepetitionReader,
@@ -14,11 +14,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     planned_task,
     read_repetition,
     read_run,
+    repetition_torque,
     run_task,
     task_path,
     task_scenario,
     uniform_motion,
 )
+from wrenchsight.analyses.methods.runs.fast_runs import is_free
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import LineMotion, make_trajectory
 from wrenchsight.models.estimation.estimator import WrenchEstimator
@@ -39,6 +41,13 @@ def repetition_error(n, level=0.0, K_0=None):
 @pytest.fixture(scope="module")
 def run(sts):
     return run_task(task_scenario("Combined", 0, one_way=0.4), sts)
+
+
+@pytest.mark.parametrize(
+    "name", ["FrictionAtReversal", "Combined", "RepeatCycle", "RepeatCyclePush"]
+)
+def test_nothing_but_a_hand_touches_the_arm_of_a_task(name):
+    assert is_free(task_scenario(name, 0))
 
 
 def test_the_articles_paths_have_its_condition_numbers(sts):
@@ -157,12 +166,7 @@ def test_eq_4_reads_the_wrench_that_the_second_cycle_adds(sts_reversed):
     recording = Recording(t=t, q=q, v=np.zeros_like(q), current=tau / drive, source="made")
     raw = repetition_torque(recording, sts_reversed, period)
     np.testing.assert_allclose(raw, sts_reversed.chain.jacobian(q[:period]).transpose(0, 2, 1) @ F)
-
-    class Run:
-        pass
-
-    run = Run()
-    run.recording, run.reference = recording, np.tile(F[3:], (2 * period, 1))
+    run = SimpleNamespace(recording=recording, reference=np.tile(F[3:], (2 * period, 1)))
     inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
     reader = RepetitionReader("eq. 4", inverse, repetition_error(n))
     (reading,) = read_repetition(run, sts_reversed, period, [reader])
@@ -189,19 +193,12 @@ def test_the_band_of_eq_4_widens_where_a_push_leads_a_joint_the_other_way(sts_re
     q[:, 0] += 0.01 * np.sin(2.0 * np.pi * t)
     q[period + 300 : period + 350, 0] += np.linspace(0.0, 0.01, 50)  # against its motion
     recording = Recording(t=t, q=q, v=np.gradient(q, 1e-3, axis=0), current=0.0 * q, source="made")
-
-    class Run:
-        pass
-
-    run = Run()
-    run.recording, run.reference = recording, np.zeros((2 * period, 3))
+    run = SimpleNamespace(recording=recording, reference=np.zeros((2 * period, 3)))
     inverse = WrenchReconstruction(WrenchReconstructionConfig("inverse"), np.eye(n))
     readers = [
         RepetitionReader("eq. 4", inverse, repetition_error(n, level, K_0)) for level in (0.0, 3.0)
     ]
-    still, moved = read_repetition(run, sts_reversed, period, readers[:1]) + read_repetition(
-        run, sts_reversed, period, readers[1:]
-    )
+    (still,), (moved,) = (read_repetition(run, sts_reversed, period, [one]) for one in readers)
     # Where the log begins unwound the low-pass still has a hundredth of it.
     np.testing.assert_allclose(moved.sd[150:300], still.sd[150:300], rtol=1e-3)
     assert (moved.sd[349] > 1.5 * still.sd[349]).any()

@@ -67,7 +67,7 @@ def test_the_torque_error_is_what_the_held_out_logs_show(sts):
     period, K_0 = 1e-3, 20.0
     model, log, noise = still(sts, 20_000, period)
     models = ArmModels(sts, {"plain": model}, (log,))
-    error = models.torque_error("plain", K_0)
+    _, error = models.observed("plain", K_0)
     pole = np.exp(-K_0 * period)
     # 20 s of a correlation time of 50 ms: 200 independent samples, 5 % standard error.
     expected = noise * np.sqrt((1.0 - pole) / (1.0 + pole))
@@ -75,8 +75,6 @@ def test_the_torque_error_is_what_the_held_out_logs_show(sts):
     np.testing.assert_array_equal(error.K_0, K_0)
     estimator = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"))
     assert estimator.learnt  # the band follows the joints' state
-    constant = models.estimator("plain", 0.1, K_0, WrenchReconstructionConfig("inverse"), False)
-    assert not constant.learnt
 
 
 def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_path, monkeypatch):
@@ -87,11 +85,10 @@ def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_pat
         found = []
         for K_0 in (20.0, 20.0, 60.0):  # three experiments
             models = ArmModels(sts, {"plain": model}, (log,))
-            found.append((models.torque_error("plain", K_0), models.held_out_errors("plain", K_0)))
-    assert [error for error, _ in found] == [1, 1, 2]
-    np.testing.assert_array_equal(found[0][1], found[1][1])
-    tau_ext, v = found[2][1]
-    assert tau_ext.shape == v.shape == (3000 - 50, 6)  # from 3 / K_0 on
+            found.append(models.observed("plain", K_0))
+    assert [error for _, error in found] == [1, 1, 2]
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    assert found[2][0].shape == (3000 - 50, 6)  # from 3 / K_0 on
 
 
 def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
@@ -101,19 +98,15 @@ def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
     loud = replace(log, current=gravity + 3.0 * (log.current - gravity))
     alone = ArmModels(sts, {"plain": model}, (log,))
     both = ArmModels(sts, {"plain": model}, (log,), (loud,))
-    for found, expected in zip(
-        both.held_out_errors("plain", 20.0), alone.held_out_errors("plain", 20.0), strict=True
-    ):
-        np.testing.assert_array_equal(found, expected)
+    found, expected = (models.observed("plain", 20.0)[0] for models in (both, alone))
+    np.testing.assert_array_equal(found, expected)
     motion = (
         log.q,
         log.v,
         np.tile(model.chain(sts).terms(sts.home, np.zeros(6)).G, (len(log.q), 1)),
     )
     sds = [
-        torque_sds(models.torque_error("plain", 20.0), model.friction, *motion, log.time_step)[0][
-            -1
-        ]
+        torque_sds(models.observed("plain", 20.0)[1], model.friction, *motion, log.time_step)[0][-1]
         for models in (alone, both)
     ]
     # Of variances 1 and 9 the mean is 5; both logs have the same draws. What a joint without
@@ -126,23 +119,18 @@ def test_held_out_logs_are_read_once_for_each_law_and_gain(sts, monkeypatch):
     """And every law and gain has its own readings, whoever asked before."""
     model, log, _ = still(sts, 3000)
     offset = CoulombViscous(np.zeros(6), np.zeros(6), np.ones(6))  # 1 N m off at rest
-    other = replace(model, friction=SemiParametricFriction(offset))
-    laws = {"plain": model, "other": other}
+    laws = {"plain": model, "other": replace(model, friction=SemiParametricFriction(offset))}
     read = []
     observe = WrenchEstimator.observe
-
-    def counted(self, *log):
-        read.append(self)
-        return observe(self, *log)
-
-    monkeypatch.setattr(WrenchEstimator, "observe", counted)
+    monkeypatch.setattr(
+        WrenchEstimator, "observe", lambda self, *log: read.append(self) or observe(self, *log)
+    )
     models = ArmModels(sts, laws, (log,))
     pairs = [("plain", 20.0), ("plain", 60.0), ("other", 20.0), ("plain", 20.0)]
-    errors = [models.held_out_errors(*pair)[0] for pair in pairs]
-    fits = [models.torque_error(*pair).constant for pair in pairs]
+    found = [models.observed(*pair) for pair in pairs]
     assert len(read) == 3
-    for k, pair in enumerate(pairs):
-        alone = ArmModels(sts, laws, (log,))
-        np.testing.assert_array_equal(alone.torque_error(*pair).constant, fits[k])
-        np.testing.assert_array_equal(alone.held_out_errors(*pair)[0], errors[k])
-    assert len({float(own[0]) for own in fits}) == 3
+    for (tau_ext, error), pair in zip(found, pairs, strict=True):
+        own, fit = ArmModels(sts, laws, (log,)).observed(*pair)
+        np.testing.assert_array_equal(fit.constant, error.constant)
+        np.testing.assert_array_equal(own, tau_ext)
+    assert len({float(error.constant[0]) for _, error in found}) == 3
