@@ -23,5 +23,6 @@ def in_row_blocks(run: Callable[[slice], None], rows: int, block: int) -> None:
         for part in slices:
             run(part)
         return
+    run(slices[0])  # in this thread a kernel compiles, not in several that wait for each other
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(run, slices))
+        list(pool.map(run, slices[1:]))
