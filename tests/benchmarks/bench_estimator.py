@@ -24,7 +24,6 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.robot.motors import torque_to_current
 from wrenchsight.models.robot.robot import Robot
 
 Tick = Callable[[int], Array]
@@ -104,7 +103,7 @@ def log(robot: Robot, T: float) -> tuple[Array, Array, Array]:
     v = 0.5 * w * np.cos(w * t + phase)
     noise = np.random.default_rng(0).normal(size=q.shape)
     tau = robot.chain.gravity_torque(q) + noise
-    return q, v, torque_to_current(tau, robot.torque_per_ampere, robot.current_sign)
+    return q, v, robot.motor_current(tau)
 
 
 def tick_times(ticks: list[Tick], count: int) -> list[Array]:

@@ -130,7 +130,7 @@ def test_a_mistyped_key_is_one_line(call, tmp_path, config, words):
 
 def test_a_file_that_is_not_there_is_one_line(call):
     result = call("estimate", "log.csv", "--robot", "r", "--config", "nowhere.yaml")
-    assert (result.exit_code, result.stderr) == (2, "nowhere.yaml: no such file\n")
+    assert (result.exit_code, result.stderr) == (2, "nowhere.yaml: no such file; check the path\n")
 
 
 def test_what_neither_file_nor_options_give_is_a_usage_error(call):
@@ -152,10 +152,9 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
     assert call("excite", config=excite)["values"][2:4] == (excite.excitation, False)
 
     simulate = SimulateSettings(scenario="a.yaml:One", duration_s=2.0, record=False)
-    seen = call("simulate", config=simulate)
-    assert (seen["values"][0], seen["duration"], seen["record"]) == ("a.yaml:One", 2.0, False)
+    assert call("simulate", config=simulate)["values"][0] == simulate
     seen = call("simulate", "--name", "Two", config=simulate)
-    assert seen["values"][0] == "a.yaml:Two"
+    assert seen["values"][0].scenario == "a.yaml:Two"
 
     cut = SliceConfig("x", 0.4, [0.0, 1.0, 0.0], num_points=5)
     settings = JcnMapSettings(num_samples=9, slice=cut)
@@ -244,18 +243,19 @@ def test_options_reach_the_estimate(call, tmp_path):
 def test_options_reach_the_simulation(call, tmp_path, scenario, asked):
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
     arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
-    seen = call("simulate", *scenario, *arguments)
-    assert seen.pop("values") == (asked, tmp_path, "r", Path("m"))
-    del seen["progress"]
-    assert seen == {
-        "duration": 2.5,
-        "seed": 4,
-        "quick": True,
-        "record": False,
-        "graph": True,
-        "motion_path": None,
-        "truth": "plain",
-    }
+    asked_for, out, _progress = call("simulate", *scenario, *arguments)["values"]
+    assert out == tmp_path
+    assert asked_for == SimulateSettings(
+        scenario=asked,
+        robot="r",
+        model="m",
+        truth="plain",
+        seed=4,
+        duration_s=2.5,
+        quick=True,
+        record=False,
+        graph=True,
+    )
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.motion.surface_path import SurfacePath, frame_about, rotation_about
-from wrenchsight.models.motion.workpieces import BladeSection, Plate
+from wrenchsight.models.motion.workpieces import BladeShapeConfig, Plate
 
 HEADER = "x,y,z,nx,ny,nz\n"
 
 
 def test_samples_lie_on_the_surface_at_even_distances() -> None:
-    blade = BladeSection()
+    blade = BladeShapeConfig().surface()
     R_WP = Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_matrix()
     p_WP = np.array([0.4, -0.2, 0.1])
     path = SurfacePath.on_surface(blade, (0.55, 0.2), (0.95, 0.8), 61, R_WP, p_WP)
@@ -26,14 +26,14 @@ def test_samples_lie_on_the_surface_at_even_distances() -> None:
 
 
 def test_a_closed_profile_goes_on_round() -> None:
-    path = SurfacePath.on_surface(BladeSection(), (0.75, 0.5), (1.25, 0.5), 400)
+    path = SurfacePath.on_surface(BladeShapeConfig().surface(), (0.75, 0.5), (1.25, 0.5), 400)
     assert path.num_samples == 400
     with pytest.raises(InputError, match="leaves the surface"):
-        SurfacePath.on_surface(Plate(), (0.75, 0.5), (1.25, 0.5), 20)
+        SurfacePath.on_surface(Plate(0.3, 0.2), (0.75, 0.5), (1.25, 0.5), 20)
 
 
 def test_the_tool_points_into_the_surface_at_every_angle() -> None:
-    path = SurfacePath.on_surface(BladeSection(), (0.55, 0.2), (0.9, 0.8), 25)
+    path = SurfacePath.on_surface(BladeShapeConfig().surface(), (0.55, 0.2), (0.9, 0.8), 25)
     axis = np.array([0.3, -0.4, 0.5])
     for psi in (0.0, 1.0, -2.5):
         R_WE = path.orientations(np.full(25, psi), axis)
@@ -60,7 +60,7 @@ def test_frames_do_not_turn_about_the_normal_on_their_way() -> None:
 
 
 def test_a_flat_path_keeps_one_orientation() -> None:
-    path = SurfacePath.on_surface(Plate(), (0.1, 0.1), (0.9, 0.9), 10)
+    path = SurfacePath.on_surface(Plate(0.3, 0.2), (0.1, 0.1), (0.9, 0.9), 10)
     np.testing.assert_allclose(path.frames(), np.tile(path.frames()[0], (10, 1, 1)), atol=1e-15)
     np.testing.assert_allclose(frame_about(np.array([0.0, 0.0, 2.0])), np.eye(3), atol=0)
 

@@ -16,7 +16,6 @@ from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
-from wrenchsight.models.robot.motors import torque_to_current
 
 
 def test_only_slow_samples_count_for_a_joints_sd():
@@ -55,7 +54,7 @@ def still(sts, samples, period=1e-3):
     noise = np.array([1.0, 0.8, 0.6, 0.3, 0.2, 0.1])
     gravity = model.chain(sts).terms(sts.home, np.zeros(6)).G
     torque = gravity + noise * np.random.default_rng(3).normal(size=q.shape)
-    current = torque_to_current(torque, sts.torque_per_ampere, sts.current_sign)
+    current = sts.motor_current(torque)
     log = Recording(
         t=period * np.arange(samples), q=q, v=np.zeros_like(q), current=current, source="still"
     )
