@@ -149,10 +149,16 @@ def legend_below(figure: "Figure", panel: Any, ncols: int | None = None, **style
 
 
 def legend_on_top(figure: "Figure", *panels: Any, ncols: int | None = None) -> None:
-    """One legend above all panels, with the entries of these; in one row unless `ncols` says."""
+    """One legend above all panels, with the entries of these; as many columns as the figure is wide
+    for, unless `ncols` says.
+    """
     entries = [panel.get_legend_handles_labels() for panel in panels]
     handles, labels = ([one for entry in entries for one in entry[k]] for k in range(2))
-    figure.legend(handles, labels, loc="outside upper center", ncols=ncols or len(labels))
+    for columns in range(ncols or len(labels), 0, -1):
+        legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+        if ncols or columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def draw_bars(panel: Any, series: Mapping[str, Any], names: Sequence[Any]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.output.axes import legend_above, limit_y, log_label, log_scale, log_ticks
-from wrenchsight.analyses.output.figures import new_figure
+from wrenchsight.analyses.output.figures import legend_on_top, new_figure
 
 ANALYSES = Path(__file__).resolve().parents[3] / "analyses"
 
@@ -78,6 +78,19 @@ def test_a_panels_legend_lies_above_it():
     figure.draw_without_rendering()
     box = axes[0, 0].get_legend().get_window_extent()
     assert box.y0 >= axes[0, 0].get_window_extent().y1 - 1.0
+
+
+@pytest.mark.parametrize("entries", [2, 9])
+def test_a_legend_on_top_is_no_wider_than_the_figure(entries):
+    figure, axes = new_figure(1, 1, width=4.0)
+    for k in range(entries):
+        axes[0, 0].plot([0.0, 1.0], [0.0, k], label=f"law {k} of friction")
+    legend_on_top(figure, axes[0, 0])
+    (legend,) = figure.legends
+    assert len(legend.get_texts()) == entries
+    box = legend.get_window_extent()
+    assert box.width <= figure.bbox.width
+    assert (box.height > 2.0 * legend.get_texts()[0].get_window_extent().height) == (entries > 2)
 
 
 def test_no_legend_lies_over_the_data():
