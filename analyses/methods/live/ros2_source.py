@@ -96,10 +96,11 @@ class Ros2Source:
     def _say(self, items: list[Sample | StreamEvent], kind: EventKind, text: str) -> None:
         """Says something of the topic, once in a while; all are counted."""
         now = time.monotonic()
+        if len(self._counts) > MOST_ITEMS:
+            self._counts.clear()
+            self._told.clear()
         self._counts[text] += 1
         if now - self._told.get(text, -SAY_AGAIN) >= SAY_AGAIN:
-            if len(self._told) > MOST_ITEMS:
-                self._told.clear()
             self._told[text] = now
             items.append(StreamEvent(kind, f"{self._topic}: {text}", now, self._counts[text]))
 

@@ -28,6 +28,7 @@ from wrenchsight.models.estimation.wrench_bag import COVARIANCE, TF
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind
+from wrenchsight.models.live.source import MOST_ITEMS
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.rosbag.messages import JOINT_STATE, WRENCH, typestore
 
@@ -296,3 +297,12 @@ def test_a_subscriber_that_reads_nothing_makes_nobody_wait(ur10e, url):
 def test_addresses_are_checked(ur10e, wrong):
     with pytest.raises(InputError, match="ros2://"):
         open_source(f"ros2://{wrong}", ur10e)
+
+
+def test_faults_without_end_are_not_all_remembered(ur10e, url):
+    source = open_source(url, ur10e)
+    for k in range(3 * MOST_ITEMS):
+        source._say([], EventKind.RECIPE, f"fault {k}")
+    assert len(source._counts) <= MOST_ITEMS + 1
+    assert len(source._told) <= MOST_ITEMS + 1
+    source.close()
