@@ -38,7 +38,7 @@ def tracker(sts):
 
 def estimator_of(robot, observer=None):
     observer = MomentumObserverConfig([K_0], time_step=T) if observer is None else observer
-    law = SemiParametricFriction(CoulombViscous(np.abs(DRY), np.full(N, 30.0), np.zeros(N)))
+    law = SemiParametricFriction(CoulombViscous(np.abs(DRY), np.full(N, 100.0), np.zeros(N)))
     model = replace(IdentifiedModel.nominal(robot), friction=law)
     return WrenchEstimator(robot, model, WrenchEstimatorConfig(observer))
 
@@ -152,9 +152,10 @@ def test_a_joint_that_is_shaken_less_than_the_model_says_stays_in_the_band(track
 
 
 def test_an_amplitude_that_is_no_longer_there_is_forgotten(tracker, sts):
-    taken, _, state = follow(tracker, sts, 0.05)
+    """After 18 s of it, 6 s without are enough: MEMORY is 5 s."""
+    taken, _, state = follow(tracker, sts, 0.05, seconds=18.0)
     assert taken[-1, -1] > 0.03
-    taken, *_ = follow(tracker, sts, 0.0, seconds=15.0, state=state)
+    taken, *_ = follow(tracker, sts, 0.0, seconds=6.0, state=state)
     assert taken[-1, -1] < 0.005
 
 
