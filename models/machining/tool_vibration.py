@@ -20,12 +20,13 @@ is as likely as N(0, Sigma_tau + J^T P J) says, LP being the observer's low-pass
 forces and Sigma_tau the torque error; log-likelihoods are summed with one independent sample in
 CORRELATION seconds and forgotten in MEMORY seconds. Before, p = 0 is as likely as all others
 together. What is taken off tau_ext is the mean over the grid. Its sd is that over the grid, and of
-a joint whose own amplitude is a step of the grid off: an identified model knows M only so well.
+a joint whose own amplitude is two steps of the grid off: an identified model knows M only so well.
 What an air pass taught of friction is freed with it.
 
-Both times hardly matter (3 to 10 s: the force's error changes by a tenth); all was settled on
-grinding at 15 s one way. That the amplitude lies along the normal and that the joints are free
-masses is assumed.
+All was settled on grinding at 15 s one way, but for the two steps (60 s had been seen). A memory of
+10 s changes the force's error by 5 % at most; CORRELATION was not varied, and torque errors that
+last longer are taken for evidence of the amplitude (docs/worlds.md). That the amplitude lies along
+the normal and that the joints are free masses is assumed.
 """
 
 import math

@@ -193,14 +193,16 @@ class MachiningController(LeafSystem):
             *(*self._taking, state[:end], q, self._v.Eval(context), self._current.Eval(context)),
             *(self._given, action[self._reading_at], self._estimator_scratch),
         )
-        if self._tracker is not None:
+        if self._taught is not None and self._tracker is not None:
+            feed_time = action.item(self._plan_to - 2)
+            taught_tick(*self._taught, feed_time, self._lesson)
             track_vibration(
                 self._tracker.constants,
                 action[self._reading_at],
                 self._lesson,
                 action[self._freed_at],
                 action[self._shares_at],
-                action.item(self._plan_to - 2) >= 0.0,  # the feed's time: at work
+                feed_time >= 0.0,  # at work
                 state[integral + 1 :],
             )
         follow_tick(
