@@ -7,8 +7,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -77,11 +77,14 @@ def ends_are_interrupts() -> Iterator[list[int]]:
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """Holds SIGINT, SIGTERM and SIGHUP back until the block has ended.
 
     Not by the thread's signal mask: a signal to the process would then reach another thread, of a
     numerical library, and Python's handler would still run here.
+
+    Yields:
+        A context in which they act: what is around it is then done whole, whenever they come.
     """
     waiting: list[int] = []
 
@@ -89,20 +92,33 @@ def uninterrupted() -> Iterator[None]:
         waiting.append(signum)
 
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield nullcontext
         return
     before = {number: signal.getsignal(number) for number in _ENDS}
-    for number, handler in before.items():
-        if handler not in (signal.SIG_IGN, None):  # None: a handler that is not Python's
-            signal.signal(number, hold)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            if handler is not None:
-                signal.signal(number, handler)
+    own = [number for number, h in before.items() if h is not None]  # None: it is not Python's
+    held = [number for number in own if before[number] != signal.SIG_IGN]
+
+    def act() -> None:
+        for number in own:
+            signal.signal(number, before[number])
         if waiting:
-            signal.raise_signal(waiting[0])
+            signal.raise_signal(waiting.pop(0))
+
+    @contextmanager
+    def interruptible() -> Iterator[None]:
+        try:
+            act()
+            yield
+        finally:
+            for number in held:
+                signal.signal(number, hold)
+
+    for number in held:
+        signal.signal(number, hold)
+    try:
+        yield interruptible
+    finally:
+        act()
 
 
 @contextmanager

@@ -67,19 +67,20 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
             command did not write.
     """
     made = [path for path in (out, *out.parents) if not os.path.lexists(path)]
-    OutputFolder(out)
-    try:
-        with _locked(out):
-            folder = ResultFolder(out, command)
-            try:
-                yield folder
-            finally:
-                if not (out / STAGING / _READY).exists():
-                    shutil.rmtree(out / STAGING, ignore_errors=True)
-    finally:
-        for path in made:
-            with suppress(OSError):  # it holds something
-                path.rmdir()
+    with uninterrupted() as interruptible:
+        try:
+            OutputFolder(out)
+            with _locked(out):
+                try:
+                    with interruptible():
+                        yield ResultFolder(out, command)
+                finally:
+                    if not (out / STAGING / _READY).exists():
+                        shutil.rmtree(out / STAGING, ignore_errors=True)
+        finally:
+            for path in made:
+                with suppress(OSError):  # it holds something
+                    path.rmdir()
 
 
 class ResultFolder:

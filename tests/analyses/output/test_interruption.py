@@ -89,6 +89,30 @@ def test_an_interrupt_waits_for_the_end_of_the_block(number, error):
     assert steps == ["inside"]
 
 
+@pytest.mark.parametrize("when", ["before", "within", "after"])
+def test_an_interrupt_acts_where_it_may_and_leaves_what_is_around_whole(when):
+    steps = []
+    with (
+        pytest.raises(TerminatedError),
+        ends_are_interrupts(),
+        uninterrupted() as interruptible,
+    ):
+        try:
+            if when == "before":
+                os.kill(os.getpid(), signal.SIGTERM)
+            steps.append("before")
+            with interruptible():
+                if when == "within":
+                    os.kill(os.getpid(), signal.SIGTERM)
+                steps.append("within")
+        finally:
+            if when == "after":
+                os.kill(os.getpid(), signal.SIGTERM)
+            steps.append("after")
+    assert steps == (["before", "within", "after"] if when == "after" else ["before", "after"])
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
 def test_without_a_signal_nothing_happens():
     before = signal.getsignal(signal.SIGINT)
     with uninterrupted():

@@ -361,6 +361,7 @@ def test_ends_at_random_moments_leave_one_run_s_results(tmp_path, number):
             continue
         if number != signal.SIGKILL:
             assert not (out / STAGING).exists()
+            assert not (out / LOCK).exists()
         files = _visible(out)
         assert len(set(files.values())) <= 1, files
         marker = ResultMarker.read(out)
@@ -370,6 +371,25 @@ def test_ends_at_random_moments_leave_one_run_s_results(tmp_path, number):
             assert list(strangers(out, marker)) == []
     _write(out)
     assert sorted(p.name for p in out.iterdir()) == [MARKER, "a.txt", "figures"]
+
+
+@pytest.mark.parametrize("at", [module.shutil.rmtree, Path.rmdir, Path.unlink])
+def test_an_interrupt_while_it_tidies_up_leaves_nothing_behind(tmp_path, monkeypatch, at):
+    """The random moments meet one of these once in a hundred."""
+    owner = module.shutil if at is module.shutil.rmtree else Path
+
+    def interrupted(*values, **options):
+        os.kill(os.getpid(), signal.SIGINT)
+        return at(*values, **options)
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        open_results(tmp_path / "below/out", "estimate") as folder,
+    ):
+        folder.work("notes")
+        monkeypatch.setattr(owner, at.__name__, interrupted)
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("full_for", ["c.txt", MARKER])
