@@ -12,9 +12,9 @@ from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.machining.machining_tick import follow_tick, lead_tick
 from wrenchsight.models.machining.tool_vibration import (
     VibrationTracker,
+    expected_shares,
     freed_friction,
     track_vibration,
-    vibration_shares,
 )
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
@@ -171,7 +171,10 @@ class MachiningController(LeafSystem):
             freed, own = out[self._freed_at], terms[0]
             freed_friction(self._tracker.constants.amplitudes, state[integral + 1 :], freed)
             normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
-            vibration_shares(own["M"], own["J"], normal, out[self._shares_at])
+            expected_shares(
+                *(own["M"], self._tracker.constants.inertia_sd, own["J"], normal),
+                out[self._shares_at],
+            )
             correction = lesson[:n] - freed[:n]
             taught = (correction, reference[n : 2 * n], lesson[n], freed[n : 2 * n])
         self._estimator.read(self._packed, state[:end], q, v, self._unread, taught, reading)

@@ -22,7 +22,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import TaughtTorque
 from wrenchsight.models.machining.machining_phases import Phase
-from wrenchsight.models.machining.tool_vibration import vibration_shares
+from wrenchsight.models.machining.tool_vibration import expected_shares, inertia_sd
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
@@ -152,8 +152,9 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         at_work = np.argmax(time >= 0.0)
         assert not signals["freed_torque"][: at_work + 1].any()
         assert signals["freed_torque"][at_work + 10 :].any()
-        shares = np.empty(6)
-        vibration_shares(terms.M, terms.J, parts["pose_reference"][:9].reshape(3, 3)[:, 2], shares)
+        shares = np.empty(12)
+        normal = parts["pose_reference"][:9].reshape(3, 3)[:, 2]
+        expected_shares(terms.M, inertia_sd(reads), terms.J, normal, shares)
         np.testing.assert_array_equal(parts["joint_shares"], shares)
         correction -= signals["freed_torque"]
         planned = signals["reference"][:, 6:12]
