@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.estimator_arrays import tick_of, tick_sizes
@@ -12,6 +13,8 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
 from wrenchsight.models.machining.tool_vibration import (
     AMPLITUDES,
+    CORRELATION,
+    FREE,
     INERTIA,
     TOLD,
     VibrationTracker,
@@ -125,21 +128,22 @@ def test_without_an_sd_the_expected_shares_are_those_of_the_matrix():
     vibration_shares(M, J, normal, plain)
     np.testing.assert_allclose(np.abs(out[:N]), plain, rtol=1e-12)
     assert out[:N].min() < 0.0
-    np.testing.assert_array_equal(out[N:], 0.0)
+    np.testing.assert_allclose(out[N:], FREE * plain, rtol=1e-12)
     expected_shares(-M, np.zeros((N, N)), J, normal, out)
     np.testing.assert_array_equal(out, 0.0)
 
 
 def test_the_sd_of_the_shares_is_that_over_matrices_as_they_may_be():
     M, J, normal = _masses()
-    sd, out = 1e-3 * np.sqrt(np.outer(np.diag(M), np.diag(M))), np.empty(2 * N)
+    sd, out = 5e-3 * np.sqrt(np.outer(np.diag(M), np.diag(M))), np.empty(2 * N)
     expected_shares(M, sd, J, normal, out)
     rng, along = np.random.default_rng(7), J[3:].T @ normal
     mobility = along @ np.linalg.solve(M, along)
     drawn = [
         np.linalg.solve(M + sd * rng.standard_normal((N, N)), along) / mobility for _ in range(4000)
     ]
-    np.testing.assert_allclose(out[N:], np.std(drawn, axis=0), rtol=0.05)  # 1.1 % of 4000 draws
+    found = np.sqrt(out[N:] ** 2 - (FREE * out[:N]) ** 2)
+    np.testing.assert_allclose(found, np.std(drawn, axis=0), rtol=0.05)  # 1.1 % of 4000 draws
 
 
 def test_what_the_logs_hardly_told_of_a_matrix_is_taken_for_less():
@@ -233,6 +237,32 @@ def test_joints_that_are_shaken_less_than_the_model_says_stay_in_the_band(tracke
         inside = np.mean(error < 2.0 * taken[3000:, [N + 1, N + 4]] + 0.01)
         assert error.max() > 0.3
         assert least <= inside <= most
+
+
+def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker, sts):
+    """Against scipy's normal distribution, after one tick."""
+    rng, m = np.random.default_rng(2), len(AMPLITUDES)
+    reading, taken = np.zeros(sum(tick_sizes(N).values())), rng.uniform(0.1, 0.2, 2 * N + 1)
+    tick, state = tick_of(reading, N), tracker.initial_state.copy()
+    tick.flags[COUNTS], tick.J[:] = 1.0, sts.chain.jacobian(POSTURE)
+    tick.signals[TAU_F], tick.signals[V] = DRY + tracker.constants.viscous * SPEED, SPEED
+    tick.tau_ext[:], tick.error.sd[:] = rng.normal(0.0, 3.0, N), rng.uniform(0.3, 1.0, N)
+    state[m:] = rng.uniform(0.0, 2.0, 2 * m * N)  # what it has read before
+    known = np.concatenate([SHARES, 0.5 * SHARES])
+    track_vibration(tracker.constants, reading, NOTHING, taken, known, True, state)
+    freed, sd = state[m:].reshape(2, m, N)
+    own = tick.error.sd**2 - taken[N : 2 * N] ** 2
+    spread = tick.J.T @ np.diag(tracker.constants.prior) @ tick.J + np.diag(own)
+    tau = tick.tau_ext + taken[:N]
+    expected = np.array(
+        [
+            multivariate_normal.logpdf(tau, f, spread + np.diag(s**2))
+            for f, s in zip(freed, sd, strict=True)
+        ]
+    )
+    expected = (expected - expected.max()) * T / CORRELATION
+    np.testing.assert_allclose(state[:m], expected, rtol=1e-9, atol=1e-12)
+    assert np.ptp(expected) > 1e-3
 
 
 def test_an_amplitude_that_is_no_longer_there_is_forgotten(tracker, sts):
