@@ -20,18 +20,17 @@ is as likely as N(0, Sigma_tau + D_p^2 + J^T P J) says, LP being the observer's 
 prior of forces, Sigma_tau the torque error and D_p what the shares' own sd makes of the second
 term; log-likelihoods are summed with one independent sample in CORRELATION seconds and forgotten in
 MEMORY seconds. Before, p = 0 is as likely as all others together. What is taken off tau_ext is the
-mean over the grid, its sd that over the grid, with D_p. What an air pass taught of friction is
-freed with it.
+mean over the grid. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
+OFF steps of the grid off, whatever M is. What an air pass taught of friction is freed with it.
 
 An identified M is the weak part: its error may be as large as the inertia of a wrist's joint, and
 M^-1 then shakes joints that hardly move. So an entry beside the diagonal that is not well above
 its own sd is taken for less, the diagonal for more, and what is still open widens D_p
 (`expected_shares`).
 
-CORRELATION, INERTIA, TOLD and FREE were settled on grinding at 15 s one way, in worlds 0 to 9 of
-`campaign` (a correlation of 1 s: error + 7 %, band alike; without FREE the error is 9 % less, and
-the band through turns holds 77 % for 89), MEMORY on one arm (10 s: 5 %). That the amplitude lies
-along the normal is assumed.
+CORRELATION, INERTIA, TOLD and OFF were settled on grinding at 15 s one way, in worlds 0 to 9 of
+`campaign` (a correlation of 1 s: error + 7 %, band alike; OFF 1: error - 4 %, band through turns
+88 % for 91), MEMORY on one arm (10 s: 5 %). That the amplitude lies along the normal is assumed.
 """
 
 import math
@@ -58,9 +57,10 @@ AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
 CORRELATION, MEMORY = 0.3, 5.0  # s
 FORCES = 3.0  # of `live_prior`'s force sd: a tool presses harder than the rated payload weighs
 INERTIA = 0.3  # of a torque over an acceleration: an identification averages its residuals
-FREE = 0.3  # of a share: its sd, as no joint is a free mass alone
+OFF = 2  # steps of the grid by which a joint's own amplitude may be off: no joint is a free mass
 TOLD = 2.0  # sd, below which an entry of M beside the diagonal counts as none
 _REACH = math.sqrt(3.0)  # sd: where two of three points stand that are a normal distribution
+_STILL = 1e-3  # rad/s^2, below which a joint does not accelerate
 _DOUBLINGS = 30  # of what is added to a diagonal
 
 
@@ -122,13 +122,13 @@ def inertia_sd(model: IdentifiedModel) -> Array:
     """How well the logs of an identification knew the entries of M, (n, n) kg m^2.
 
     An error of M_jk is seen by the torque of j where k accelerates, and the other way round: the
-    lesser of the two, INERTIA times a residual's sd over the logs' largest acceleration. Zero for a
-    model of no logs.
+    lesser of the two, INERTIA times a residual's sd over the logs' largest acceleration. Of a joint
+    that did not move it is so large that this joint has no share. Zero for a model of no logs.
     """
     sd = np.sqrt(np.diag(model.residual_covariance))
     if len(model.validity.vdot_max) != len(sd):
         return np.zeros((len(sd), len(sd)))
-    seen = INERTIA * sd[:, np.newaxis] / np.array(model.validity.vdot_max)
+    seen = INERTIA * sd[:, np.newaxis] / np.maximum(model.validity.vdot_max, _STILL)
     return np.ascontiguousarray(np.minimum(seen, seen.T))
 
 
@@ -172,7 +172,7 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
     1961, positive part; for matrices Bickel, Levina 2008). The diagonal's sd is added to it, twice
     as much until M is positive definite. To first order
 
-        sd_j^2 = sum_ik (M^-1)_ji^2 sd_ik^2 share_k^2 + (FREE share_j)^2
+        sd_j^2 = sum_ik (M^-1)_ji^2 sd_ik^2 share_k^2
 
     Args:
         M: (n, n) kg m^2, as identified.
@@ -206,7 +206,7 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
         for j in range(n):
             out[n + j] += column[j] ** 2 * moved
     for j in range(n):
-        out[n + j] = math.sqrt(out[n + j] + (FREE * out[j]) ** 2)
+        out[n + j] = math.sqrt(out[n + j])
 
 
 @kernel
@@ -242,7 +242,9 @@ def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
     for i in range(n):
         variance = 0.0
         for k in range(m):
-            variance += weights[k] * ((freed[k, i] - out[i]) ** 2 + sd[k, i] ** 2)
+            step = freed[min(k + OFF, m - 1), i] - freed[max(k - OFF, 0), i] if k > 0 else 0.0
+            off = (0.5 * step) ** 2 + sd[k, i] ** 2
+            variance += weights[k] * ((freed[k, i] - out[i]) ** 2 + off)
         out[n + i] = math.sqrt(variance)
 
 

@@ -14,8 +14,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel, 
 from wrenchsight.models.machining.tool_vibration import (
     AMPLITUDES,
     CORRELATION,
-    FREE,
     INERTIA,
+    OFF,
     TOLD,
     VibrationTracker,
     expected_shares,
@@ -128,7 +128,7 @@ def test_without_an_sd_the_expected_shares_are_those_of_the_matrix():
     vibration_shares(M, J, normal, plain)
     np.testing.assert_allclose(np.abs(out[:N]), plain, rtol=1e-12)
     assert out[:N].min() < 0.0
-    np.testing.assert_allclose(out[N:], FREE * plain, rtol=1e-12)
+    np.testing.assert_array_equal(out[N:], 0.0)
     expected_shares(-M, np.zeros((N, N)), J, normal, out)
     np.testing.assert_array_equal(out, 0.0)
 
@@ -142,8 +142,7 @@ def test_the_sd_of_the_shares_is_that_over_matrices_as_they_may_be():
     drawn = [
         np.linalg.solve(M + sd * rng.standard_normal((N, N)), along) / mobility for _ in range(4000)
     ]
-    found = np.sqrt(out[N:] ** 2 - (FREE * out[:N]) ** 2)
-    np.testing.assert_allclose(found, np.std(drawn, axis=0), rtol=0.05)  # 1.1 % of 4000 draws
+    np.testing.assert_allclose(out[N:], np.std(drawn, axis=0), rtol=0.05)  # 1.1 % of 4000 draws
 
 
 def test_what_the_logs_hardly_told_of_a_matrix_is_taken_for_less():
@@ -182,6 +181,17 @@ def test_an_entry_of_a_matrix_is_known_by_the_better_of_two_joints(sts):
     assert found[3, 3] == pytest.approx(INERTIA * 0.3 / 7.0)
     assert found[1, 3] == pytest.approx(INERTIA * min(0.3 / 6.0, 3.0 / 7.0))
     np.testing.assert_array_equal(inertia_sd(IdentifiedModel.nominal(sts)), 0.0)
+
+
+def test_a_joint_that_no_log_moved_has_no_share_and_all_stays_finite(sts):
+    validity = Validity(vdot_max=[7.0, 6.0, 6.0, 7.0, 0.0, 8.0])
+    covariance = np.diag(np.square([2.0, 3.0, 2.0, 0.3, 0.5, 0.2]))
+    nominal = IdentifiedModel.nominal(sts)
+    sd = inertia_sd(replace(nominal, residual_covariance=covariance, validity=validity))
+    (M, J, normal), out = _masses(), np.empty(2 * N)
+    expected_shares(M, sd, J, normal, out)
+    assert np.all(np.isfinite(out))
+    assert abs(out[4]) < 0.1 * np.abs(out[:N]).max()  # 0.15 N m over 1e-3 rad/s^2 beside 2 to 9
 
 
 @pytest.mark.parametrize(("share", "sd"), [(2.8, 0.0), (2.8, 0.7), (2.0, 1.5), (0.2, 2.0)])
@@ -231,12 +241,27 @@ def test_joints_that_are_shaken_less_than_the_model_says_stay_in_the_band(tracke
     The tool's amplitude is found from joint 3; what that frees of the others is wrong.
     """
     less = np.array([0.0, 0.7, 0.0, 0.0, 0.7, 0.0])
-    for sd, least, most in ((less * SHARES, 0.95, 1.0), (NOTHING, 0.0, 0.9)):
-        taken, freed, _ = follow(tracker, sts, 0.05, shares=(1.0 - less) * SHARES, sd=sd)
-        error = np.abs(taken[3000:, :N] - freed[3000:])[:, [1, 4]]
-        inside = np.mean(error < 2.0 * taken[3000:, [N + 1, N + 4]] + 0.01)
-        assert error.max() > 0.3
-        assert least <= inside <= most
+    taken, freed, _ = follow(tracker, sts, 0.05, shares=(1.0 - less) * SHARES, sd=less * SHARES)
+    error = np.abs(taken[3000:, :N] - freed[3000:])[:, [1, 4]]
+    assert error.max() > 0.3
+    assert np.mean(error < 2.0 * taken[3000:, [N + 1, N + 4]] + 0.01) > 0.95
+
+
+def test_what_is_taken_off_is_a_mean_and_its_sd_that_of_all_that_may_be_off(tracker):
+    rng, m = np.random.default_rng(4), len(AMPLITUDES)
+    state, out = rng.uniform(0.0, 2.0, m * (1 + 2 * N)), np.empty(2 * N + 1)
+    freed_friction(AMPLITUDES, state, out)
+    freed, sd = state[m:].reshape(2, m, N)
+    weights = np.exp(state[:m]) * np.where(AMPLITUDES == 0.0, m - 1.0, 1.0)
+    weights /= weights.sum()
+    k = np.arange(m)
+    step = 0.5 * (freed[np.minimum(k + OFF, m - 1)] - freed[np.maximum(k - OFF, 0)])
+    step[0] = 0.0  # nothing vibrates
+    mean = weights @ freed
+    np.testing.assert_allclose(out[:N], mean, rtol=1e-12)
+    variance = weights @ ((freed - mean) ** 2 + sd**2 + step**2)
+    np.testing.assert_allclose(out[N : 2 * N], np.sqrt(variance), rtol=1e-12)
+    assert out[-1] == pytest.approx(weights @ AMPLITUDES)
 
 
 def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker, sts):
@@ -247,10 +272,19 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     tick.flags[COUNTS], tick.J[:] = 1.0, sts.chain.jacobian(POSTURE)
     tick.signals[TAU_F], tick.signals[V] = DRY + tracker.constants.viscous * SPEED, SPEED
     tick.tau_ext[:], tick.error.sd[:] = rng.normal(0.0, 3.0, N), rng.uniform(0.3, 1.0, N)
-    state[m:] = rng.uniform(0.0, 2.0, 2 * m * N)  # what it has read before
+    before = state[m:] = rng.uniform(0.0, 2.0, 2 * m * N)  # what it has read before
     known = np.concatenate([SHARES, 0.5 * SHARES])
     track_vibration(tracker.constants, reading, NOTHING, taken, known, True, state)
     freed, sd = state[m:].reshape(2, m, N)
+    loose = np.array(
+        [
+            [loose_share(*v, p) for v in zip(SPEED, known[:N], known[N:], strict=True)]
+            for p in AMPLITUDES
+        ]
+    )
+    pole = np.exp(-K_0 * T)
+    now = pole * before.reshape(2, m, N) + (1.0 - pole) * DRY * np.moveaxis(loose, 2, 0)
+    np.testing.assert_allclose([freed, sd], now, rtol=1e-12)
     own = tick.error.sd**2 - taken[N : 2 * N] ** 2
     spread = tick.J.T @ np.diag(tracker.constants.prior) @ tick.J + np.diag(own)
     tau = tick.tau_ext + taken[:N]
