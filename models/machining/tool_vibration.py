@@ -21,16 +21,17 @@ prior of forces, Sigma_tau the torque error and D_p what the shares' own sd make
 term; log-likelihoods are summed with one independent sample in CORRELATION seconds and forgotten in
 MEMORY seconds. Before, p = 0 is as likely as all others together. What is taken off tau_ext is the
 mean over the grid. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
-OFF steps of the grid off, whatever M is. What an air pass taught of friction is freed with it.
+GRID_STEPS off, whatever M is. What an air pass taught of friction is freed with it.
 
 An identified M is the weak part: its error may be as large as the inertia of a wrist's joint, and
 M^-1 then shakes joints that hardly move. So an entry beside the diagonal that is not well above
 its own sd is taken for less, the diagonal for more, and what is still open widens D_p
 (`expected_shares`).
 
-CORRELATION, INERTIA, TOLD and OFF were settled on grinding at 15 s one way, in worlds 0 to 9 of
-`campaign` (a correlation of 1 s: error + 7 %, band alike; OFF 1: error - 4 %, band through turns
-88 % for 91), MEMORY on one arm (10 s: 5 %). That the amplitude lies along the normal is assumed.
+CORRELATION, INERTIA, SHRINKAGE and GRID_STEPS were settled on grinding at 15 s one way, in worlds 0
+to 9 of `campaign` (a correlation of 1 s: error + 7 %, band alike; one grid step: error - 4 %, band
+through turns 88 % for 91), MEMORY on one arm (10 s: 5 %). That the amplitude lies along the normal
+is assumed.
 """
 
 import math
@@ -57,8 +58,8 @@ AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
 CORRELATION, MEMORY = 0.3, 5.0  # s
 FORCES = 3.0  # of `live_prior`'s force sd: a tool presses harder than the rated payload weighs
 INERTIA = 0.3  # of a torque over an acceleration: an identification averages its residuals
-OFF = 2  # steps of the grid by which a joint's own amplitude may be off: no joint is a free mass
-TOLD = 2.0  # sd, below which an entry of M beside the diagonal counts as none
+GRID_STEPS = 2  # by which a joint's own amplitude may be off: none is a free mass alone
+SHRINKAGE = 2.0  # sd, below which an entry of M beside the diagonal counts as none
 _REACH = math.sqrt(3.0)  # sd: where two of three points stand that are a normal distribution
 _STILL = 1e-3  # rad/s^2, below which a joint does not accelerate
 _DOUBLINGS = 30  # of what is added to a diagonal
@@ -168,9 +169,9 @@ def _shares(factor: Array, J: Array, normal: Array, out: Array) -> None:
 def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) -> None:
     """Writes the signed shares of an identified M and their sd, (2n,) rad/m.
 
-    Entries beside the diagonal are shrunk by 1 - (TOLD sd / M)^2, to 0 at the least (James, Stein
-    1961, positive part; for matrices Bickel, Levina 2008). The diagonal's sd is added to it, twice
-    as much until M is positive definite. To first order
+    Entries beside the diagonal are shrunk by 1 - (SHRINKAGE sd / M)^2, at the least to 0 (James and
+    Stein 1961, positive part; for matrices Bickel, Levina 2008). The diagonal's sd is added to it,
+    twice as much until M is positive definite. To first order
 
         sd_j^2 = sum_ik (M^-1)_ji^2 sd_ik^2 share_k^2
 
@@ -186,7 +187,7 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
     for _ in range(_DOUBLINGS):
         for i in range(n):
             for j in range(i):
-                left = TOLD * sd[i, j]
+                left = SHRINKAGE * sd[i, j]
                 shrunk = abs(M[i, j]) > left
                 factor[i, j] = M[i, j] * (1.0 - (left / M[i, j]) ** 2) if shrunk else 0.0
             factor[i, i] = M[i, i] + added * sd[i, i]
@@ -242,7 +243,11 @@ def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
     for i in range(n):
         variance = 0.0
         for k in range(m):
-            step = freed[min(k + OFF, m - 1), i] - freed[max(k - OFF, 0), i] if k > 0 else 0.0
+            step = (
+                freed[min(k + GRID_STEPS, m - 1), i] - freed[max(k - GRID_STEPS, 0), i]
+                if k > 0
+                else 0.0
+            )
             off = (0.5 * step) ** 2 + sd[k, i] ** 2
             variance += weights[k] * ((freed[k, i] - out[i]) ** 2 + off)
         out[n + i] = math.sqrt(variance)

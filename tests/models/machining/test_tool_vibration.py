@@ -14,9 +14,9 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel, 
 from wrenchsight.models.machining.tool_vibration import (
     AMPLITUDES,
     CORRELATION,
+    GRID_STEPS,
     INERTIA,
-    OFF,
-    TOLD,
+    SHRINKAGE,
     VibrationTracker,
     expected_shares,
     freed_friction,
@@ -145,14 +145,14 @@ def test_the_sd_of_the_shares_is_that_over_matrices_as_they_may_be():
     np.testing.assert_allclose(out[N:], np.std(drawn, axis=0), rtol=0.05)  # 1.1 % of 4000 draws
 
 
-def test_what_the_logs_hardly_told_of_a_matrix_is_taken_for_less():
+def test_entries_of_a_matrix_that_the_logs_hardly_determined_are_shrunk():
     """An entry of 3 sd keeps 1 - (2 / 3)^2 of itself, one of 1.9 sd nothing."""
     M = np.diag([2.0, 2.0, 0.5, 0.03, 0.03, 0.01])
     sd = np.full((N, N), 0.01)
     M[1, 2] = M[2, 1] = 0.03
     M[2, 3] = M[3, 2] = -0.019
     expected, out, found = M + np.diag(np.diag(sd)), np.empty(2 * N), np.empty(2 * N)
-    expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (TOLD / 3.0) ** 2)
+    expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE / 3.0) ** 2)
     expected[2, 3] = expected[3, 2] = 0.0
     _, J, normal = _masses()
     expected_shares(M, sd, J, normal, out)
@@ -255,7 +255,7 @@ def test_what_is_taken_off_is_a_mean_and_its_sd_that_of_all_that_may_be_off(trac
     weights = np.exp(state[:m]) * np.where(AMPLITUDES == 0.0, m - 1.0, 1.0)
     weights /= weights.sum()
     k = np.arange(m)
-    step = 0.5 * (freed[np.minimum(k + OFF, m - 1)] - freed[np.maximum(k - OFF, 0)])
+    step = 0.5 * (freed[np.minimum(k + GRID_STEPS, m - 1)] - freed[np.maximum(k - GRID_STEPS, 0)])
     step[0] = 0.0  # nothing vibrates
     mean = weights @ freed
     np.testing.assert_allclose(out[:N], mean, rtol=1e-12)
