@@ -23,7 +23,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study study-generic test test-all test-generic lint fuzz kills arms bench docs readme readme-worlds clean
+.PHONY: study test test-all test-generic lint fuzz kills arms bench docs readme readme-worlds clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -36,14 +36,9 @@ test: .venv/.ready-test
 test-all: .venv/.ready-test
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
-# The same tests, and the same study, as another processor computes them. The last line says what the
-# two studies' reports print differently: nothing, to the digits that they print.
+# The same tests, as another processor computes them.
 test-generic: .venv/.ready-test
 	$(OTHER_PROCESSOR) $(BIN)/python -m pytest $(SIDE_BY_SIDE)
-
-study-generic: study
-	$(OTHER_PROCESSOR) $(BIN)/wrenchsight study --out $(OUT)-generic --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
-	$(BIN)/python -m wrenchsight.analyses.study.compare_studies $(OUT) $(OUT)-generic
 
 lint: .venv/.ready-lint
 	$(BIN)/ruff check .

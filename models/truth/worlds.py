@@ -36,8 +36,8 @@ class WorldRanges:
 
     The sources say that a quantity varies between arms of one make, with wear, grease and load; how
     far is the judgement of this program where no catalogue states it. From `wander` to `saturation`
-    it is the experiment `realism` that says how far, on the UR10e: its joints lie apart by so much,
-    or its comparison with the real arm stays off by so much.
+    the ranges come from a comparison with a real UR10e (docs/worlds.md): its joints differ from one
+    another by so much, or the simulated arm differs from the real one by so much.
     """
 
     # Coulomb friction and stiction: from specimen to specimen, with wear and preload (Bittencourt,
