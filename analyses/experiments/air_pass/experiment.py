@@ -167,7 +167,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="air-pass",
-    title="What a pass through the air teaches a real UR10e",
+    title="Air pass on a real UR10e: the torque error that repeats",
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER,),

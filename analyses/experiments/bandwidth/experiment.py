@@ -487,7 +487,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="bandwidth",
-    title="What the observer's gain passes of a force, and what of the noise",
+    title="Bandwidth and noise of the observer, by its gain",
     section="4.8, Figs. 22-23",
     run=run,
     order=130,

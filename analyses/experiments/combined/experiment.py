@@ -193,7 +193,7 @@ def _figures(readings: dict[str, ForceReading]) -> Iterator[Drawing]:
 
 EXPERIMENT = Experiment(
     name="combined",
-    title="Friction law and path together, pushed by hand",
+    title="Semi-parametric friction and optimised path together, pushed by hand",
     section="4.7, Figs. 20-21",
     run=run,
     order=100,

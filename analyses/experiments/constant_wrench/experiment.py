@@ -277,7 +277,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="constant-wrench",
-    title="A constant wrench, read on the initial and on the optimised path",
+    title="Constant wrench on the initial and on the optimised path",
     section="4.3, Figs. 8-10",
     run=run,
     order=40,

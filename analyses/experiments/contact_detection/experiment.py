@@ -401,7 +401,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="contact-detection",
-    title="Which contacts are found, and how many are imagined?",
+    title="Contact detection: missed contacts and false alarms",
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER, MORE, PUSHES),

@@ -178,7 +178,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         {**reductions(before, after), **metrics},
         _figures(run, readings),
         {"scenario": scenario, "speed_rad_per_s": speed},
-        title="Joints turning round under a hand",
+        title="Reversal of joints, pushed by hand",
         passes=1,
         variants=VARIANTS,
         comparison=COMPARISON,

@@ -227,7 +227,7 @@ NOTES: Final = (
 
 EXPERIMENT = Experiment(
     name="learned-torque",
-    title="A recurrent network in the place of a model, and on top of one",
+    title="Recurrent network instead of the model, and on top of it",
     section="recordings of a UR10e and of a NEURA LARA 8",
     run=run,
     needs=("ur10e", "ur10e_more", "ur10e_contact", "neura_lara8"),

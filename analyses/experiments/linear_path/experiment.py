@@ -253,7 +253,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="linear-path",
-    title="A linear path, placed where forces are read best",
+    title="Linear path placed for the lowest condition number",
     section="4.3, Fig. 8",
     run=run,
     order=30,

@@ -234,7 +234,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="live",
-    title="What a controller reads while the robot runs, and how quickly",
+    title="Live reading: wrench error, rate and latency",
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER, MORE),

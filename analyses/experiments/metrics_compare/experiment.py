@@ -359,7 +359,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="metrics-compare",
-    title="Which measure of a posture tells how wrong the force will be",
+    title="Measures of a posture as predictors of the force error",
     section="3.2, the question it leaves open",
     run=run,
     order=60,

@@ -329,7 +329,7 @@ def _notes(metrics: Mapping[str, Any]) -> list[str]:
 
 EXPERIMENT = Experiment(
     name="observers",
-    title="Which observer errs least, and which says so?",
+    title="Observers compared: error and stated uncertainty",
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER,),

@@ -57,7 +57,7 @@ NOTES = (
 
 EXPERIMENT = Experiment(
     name="surface-path",
-    title="A path on a curved surface, with the angle about the normal free",
+    title="Path on a curved surface with a free redundant angle",
     section="4.4, Figs. 11-13",
     run=run,
     order=50,

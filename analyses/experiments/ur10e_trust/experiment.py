@@ -285,7 +285,7 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
 
 EXPERIMENT = Experiment(
     name="ur10e-trust",
-    title="Does the stated uncertainty hold on logs that nobody tuned to?",
+    title="Coverage of the stated uncertainty on logs of other days",
     section="recordings of a UR10e",
     run=run,
     needs=(FOLDER, MORE),
