@@ -108,7 +108,7 @@ def run_campaign(
             with closing(outcomes):
                 campaign.take(outcomes, len(tasks), watch)
         except BaseException:
-            watch(Progress(COMMAND, "interrupted", what="what is done is kept"))
+            watch(Progress(COMMAND, "interrupted", action="what is done is kept"))
             # Whatever ended it is what the user is to hear of, not what follows from it.
             with suppress(InputError, OSError):
                 if campaign.record.worlds or not folder.files:  # else the earlier ones stay

@@ -6,17 +6,17 @@ from typing import Any
 ANNOUNCEMENT = "compiling kernels, once on this machine"
 
 
-def on_first_compilation(say: Callable[[str], None]) -> None:
-    """Calls `say(ANNOUNCEMENT)` when this process first compiles a kernel that is not cached."""
+def on_first_compilation(announce: Callable[[str], None]) -> None:
+    """Calls `announce(ANNOUNCEMENT)` when this process first compiles an uncached kernel."""
     from numba.core import event
 
     class FirstCompilation(event.Listener):
-        said = False
+        announced = False
 
         def on_start(self, event: Any) -> None:
-            if not self.said:
-                self.said = True
-                say(ANNOUNCEMENT)
+            if not self.announced:
+                self.announced = True
+                announce(ANNOUNCEMENT)
 
         def on_end(self, event: Any) -> None:
             pass

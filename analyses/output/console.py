@@ -1,4 +1,4 @@
-"""What commands print: tables, lines and progress, alike in a terminal and in a log."""
+"""Output of commands: tables, lines and progress, the same in a terminal and in a log."""
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
@@ -47,7 +47,7 @@ def say(console: Console, text: str) -> None:
 
 
 def show(*parts: Table | str) -> None:
-    """Prints what a command found, on stdout: tables, and lines as `say` does."""
+    """Prints a command's result on stdout: tables, and lines as `say` does."""
     console = new_console()
     for part in parts:
         if isinstance(part, str):
@@ -71,8 +71,8 @@ def showing_progress(name: str) -> Iterator[Callable[[float, str], None]]:
     """Shows how far a piece of work is; the function that it gives takes share and words."""
     # Drake prints Meshcat's address, which is gone before anyone could open it.
     logging.getLogger("drake").setLevel(logging.WARNING)
-    with ProgressDisplay(new_console(stderr=True), (name,), fleeting=True) as watch:
-        on_first_compilation(lambda what: watch(Progress(name, "running", 0.0, what)))
-        watch(Progress(name, "running"))
-        yield lambda fraction, what: watch(Progress(name, "running", fraction, what))
-        watch(Progress(name, "done", 1.0))
+    with ProgressDisplay(new_console(stderr=True), (name,), fleeting=True) as display:
+        on_first_compilation(lambda action: display(Progress(name, "running", 0.0, action)))
+        display(Progress(name, "running"))
+        yield lambda fraction, action: display(Progress(name, "running", fraction, action))
+        display(Progress(name, "done", 1.0))

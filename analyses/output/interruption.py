@@ -1,4 +1,4 @@
-"""Signals that end a command: an exception, or held back; and its processes, which end with it."""
+"""Signals that end a command: raised as exceptions or held back, here and in worker processes."""
 
 import _thread
 import ctypes
@@ -30,48 +30,48 @@ def ends_are_interrupts() -> Iterator[list[int]]:
     """Raises `TerminatedError` in the block where SIGTERM or SIGHUP would end the process.
 
     Python drops what is raised inside a destructor or a weak reference's callback, and prints a
-    traceback: an end that came there is raised again, some milliseconds later.
+    traceback: such an exception is raised again some milliseconds later.
 
     Yields:
-        The numbers of the signals that came, of SIGINT too: a library whose work was cut off, or
+        The numbers of the signals received, SIGINT included: a library whose work was cut off, or
         whose import, may turn the exception into one of its own.
     """
-    came: list[int] = []
+    received: list[int] = []
 
     def end(signum: int, frame: FrameType | None) -> None:
-        came.append(signum)
+        received.append(signum)
         if signum == signal.SIGINT:
             signal.default_int_handler(signum, frame)
         raise TerminatedError(signum)
 
-    def dropped(what: Any) -> None:
-        if came and isinstance(what.exc_value, KeyboardInterrupt):
+    def resume_dropped(unraisable: Any) -> None:
+        if received and isinstance(unraisable.exc_value, KeyboardInterrupt):
             # Not by `threading`, in whose locks the interrupted code may be.
-            _thread.start_new_thread(end_again, (came[-1],))
+            _thread.start_new_thread(end_again, (received[-1],))
         else:
-            told_before(what)
+            earlier_hook(unraisable)
 
     def end_again(signum: int) -> None:
         time.sleep(_AGAIN)
-        if sys.unraisablehook is dropped:  # the block goes on
+        if sys.unraisablehook is resume_dropped:  # the block goes on
             signal.pthread_kill(main_thread, signum)
 
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
-        yield came
+        yield received
         return
-    before = {number: signal.getsignal(number) for number in _ENDS}
-    for number, handler in before.items():
+    handlers = {number: signal.getsignal(number) for number in _ENDS}
+    for number, handler in handlers.items():
         # Not what is ignored: SIGHUP below nohup, SIGINT in the background of a shell.
         if handler in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, end)
-    main_thread, told_before = threading.get_ident(), sys.unraisablehook
+    main_thread, earlier_hook = threading.get_ident(), sys.unraisablehook
     if end in map(signal.getsignal, _ENDS):  # not within another such block
-        sys.unraisablehook = dropped
+        sys.unraisablehook = resume_dropped
     try:
-        yield came
+        yield received
     finally:
-        sys.unraisablehook = told_before
-        for number, handler in before.items():
+        sys.unraisablehook = earlier_hook
+        for number, handler in handlers.items():
             if handler is not None:
                 signal.signal(number, handler)
 
@@ -94,13 +94,15 @@ def uninterrupted() -> Iterator[Callable[[], AbstractContextManager[None]]]:
     if threading.current_thread() is not threading.main_thread():
         yield nullcontext
         return
-    before = {number: signal.getsignal(number) for number in _ENDS}
-    own = [number for number, h in before.items() if h is not None]  # None: it is not Python's
-    held = [number for number in own if before[number] != signal.SIG_IGN]
+    handlers = {number: signal.getsignal(number) for number in _ENDS}
+    restorable = [
+        number for number, h in handlers.items() if h is not None
+    ]  # None: it is not Python's
+    held = [number for number in restorable if handlers[number] != signal.SIG_IGN]
 
     def act() -> None:
-        for number in own:
-            signal.signal(number, before[number])
+        for number in restorable:
+            signal.signal(number, handlers[number])
         if waiting:
             signal.raise_signal(waiting.pop(0))
 
@@ -128,11 +130,11 @@ def for_this_process_alone() -> Iterator[None]:
     Those that it starts besides, such as multiprocessing's resource tracker, would else die of a
     signal to the whole group.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, earlier_mask)
 
 
 def begin_worker(parent: int, log: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""A page in a folder of the user's: it carries the mark by which a command knows it as its own.
+"""A page in a user's folder, with a mark by which a command recognises what it wrote.
 
 Folders of results have a marker beside their files (`result_marker`). A page that stands alone ends
 with a comment instead, which holds the checksum of all that is above it: a page without it, or that
@@ -27,11 +27,11 @@ def refuse_unmarked(path: Path) -> None:
     if not os.path.lexists(path):
         return
     try:
-        own = stat.S_ISREG(path.lstat().st_mode) and _is_marked(path.read_bytes())
+        is_ours = stat.S_ISREG(path.lstat().st_mode) and _is_marked(path.read_bytes())
     except OSError as error:
         problem = f"is there already and cannot be read ({error.strerror})"
         raise InputError(path, "", problem, _REMEDY) from None
-    if not own:
+    if not is_ours:
         raise InputError(path, "", "is there already, and not as wrenchsight wrote it", _REMEDY)
 
 

@@ -182,13 +182,13 @@ def _with_tags(value: Any) -> Any:
         return [_with_tags(one) for one in value]
     if not dataclasses.is_dataclass(value) or isinstance(value, type):
         return plain(value)
-    found: dict[str, Any] = {}
+    tagged: dict[str, Any] = {}
     for field in dataclasses.fields(value):
-        own = getattr(value, field.name)
+        field_value = getattr(value, field.name)
         kinds = [kind for kind in get_args(field.type) if dataclasses.is_dataclass(kind)]
-        converted = _with_tags(own)
-        if type(own) in kinds[1:]:
+        converted = _with_tags(field_value)
+        if type(field_value) in kinds[1:]:
             converted = _Tagged(converted)
-            converted.tag = f"!{type(own).__name__}"
-        found[field.name] = converted
-    return found
+            converted.tag = f"!{type(field_value).__name__}"
+        tagged[field.name] = converted
+    return tagged

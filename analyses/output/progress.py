@@ -1,4 +1,4 @@
-"""Shows on the terminal how far long work has come; in a log, one line at each step that counts."""
+"""Progress of long work: bars in a terminal, one line per step in a log."""
 
 import time
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Progress:
     name: str
     state: State
     fraction: float = 0.0  # 0..1
-    what: str = ""
+    action: str = ""  # what it is doing
     seconds: float | None = None  # that it took, once it is done
 
 
@@ -44,7 +44,7 @@ class ProgressDisplay:
     Args:
         console: where to draw.
         names: of the pieces of work, in their order.
-        fleeting: whether nothing is to stay of the bars, nor to be said of beginnings and ends.
+        fleeting: whether the bars vanish at the end and no line marks beginning and end.
     """
 
     def __init__(
@@ -64,12 +64,12 @@ class ProgressDisplay:
                 progress.TextColumn("{task.description}"),
                 progress.BarColumn(bar_width=24),
                 progress.TimeElapsedColumn(),
-                progress.TextColumn("{task.fields[what]}", style="dim"),
+                progress.TextColumn("{task.fields[action]}", style="dim"),
                 console=console,
                 transient=fleeting,
             )
             for name in names:
-                self._tasks[name] = self._bars.add_task(name, total=1.0, start=False, what="")
+                self._tasks[name] = self._bars.add_task(name, total=1.0, start=False, action="")
 
     def __enter__(self) -> Self:
         if self._bars is not None:
@@ -84,35 +84,35 @@ class ProgressDisplay:
         end = _ENDS.get(progress.state, "")
         if progress.seconds is not None:
             end = f"{end} in {progress.seconds:.1f} s"
-        words = printable(progress.what)
-        what = f"{end}: {words}" if end and words else end or words
+        action = printable(progress.action)
+        message = f"{end}: {action}" if end and action else end or action
         if self._bars is not None:
             from rich.markup import escape
 
             task = self._tasks[progress.name]
             if progress.state == "waiting":
-                if what:  # stays above the bars, which will show other things
-                    text = f"{progress.name}: {what}"
+                if message:  # stays above the bars, which will show other things
+                    text = f"{progress.name}: {message}"
                     self._bars.console.print(text, markup=False, soft_wrap=True)
                 return
             self._bars.start_task(task)
-            self._bars.update(task, completed=progress.fraction, what=escape(what))
+            self._bars.update(task, completed=progress.fraction, action=escape(message))
             if end:
                 self._bars.stop_task(task)
             return
-        self._write_line(progress, end, what)
+        self._write_line(progress, end, message)
 
-    def _write_line(self, progress: Progress, end: str, what: str) -> None:
+    def _write_line(self, progress: Progress, end: str, message: str) -> None:
         name, now = progress.name, time.monotonic()
         last = self._last_line.setdefault(name, now)
         if progress.state == "waiting":
-            text = what
+            text = message
         elif end or self._states.get(name) != progress.state:
-            text = "" if self._fleeting else what if end else "started"
-        elif what == ANNOUNCEMENT:
-            text = what
+            text = "" if self._fleeting else message if end else "started"
+        elif message == ANNOUNCEMENT:
+            text = message
         else:
-            text = f"{100 * progress.fraction:.0f} %  {what}" if now - last > _HEARTBEAT else ""
+            text = f"{100 * progress.fraction:.0f} %  {message}" if now - last > _HEARTBEAT else ""
         self._states[name] = progress.state
         if text:
             self._last_line[name] = now

@@ -66,7 +66,7 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
         InputError: `out` cannot be written to, another run is writing there, or it holds what this
             command did not write.
     """
-    made = [path for path in (out, *out.parents) if not os.path.lexists(path)]
+    created = [path for path in (out, *out.parents) if not os.path.lexists(path)]
     with uninterrupted() as interruptible:
         try:
             OutputFolder(out)
@@ -78,7 +78,7 @@ def open_results(out: Path, command: str) -> Iterator["ResultFolder"]:
                     if not (out / STAGING / _READY).exists():
                         shutil.rmtree(out / STAGING, ignore_errors=True)
         finally:
-            for path in made:
+            for path in created:
                 with suppress(OSError):  # it holds something
                     path.rmdir()
 
@@ -99,12 +99,12 @@ class ResultFolder:
             problem = f"holds the results of {marker.command}, not of {command}"
             raise InputError(path, "", problem, "choose another folder with --out")
         try:
-            found = next(strangers(path, marker), None)
+            foreign_file = next(strangers(path, marker), None)
         except OSError as error:
             problem = f"cannot be read ({error.strerror})"
             raise InputError(error.filename or path, "", problem, _REMEDY) from error
-        if found is not None:
-            problem = f"holds {found}, which is not as wrenchsight wrote it"
+        if foreign_file is not None:
+            problem = f"holds {foreign_file}, which is not as wrenchsight wrote it"
             raise InputError(path, "", problem, _REMEDY)
         self.files: Mapping[str, str] = {} if marker is None else marker.files
         staging = path / STAGING  # of a run that was killed
@@ -115,8 +115,8 @@ class ResultFolder:
 
     def below(self, folder: str) -> list[str]:
         """Names of the files in a folder of the results; none where one of them was removed."""
-        own = [name for name in self.files if name.startswith(f"{folder}/")]
-        return own if all((self.path / name).is_file() for name in own) else []
+        names = [name for name in self.files if name.startswith(f"{folder}/")]
+        return names if all((self.path / name).is_file() for name in names) else []
 
     def work(self, name: str) -> Path:
         """A path for what is no result: gone at the end, after a kill with the next run."""
@@ -140,7 +140,7 @@ class ResultFolder:
         try:
             with writing_to(new):
                 new.mkdir(parents=True)
-            with _told_by_final_path(new, self.path):
+            with _errors_name_final_path(new, self.path):
                 yield OutputFolder(new)
             written = {name: file_checksum(path) for name, path in visible_files(new)}
             gone = [name for name in outdated if name in self.files and name not in written]
@@ -170,11 +170,11 @@ def recover(out: Path) -> None:
     if later is None or next(strangers(ready, later), None) is not None:
         return
     earlier = ResultMarker.read(out)
-    before = {} if earlier is None else earlier.files
+    earlier_files = {} if earlier is None else earlier.files
     written = [name for name, _ in visible_files(ready)]
-    gone = [name for name in before if name not in later.files]
+    gone = [name for name in earlier_files if name not in later.files]
     with uninterrupted(), writing_to(out):
-        _refuse_others(out, (*written, *gone), (before, later.files))
+        _refuse_others(out, (*written, *gone), (earlier_files, later.files))
         _carry_out(out, written, gone)
 
 
@@ -255,7 +255,7 @@ class _Refusal:
 
 
 @contextmanager
-def _told_by_final_path(new: Path, out: Path) -> Iterator[None]:
+def _errors_name_final_path(new: Path, out: Path) -> Iterator[None]:
     """Has refusals name the file that the user asked for, not the one that it is staged as."""
     try:
         yield

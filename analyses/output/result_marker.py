@@ -1,4 +1,4 @@
-"""Which files of a folder are ours: the marker that every folder of results carries.
+"""The marker of a folder of results: it lists the files that the command wrote.
 
 `.wrenchsight.json` names the command and lists the files that it wrote, with their checksums. What
 is not listed there, or not as it was written, is the user's: no command replaces or removes it.

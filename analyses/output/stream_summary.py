@@ -1,4 +1,4 @@
-"""What to keep of a stream of samples whose length is not known beforehand."""
+"""Summaries of a stream of samples whose length is not known beforehand."""
 
 import numpy as np
 
@@ -16,17 +16,17 @@ class EvenSample:
         self._every = 1
         self._count = 0
         self._parts: list[Array] = []
-        self._kept = 0
+        self._num_rows = 0
 
     def add(self, rows: Array) -> None:
         """Takes the next rows, (N, ...)."""
         first = -self._count % self._every
         self._count += len(rows)
         self._parts.append(rows[first :: self._every].copy())
-        self._kept += len(self._parts[-1])
-        while self._kept > self._capacity:
+        self._num_rows += len(self._parts[-1])
+        while self._num_rows > self._capacity:
             self._parts = [np.concatenate(self._parts)[::2]]
-            self._kept = len(self._parts[0])
+            self._num_rows = len(self._parts[0])
             self._every *= 2
 
     def values(self) -> Array:
@@ -43,7 +43,7 @@ class Envelope:
     def __init__(self, num_bins: int) -> None:
         self._num_bins = num_bins
         self._per_bin = 1
-        self._rest: Array | None = None  # samples that do not fill a stretch yet
+        self._partial: Array | None = None  # samples that do not fill a stretch yet
         self._bins: list[Array] = []
         self._count = 0
         self._splits = [0, 0]
@@ -52,10 +52,10 @@ class Envelope:
         """Takes the next samples of signals whose minima, maxima and means are kept; (N, ...)."""
         self._splits = [low.shape[1], low.shape[1] + high.shape[1]]
         rows = np.concatenate([low, high, mean], axis=1)
-        if self._rest is not None:
-            rows = np.concatenate([self._rest, rows])
+        if self._partial is not None:
+            rows = np.concatenate([self._partial, rows])
         whole = len(rows) // self._per_bin * self._per_bin
-        self._rest = rows[whole:].copy()
+        self._partial = rows[whole:].copy()
         if whole:
             bins = self._merged(rows[:whole], self._per_bin)
             self._bins.append(bins)
@@ -64,7 +64,9 @@ class Envelope:
             bins = np.concatenate(self._bins)
             even = len(bins) // 2 * 2
             if even < len(bins):  # the odd last stretch goes back, as samples of its own value
-                self._rest = np.concatenate([bins[even:].repeat(self._per_bin, axis=0), self._rest])
+                self._partial = np.concatenate(
+                    [bins[even:].repeat(self._per_bin, axis=0), self._partial]
+                )
             self._bins = [self._merged(bins[:even], 2)]
             self._count = len(self._bins[0])
             self._per_bin *= 2
@@ -72,8 +74,8 @@ class Envelope:
     def values(self) -> tuple[Array, Array, Array]:
         """Minima, maxima and means of each stretch, in order; (B, ...)."""
         bins = list(self._bins)
-        if self._rest is not None and len(self._rest):
-            bins.append(self._merged(self._rest, len(self._rest)))
+        if self._partial is not None and len(self._partial):
+            bins.append(self._merged(self._partial, len(self._partial)))
         low, high, mean = np.split(np.concatenate(bins), self._splits, axis=1)
         return low, high, mean
 

@@ -114,7 +114,7 @@ def run_study(
             if earlier is None:
                 runs[name] = _Run(name, folder, settings)
                 if why:
-                    watch(Progress(name, "waiting", what=why))
+                    watch(Progress(name, "waiting", action=why))
             else:
                 watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
         seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}

@@ -28,7 +28,7 @@ def test_escape_sequences_are_shown():
 def test_so_are_those_in_progress():
     def follow(console):
         with ProgressDisplay(console, ("work",)) as watch:
-            watch(Progress("work", "failed", what=_ODD))
+            watch(Progress("work", "failed", action=_ODD))
 
     assert _SHOWN in _printed(follow)
     assert "\x1b[31m" not in _printed(follow)

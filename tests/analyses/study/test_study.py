@@ -371,7 +371,7 @@ def test_an_interrupted_run_keeps_the_earlier_whole_result(experiments, run, tmp
     earlier = run("one").metrics
 
     def interrupt(progress):
-        if progress.what == "half way":
+        if progress.action == "half way":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
