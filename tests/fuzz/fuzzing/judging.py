@@ -116,7 +116,7 @@ def beyond_its_band(
 def untellable(clean: Path, spoilt: Path, robot: Path, printed: str = "") -> str | None:
     """Why nothing in a log, or in what is known of its robot, contradicts it; None: something does.
 
-    This is the list of what cannot be told, which docs/your-log.md repeats:
+    This is the list of what cannot be told, which docs/faults.md repeats:
 
     - a joint's signal is another joint's of the same log, at which both are possible;
     - positions and velocities are those of the clean log, and the currents others that the drives

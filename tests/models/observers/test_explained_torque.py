@@ -128,5 +128,5 @@ def test_a_log_goes_on_where_it_was_left() -> None:
 
 
 def test_the_documentation_states_these_bounds() -> None:
-    text = (Path(__file__).parents[3] / "docs" / "your-log.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "faults.md").read_text(encoding="utf-8")
     assert f"more than {BEYOND:.0f} standard deviations" in text
