@@ -197,8 +197,8 @@ def low_pass_log(
         raise InputError(
             recording.source,
             "",
-            f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or more, there are "
-            f"{1 / step:.4g}",
+            f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or "
+            f"more, there are {1 / step:.4g}",
             f"add --cutoff-hz {LARGEST_CUTOFF / step:.2g}",
         )
     _refuse_short(recording, cutoff, shortest)
