@@ -412,8 +412,8 @@ NOTES = (
     "Touches of a Panda: <link_contact.missed:.0f> missed, <link_contact.false_alarms:.0f> false; "
     "the touched link is named in <link_contact.named_pct:.0f> %. Where the likeliest link is "
     "stated with 85 % and more (<link_contact.sure.stated_pct:.0f> % in the mean) it is the "
-    "touched one in <link_contact.sure.right_pct:.0f> % of <link_contact.sure.touches:.0f> touches of "
-    "<link_contact.sure.recordings:.0f> recordings; over all touches what is stated is off by "
+    "touched one in <link_contact.sure.right_pct:.0f> % of <link_contact.sure.touches:.0f> touches "
+    "of <link_contact.sure.recordings:.0f> recordings; over all touches what is stated is off by "
     "<link_contact.calibration_error_pct:.0f> %.",
 )
 
