@@ -11,17 +11,22 @@ each with the likelihood that is left when force, point and size are integrated 
     p(tau | place) = mean over points and sizes of N(tau; 0, F^2 B^T B + Sigma) 2 Phi(f_n / sd(f_n))
 
 with B = S^(1/2) J_P, S the shares of normal and tangent, and F one of SIZES. Each point stands for
-a patch of the surface: the moments of a force anywhere on it are two more rows of B. That a place
+a patch of the surface: the changes of a push anywhere on it are two more rows of B. That a place
 could cause many other torques counts against it, so that the narrowest one that explains the
 torques wins, with no constant of its own: a joint beyond the touched link that stays unloaded says
 so as loudly as its sd allows. All samples of a contact share one point: their log likelihoods count
 as one sample, for the errors of an arm last as long as its contacts. Where the mean of a joint's
 torque is above LOADED of its sd, the links before that joint are out.
 
-**Shape.** Nothing but the Jacobian is needed. Link k reaches from the point between its own axis
-and the one before to the point between its own axis and the next (the middle of their common
-perpendicular; of parallel axes, the foot of the point before), the last one to E. Around that
-line its surface lies at RADII, alternating, with a cap at each end.
+**Shape.** Nothing but the Jacobian is needed. The arm is a chain of its axes, each between the
+points nearest to the axis before and to the one after (its feet; of parallel axes, the foot of the
+point before), and of the lines from one axis to the next. Such a line is of the link between both
+axes. The housing of a joint lies along its axis, REACH beyond both feet; where on it the one link
+ends and the next begins the Jacobian does not say: anywhere between the feet is as likely, and
+where these coincide every point is of either link. So link 6 of an arm may be touched around axis
+7, too, where joint 7 says nothing. The surface lies at RADII, alternating, around axis or line,
+with a cap at both ends of a housing; a point of it counts by its area and by how likely it is of
+the link. A push that turns about the line with its point leaves the line's own torque alone.
 
 **Error.** Sigma = D R D, with R the correlation of the joints' errors and D from the sd of each,
 SCALE of its own torque (a gain that is off) and CROSS of the largest (an axis that is not where the
@@ -40,17 +45,20 @@ from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.wrench import PRIOR_LEVER
 
 RADII = (0.06, 0.1)  # m
-TANGENT = 0.4
+REACH = 0.08  # m
+TANGENT = 0.3
 LEVERS = (0.0, PRIOR_LEVER)  # m
 SIZES = (3.0, 10.0, 30.0, 100.0)  # N
 SCALE, CROSS = 0.03, 0.01
 LOADED = 3.0  # times its sd: beyond, a joint's torque is no error of a model of friction
-E_BEFORE = 0.5  # odds of E before a torque was read; the links share the rest
+AT_WORK = 0.5  # odds of E, before a torque is read, of an arm that works with its tool
 DOUBT = 0.1  # largest odds of a link that leave a reading at E valid
 NAMED = 0.1  # least odds of a link that is named
 MOST_NAMED = 3
 _ALONG, _AROUND = 5, 8
 _PARALLEL = 1e-3  # squared sine of the angle between axes
+_POINT = 1e-6  # m; what is shorter has no direction
+_SD = 1.0 / np.sqrt(12.0)  # of what is as likely anywhere on a length of 1
 
 
 class PlaceOdds(NamedTuple):
@@ -65,11 +73,17 @@ class PlaceOdds(NamedTuple):
     at_E: float
 
     @classmethod
-    def of(cls, evidence: Array) -> "PlaceOdds":
-        """From log likelihoods (n + 1,) of link 1 to n and of E, that `place_evidence` finds."""
+    def of(cls, evidence: Array, at_E: float | None = None) -> "PlaceOdds":
+        """From log likelihoods (n + 1,) of link 1 to n and of E, that `place_evidence` finds.
+
+        Args:
+            at_E: odds of E before a torque is read; the links share the rest. None: E and every
+                link are as likely.
+        """
         n = len(evidence) - 1
-        before = np.append(np.full(n, (1.0 - E_BEFORE) / n), E_BEFORE)
-        log = np.asarray(evidence) + np.log(before)
+        prior_E = 1.0 / (n + 1) if at_E is None else at_E
+        prior = np.append(np.full(n, (1.0 - prior_E) / n), prior_E)
+        log = np.asarray(evidence) + np.log(prior)
         odds = np.exp(log - logsumexp(log))
         return cls(odds[:n], float(odds[n]))
 
@@ -118,50 +132,106 @@ def place_evidence(
     if not (np.isfinite(J).all() and np.isfinite(tau).all() and np.isfinite(sd).all()):
         raise ValueError("place_evidence: a sample is not finite")
     R = np.eye(n) if correlation is None else np.asarray(correlation, float)
+    largest = np.abs(tau).max(axis=1, keepdims=True)
+    D = np.sqrt(sd**2 + (SCALE * tau) ** 2 + (CROSS * largest) ** 2)
+    carries = np.flatnonzero(np.abs(np.mean(tau / D, axis=0)) > loaded)
+    first = int(carries[-1]) if len(carries) else 0
     places: list[list[Array]] = [[] for _ in range(n + 1)]
-    units: list[Array] = []
-    for J_k, tau_k, sd_k in zip(J, tau, sd, strict=True):
-        largest = float(np.abs(tau_k).max())
-        D = np.sqrt(sd_k**2 + (SCALE * tau_k) ** 2 + (CROSS * largest) ** 2)
-        white = np.linalg.inv(np.linalg.cholesky(D[:, None] * R * D))
+    weights = [np.empty(0)] * n
+    for J_k, tau_k, D_k in zip(J, tau, D, strict=True):
+        white = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
         y = white @ tau_k
-        units.append(tau_k / D)
-        for k, surface in enumerate(_surfaces(J_k)):
-            B = _on_link(J_k, k, *surface) @ white.T
+        surfaces = _surfaces(J_k)
+        for k in range(first, n):
+            B = _on_link(J_k, k, surfaces[k]) @ white.T
             places[k].append(_log_likelihood(B, y, inwards=True))
+            weights[k] = surfaces[k].weight  # the posture changes little during a contact
         B = np.stack([np.concatenate([J_k[3:], lever * J_k[:3]]) for lever in LEVERS]) @ white.T
         places[n].append(_log_likelihood(B, y, inwards=False))
-    means = [np.mean(samples, axis=0) for samples in places]
-    evidence = np.array([logsumexp(own) - np.log(own.size) for own in means])
-    carries = np.flatnonzero(np.abs(np.mean(units, axis=0)) > loaded)
-    if len(carries):
-        evidence[: carries[-1]] = -np.inf
+    weights.append(np.full(len(LEVERS), 1.0 / len(LEVERS)))
+    evidence = np.full(n + 1, -np.inf)
+    for k in range(first, n + 1):
+        mean = np.mean(places[k], axis=0)  # (points, sizes)
+        evidence[k] = logsumexp(mean, b=weights[k][:, None] / len(SIZES))
     return evidence
 
 
-def link_ends(J: Array) -> Array:
-    """(n, 3) m from E in axes of W: the far end of link 1 to n; J (6, n).
+class _Surface(NamedTuple):
+    """M points of a link's surface, m from E and in axes of W.
 
-    Where a prismatic joint lies J does not tell: its link ends where the one before does, or on the
-    next axis.
+    Attributes:
+        point, normal: (M, 3), the normal outwards.
+        weight: (M,) how much of the link's surface each stands for; they add up to 1.
+        along: (M, 3) moment about the point of a unit force inwards, one sd along the surface.
+        around: (M, 2, 3) moment and change of the force, one sd around it.
     """
-    axis, foot = J[:3].T, np.cross(J[:3].T, J[3:].T)
-    slides = _slides(J)
-    ends: list[Array] = []
-    for k in range(J.shape[1] - 1):
-        a, b, p, r = axis[k], axis[k + 1], foot[k], foot[k + 1]
-        cosine = float(a @ b)
-        sine2 = 1.0 - cosine * cosine
-        if slides[k] or slides[k + 1] or sine2 < _PARALLEL:
-            before = ends[-1] if ends else r if slides[k] else p
-            ends.append(before if slides[k + 1] else r + b * float(b @ (before - r)))
-            continue
-        apart = p - r
-        s = (cosine * float(b @ apart) - float(a @ apart)) / sine2
-        u = (float(b @ apart) - cosine * float(a @ apart)) / sine2
-        ends.append(0.5 * (p + s * a + r + u * b))
-    ends.append(np.zeros(3))
-    return np.array(ends)
+
+    point: Array
+    normal: Array
+    weight: Array
+    along: Array
+    around: Array
+
+    @classmethod
+    def of(cls, parts: "list[_Surface]") -> "_Surface":
+        """All of them together, the weights added up to 1."""
+        joined = cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        return joined._replace(weight=joined.weight / joined.weight.sum())
+
+    def shared(self, share: Array) -> "_Surface":
+        """With weights in proportion to (M,)."""
+        return self._replace(weight=self.weight * share)
+
+
+def axis_feet(J: Array) -> tuple[Array, Array]:
+    """(n, 3), (n, 3) m from E in axes of W: the points of axis 1 to n, of J (6, n), nearest to the
+    axis before and to the one after; of the last the one nearest to E.
+
+    Where a prismatic joint lies J does not tell: it has the point before it, or E.
+    """
+    axis, foot, slides = (
+        np.where(_slides(J), J[3:], J[:3]).T,
+        np.cross(J[:3].T, J[3:].T),
+        _slides(J),
+    )
+    n = len(axis)
+
+    def on_axis(k: int, point: Array) -> Array:
+        if slides[k]:
+            return point
+        return np.asarray(foot[k] + axis[k] * float(axis[k] @ (point - foot[k])))
+
+    nearest = [
+        None if slides[k] or slides[k + 1] else _nearest(axis[k : k + 2], foot[k : k + 2])
+        for k in range(n - 1)
+    ]
+    first, last = np.zeros((n, 3)), np.zeros((n, 3))
+    for k in range(n):
+        before, after = nearest[k - 1] if k else None, nearest[k] if k < n - 1 else None
+        if before is not None:
+            first[k] = before[1]
+        elif k:
+            first[k] = on_axis(k, last[k - 1])
+        else:
+            first[k] = on_axis(k, np.zeros(3)) if after is None else after[0]
+        if k == n - 1:
+            last[k] = on_axis(k, np.zeros(3))
+        else:
+            last[k] = first[k] if after is None else after[0]
+    return first, last
+
+
+def _nearest(axis: Array, point: Array) -> tuple[Array, Array] | None:
+    """The points of two lines (2, 3) that are nearest to the other one; None: they are parallel."""
+    (a, b), (p, r) = axis, point
+    cosine = float(a @ b)
+    sine2 = 1.0 - cosine * cosine
+    if sine2 < _PARALLEL:
+        return None
+    apart = p - r
+    s = (cosine * float(b @ apart) - float(a @ apart)) / sine2
+    u = (float(b @ apart) - cosine * float(a @ apart)) / sine2
+    return p + s * a, r + u * b
 
 
 def _slides(J: Array) -> Flags:
@@ -169,49 +239,101 @@ def _slides(J: Array) -> Flags:
     return np.asarray(np.linalg.norm(J[:3], axis=0) < 0.5)
 
 
-def _surfaces(J: Array) -> list[tuple[Array, Array, float]]:
-    """Per link its points (m, 3), m from E, their outward normals, in axes of W, and its length."""
-    ends, axis = link_ends(J), np.where(_slides(J), J[3:], J[:3]).T
-    n = len(ends)
-    turn = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    result = []
+def _surfaces(J: Array) -> list[_Surface]:
+    """Of link 1 to n."""
+    axis = np.where(_slides(J), J[3:], J[:3]).T
+    first, last = axis_feet(J)
+    n = len(axis)
+    parts: list[list[_Surface]] = [[] for _ in range(n)]
     for k in range(n):
-        begin, end = ends[max(k - 1, 0)], ends[k]
-        along = end - begin
-        length = float(np.linalg.norm(along))
-        u = along / length if length > 1e-6 else axis[k]
-        # Fixed to the link: its own axis or the next one, whichever is further from the line.
-        sides = [axis[k], axis[min(k + 1, n - 1)], np.eye(3)[int(np.argmin(np.abs(u)))]]
-        side = max(sides[:2], key=lambda a: float(np.linalg.norm(np.cross(u, a))))
-        if np.linalg.norm(np.cross(u, side)) < 0.1:
-            side = sides[2]
-        e1 = np.cross(u, side) / np.linalg.norm(np.cross(u, side))
-        ring = np.cos(turn)[:, None] * e1 + np.sin(turn)[:, None] * np.cross(u, e1)
-        points, normals = [], []
-        for i in range(_ALONG):
-            radius = np.resize(RADII[i % 2 :] + RADII[: i % 2], _AROUND)[:, None]
-            points.append(begin + (i + 0.5) / _ALONG * along + radius * ring)
-            normals.append(ring)
-        for place, sign in ((begin, -1.0), (end, 1.0)):
-            cap = np.sqrt(0.5) * (ring[::2] + sign * u)
-            points.append(place + float(np.mean(RADII)) * cap)
-            normals.append(cap)
-        result.append((np.concatenate(points), np.concatenate(normals), length))
-    return result
+        between = last[k] - first[k]
+        length = float(np.linalg.norm(between))
+        u = between / length if length > _POINT else axis[k]
+        side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(u)))]
+        end = last[k] + (0.0 if k == n - 1 and length > _POINT else REACH) * u
+        housing, at = _housing(first[k] - REACH * u, end, side)
+        whole = float(np.linalg.norm(end - first[k])) + REACH
+        share = 0.5 + length / whole * at  # of link k; the one before has the rest
+        parts[k].append(housing.shared(share))
+        if k:
+            parts[k - 1].append(housing.shared(1.0 - share))
+        to = first[k + 1] if k < n - 1 else np.zeros(3)
+        if np.linalg.norm(to - last[k]) > _POINT:
+            parts[k].append(_tube(last[k], to, axis[k])[0])
+    return [_Surface.of(part) for part in parts]
 
 
-def _on_link(J: Array, k: int, point: Array, normal: Array, along: float) -> Array:
-    """B (m, 5, n) of link k (0-based): the force inwards and along two tangents, and the moments
-    about these of the force anywhere on the point's patch.
-    """
+def _tube(begin: Array, end: Array, side: Array) -> tuple[_Surface, Array]:
+    """Around the line between two points, and (M,) where along it each point is, -1/2 to 1/2."""
+    length = float(np.linalg.norm(end - begin))
+    u, ring = _ring(begin, end, side)
+    at = (np.arange(_ALONG) + 0.5) / _ALONG - 0.5
+    radius = np.array([np.resize(np.roll(RADII, -(i % 2)), _AROUND) for i in range(_ALONG)])
+    middle = 0.5 * (begin + end) + at[:, None] * (end - begin)
+    point = (middle[:, None] + radius[..., None] * ring).reshape(-1, 3)
+    normal = np.tile(ring, (_ALONG, 1))
+    size = len(point)
+    step = 2.0 * np.pi / _AROUND * _SD  # rad
+    tangent = np.cross(u, normal)
+    moment = step * radius.reshape(-1, 1) * np.cross(tangent, -normal)
+    surface = _Surface(
+        point,
+        normal,
+        np.full(size, 2.0 * np.pi * float(np.mean(RADII)) * length / size),
+        length / _ALONG * _SD * np.cross(u, -normal),
+        np.stack([moment, -step * tangent], axis=1),
+    )
+    return surface, np.repeat(at, _AROUND)
+
+
+def _housing(begin: Array, end: Array, side: Array) -> tuple[_Surface, Array]:
+    """A tube and its two caps, each a ring that slants and a face across; as `_tube`."""
+    tube, at = _tube(begin, end, side)
+    u, ring = _ring(begin, end, side)
+    radius = float(np.mean(RADII))
+    parts, place = [tube], [at]
+    for middle, sign in ((begin, -1.0), (end, 1.0)):
+        slant = np.sqrt(0.5) * (ring[::2] + sign * u)
+        normal = np.vstack([slant, sign * u])
+        point = middle + radius * np.vstack([slant, 0.5 * sign * u])
+        count = len(slant)
+        weight = 0.5 * np.pi * radius**2 * np.append(np.full(count, 1.0 / count), 1.0)
+        reach = radius * _SD * np.append(np.ones(count), 2.0)[:, None]
+        tangent, other = _across(normal)
+        moment = np.stack([reach * other, np.zeros_like(other)], axis=1)
+        parts.append(_Surface(point, normal, weight, reach * tangent, moment))
+        place.append(np.full(count + 1, 0.5 * sign))
+    joined = _Surface(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return joined, np.concatenate(place)
+
+
+def _ring(begin: Array, end: Array, side: Array) -> tuple[Array, Array]:
+    """The unit vector along a line, and (_AROUND, 3) those around it, from `side` on."""
+    u = (end - begin) / float(np.linalg.norm(end - begin))
+    if np.linalg.norm(np.cross(u, side)) < 0.1:
+        side = np.eye(3)[int(np.argmin(np.abs(u)))]
+    e1 = np.cross(u, side) / np.linalg.norm(np.cross(u, side))
+    turn = 2.0 * np.pi * np.arange(_AROUND)[:, None] / _AROUND
+    return u, np.cos(turn) * e1 + np.sin(turn) * np.cross(u, e1)
+
+
+def _across(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors (M, 3) across each of (M, 3)."""
     tangent = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    other = np.cross(normal, tangent)
-    frame = np.stack([-normal, TANGENT * tangent, TANGENT * other], axis=1)
-    patch = max(along / _ALONG, 2.0 * np.pi * float(np.mean(RADII)) / _AROUND) / np.sqrt(12.0)
-    turned = patch * np.stack([tangent, other], axis=1)
-    at_point = J[3:].T + np.cross(J[:3].T, point[:, None])  # (m, n, 3)
-    B = np.concatenate([frame @ at_point.swapaxes(1, 2), turned @ J[:3]], axis=1)
+    return tangent, np.cross(normal, tangent)
+
+
+def _on_link(J: Array, k: int, surface: _Surface) -> Array:
+    """B (M, 5, n) of link k (0-based): the force inwards and along two tangents, and the changes of
+    the first anywhere on the point's patch.
+    """
+    tangent, other = _across(surface.normal)
+    none = np.zeros_like(tangent)
+    force = [-surface.normal, TANGENT * tangent, TANGENT * other, none, surface.around[:, 1]]
+    moment = [none, none, none, surface.along, surface.around[:, 0]]
+    at_point = J[3:].T + np.cross(J[:3].T, surface.point[:, None])  # (M, n, 3)
+    B = np.stack(force, axis=1) @ at_point.swapaxes(1, 2) + np.stack(moment, axis=1) @ J[:3]
     B[:, :, k + 1 :] = 0.0
     return np.asarray(B)
 

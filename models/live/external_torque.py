@@ -11,7 +11,12 @@ import numpy as np
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import Detection
-from wrenchsight.models.detection.link_odds import DOUBT, PlaceOdds, place_evidence
+from wrenchsight.models.detection.link_odds import (
+    AT_WORK,
+    DOUBT,
+    PlaceOdds,
+    place_evidence,
+)
 from wrenchsight.models.detection.torque_contact import (
     FIRST,
     TorqueContactDetector,
@@ -131,4 +136,5 @@ class ExternalTorqueEstimator:
         J, tau = (np.array(part) for part in zip(*self._strong, strict=True))
         chosen = np.argsort(-np.linalg.norm(tau / self._sd, axis=1))[:CHOSEN]
         sd = np.broadcast_to(self._sd, (len(chosen), len(self._sd)))
-        return PlaceOdds.of(place_evidence(J[chosen], tau[chosen], sd, loaded=LOADED))
+        evidence = place_evidence(J[chosen], tau[chosen], sd, loaded=LOADED)
+        return PlaceOdds.of(evidence, AT_WORK)

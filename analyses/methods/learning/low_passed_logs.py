@@ -1,5 +1,6 @@
 """What an identification begins with: logs on a uniform grid, low-passed, and their regressors."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from wrenchsight.models.identification.torque_regression import RegressionRows
 from wrenchsight.models.recordings.lerobot.data_set import file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
-from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.recordings.resampling import ROUNDING, resampled
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
@@ -32,6 +33,7 @@ ProgressCallback = Callable[[float, str], None]
 # A joint that moves less, or slower, than this shows neither its friction nor its inertia.
 LEAST_TRAVEL, LEAST_SLIDE = 0.05, 0.02  # rad, and m of a joint that slides, peak to peak
 LEAST_SPEED = 0.01  # rad/s or m/s
+LARGEST_CUTOFF = 0.25  # of a log's rate
 # In periods of the cutoff:
 POINTS = 20.0  # grid points on which the regressor is built; its harmonics fold back beyond 10
 TRIM = 2.5  # filter transients at both ends of a log
@@ -91,7 +93,9 @@ def long_enough(
     """
     least = SHORTEST_LOG / config.cutoff
     short = [
-        one for one in recordings if one.duration < least and root_of(Path(one.source)) is not None
+        one
+        for one in recordings
+        if missing_time(one, least) > 0.0 and root_of(Path(one.source)) is not None
     ]
     if not short or len(short) == len(recordings):
         return recordings, []
@@ -100,6 +104,49 @@ def long_enough(
         f"that a cutoff of {config.cutoff:g} Hz needs"
     )
     return [one for one in recordings if not any(one is own for own in short)], [sentence]
+
+
+def missing_time(recording: Recording, needed: float) -> float:
+    """By how many s a log, from its first sample to its last, is shorter than the `needed` s.
+
+    0 where it is long enough; what times are rounded by (ROUNDING of a step) is not missing.
+    """
+    missing = needed - recording.duration
+    return missing if missing > ROUNDING * recording.time_step else 0.0
+
+
+def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
+    needed = periods / cutoff
+    missing = missing_time(recording, needed)
+    if missing == 0.0:
+        return
+    # Two digits of what is missing: so many decimals tell the length from the one that is needed.
+    decimals = max(2, 1 - math.floor(math.log10(missing)))
+    unit, grain = 10.0**decimals, 1e-6
+    lasts = math.floor(recording.duration * unit + grain)
+    needs = math.ceil(needed * unit - grain)
+    length, least, short = (
+        f"{count / unit:.{decimals}f}".rstrip("0").rstrip(".")
+        for count in (lasts, needs, needs - lasts)
+    )
+    remedy = "record a longer log"
+    if periods == SHORTEST_LOG and recording.duration > 0.0:  # else the cutoff is the model's
+        higher = _rounded_up(periods / recording.duration)
+        if recording.time_step * higher <= LARGEST_CUTOFF:
+            remedy += f", or raise --cutoff-hz to {higher:g}"
+    raise InputError(
+        recording.source,
+        "",
+        f"the log lasts {length} s from its first sample to its last; at a cutoff of {cutoff:g} Hz "
+        f"it must last {least} s ({periods:g} periods of the cutoff): {short} s more",
+        remedy,
+    )
+
+
+def _rounded_up(x: float) -> float:
+    """A positive number to three digits, no smaller than it is."""
+    unit = 10.0 ** (math.floor(math.log10(x)) - 2)
+    return float(f"{math.ceil(x / unit) * unit:.3g}")
 
 
 def read_log(path: Path, settings: IdentifySettings, robot: Robot) -> Recording:
@@ -146,22 +193,15 @@ def low_pass_log(
             everywhere.
     """
     step, cutoff = config.time_step, config.cutoff
-    if step * cutoff > 0.25:
+    if step * cutoff > LARGEST_CUTOFF:
         raise InputError(
             recording.source,
             "",
-            f"a cutoff of {cutoff:g} Hz needs {4 * cutoff:g} samples a second or more, there are "
-            f"{1 / step:.4g}",
-            f"add --cutoff-hz {0.25 / step:.2g}",
+            f"a cutoff of {cutoff:g} Hz needs {cutoff / LARGEST_CUTOFF:g} samples a second or "
+            f"more, there are {1 / step:.4g}",
+            f"add --cutoff-hz {LARGEST_CUTOFF / step:.2g}",
         )
-    if recording.duration < shortest / cutoff:
-        raise InputError(
-            recording.source,
-            "",
-            f"the log lasts {recording.duration:.3g} s, at a cutoff of {cutoff:g} Hz it must last "
-            f"{shortest / cutoff:.3g} s or more",
-            "record a longer log, or raise --cutoff-hz",
-        )
+    _refuse_short(recording, cutoff, shortest)
     uniform = resampled(recording, step)
     tau = uniform.tau_J
     if tau is None:

@@ -51,11 +51,20 @@ class Contact:
             where = f", not at E: link {self.link}" if self.link else ", not at E"
         return f"{how}, {force}{where}"
 
-    @staticmethod
-    def _place(place: PlaceOdds) -> str:
-        bodies = place.bodies
-        links = ", ".join(f"{k} ({100.0 * bodies[k - 1]:.0f} %)" for k in place.named())
-        return f"not at E: link {links}" if place.on_link else f"at E or on its link: link {links}"
+    @property
+    def not_at_E(self) -> bool:
+        """Whether a link before the last explains most of it better than E does."""
+        return self.misfit > 0.5
+
+    def _place(self, place: PlaceOdds) -> str:
+        """Every place that is named, likeliest first; E and the link that carries it are one."""
+        bodies, last = place.bodies, len(place.links)
+        words = [
+            ("at E or on link " if k == last and not self.not_at_E else "on link ")
+            + f"{k} ({100.0 * bodies[k - 1]:.0f} %)"
+            for k in place.named()
+        ]
+        return ("not at E: " if self.not_at_E else "") + ", or ".join(words)
 
     def metrics(self) -> dict[str, Any]:
         """As metrics.json lists it."""
@@ -70,7 +79,7 @@ class Contact:
         if self.place is not None:
             bodies, links = self.place.bodies, self.place.named()
             result["at_e_pct"] = 100.0 * self.place.at_E
-            result["not_at_e"] = self.place.on_link
+            result["not_at_e"] = self.not_at_E
             result["links"] = [{"link": k, "odds_pct": 100.0 * bodies[k - 1]} for k in links]
         return result
 

@@ -4,7 +4,9 @@ A contact on a link is no wrench at E, however well one explains the torques. So
 part of a log is judged as a whole, by some of the strongest samples of each of its pieces
 (`models.detection.link_odds`), whose evidence is added up;
 where a link before the last wins, its samples are a misfit; where one has odds above DOUBT, their
-readings are not valid.
+readings are not valid. Both presuppose an arm at work, of whose contacts every other one is at E:
+such readings are meant to be of E. The odds that are stated presuppose nothing: before a torque is
+read E and each link are as likely.
 """
 
 from itertools import pairwise
@@ -14,7 +16,13 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import Detection
-from wrenchsight.models.detection.link_odds import DOUBT, LOADED, PlaceOdds, place_evidence
+from wrenchsight.models.detection.link_odds import (
+    AT_WORK,
+    DOUBT,
+    LOADED,
+    PlaceOdds,
+    place_evidence,
+)
 
 BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which it is read what it starts from
 SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
@@ -82,11 +90,12 @@ def judge_places(
 
     Returns:
         The detection, the odds (N, n + 1) of link 1 to n and E (zero without contact), and (N,)
-        whether a reading at E may be valid: the links before the last have odds of at most DOUBT.
+        whether a reading at E may be valid: of an arm at work the links before the last have odds
+        of at most DOUBT.
     """
     N, n = tau.shape
     odds = np.zeros((N, n + 1))
-    misfit, link = np.zeros(N, bool), np.zeros(N, np.int8)
+    misfit, link, trusted = np.zeros(N, bool), np.zeros(N, np.int8), np.ones(N, bool)
     known = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
     size: NDArray[np.float64] = np.zeros(N)
     size[known] = np.linalg.norm(tau[known] / sd[known], axis=1)
@@ -99,9 +108,9 @@ def judge_places(
             strong = inside[size[inside] >= 0.5 * size[inside].max()]
             chosen = strong[np.linspace(0, len(strong) - 1, min(SAMPLES, len(strong))).astype(int)]
             evidence += place_evidence(J[chosen], tau[chosen], sd[chosen], correlation, loaded)
-        place = PlaceOdds.of(evidence)
-        odds[whole] = np.append(place.links, place.at_E)
-        misfit[whole] = place.on_link
-        link[whole] = place.named()[0] if place.on_link else 0
-    trusted = odds[:, : n - 1].sum(axis=1) <= DOUBT
-    return found._replace(misfit=misfit, link=link), odds, np.asarray(trusted)
+        stated, at_work = PlaceOdds.of(evidence), PlaceOdds.of(evidence, AT_WORK)
+        odds[whole] = np.append(stated.links, stated.at_E)
+        misfit[whole] = at_work.on_link
+        link[whole] = at_work.named()[0] if at_work.on_link else 0
+        trusted[whole] = at_work.links[:-1].sum() <= DOUBT
+    return found._replace(misfit=misfit, link=link), odds, trusted

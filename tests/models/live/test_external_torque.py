@@ -79,7 +79,8 @@ def test_touches_read_as_estimate_reads_them_and_those_of_links_are_not_valid(
     assert not contact[late == 0.0].any()
     assert valid[measured & ~contact].mean() > 0.9  # all but the first half second
     if at_E:
-        assert valid[inside].mean() > 0.9
+        # Joint 7 is silent: some of it may be on link 6, and is not valid.
+        assert valid[inside].mean() > 0.85
         assert not misfit.any()
     else:
         assert not valid[contact].any()

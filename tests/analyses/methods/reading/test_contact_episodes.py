@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from wrenchsight.analyses.methods.reading.contact_episodes import KEPT, ContactEpisodes
+from wrenchsight.analyses.methods.reading.contact_episodes import KEPT, Contact, ContactEpisodes
 from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.detection.link_odds import PlaceOdds
 
 T = 0.01
 ROWS = 400
@@ -96,3 +97,18 @@ def test_many_contacts_are_counted_and_not_all_told():
     assert episodes.num_contacts == 10 * ROWS // 2
     assert len(episodes.metrics(1.0)["contacts"]) == KEPT
     assert episodes.lines()[-1] == f"and {10 * ROWS // 2 - 8} contacts more, see metrics.json"
+
+
+def test_places_are_named_likeliest_first_and_e_with_the_link_that_carries_it() -> None:
+    place = PlaceOdds(np.array([0.0, 0.0, 0.02, 0.03, 0.1, 0.47, 0.2]), 0.18)
+    how = "contact at t = 1.00 s for 0.50 s, up to 12 N, "
+    touched = Contact(1.0, 1.5, 3.0, 12.0, 0.0, 0, place)
+    assert touched.sentence(0.0) == (
+        how + "on link 6 (47 %), or at E or on link 7 (38 %), or on link 5 (10 %)"
+    )
+    assert touched.metrics()["not_at_e"] is False
+    on_link = Contact(1.0, 1.5, 3.0, 12.0, 0.8, 6, place)
+    assert on_link.sentence(0.0) == (
+        how + "not at E: on link 6 (47 %), or on link 7 (38 %), or on link 5 (10 %)"
+    )
+    assert on_link.metrics()["not_at_e"] is True

@@ -60,9 +60,9 @@ def test_what_a_sample_lacks_does_not_spoil_its_contact(J):
     found, odds, _ = judge_places(detection(((100, 150),)), t, J, tau, sd)
     assert found.misfit[100:150].all()
     assert np.isfinite(odds).all()
-    tau[100:150] = np.nan  # nothing is known: as likely at E as before
+    tau[100:150] = np.nan  # nothing is known: every place is as likely
     found, odds, trusted = judge_places(detection(((100, 150),)), t, J, tau, sd)
-    assert odds[120, 7] == pytest.approx(0.5)
+    assert odds[120] == pytest.approx(1.0 / 8.0)
     assert not trusted[100:150].any()
 
 

@@ -1,0 +1,173 @@
+"""Are odds of links odds? A Panda's labelled touches, by what is said of their likeliest link.
+
+Each recording of the data set `link_contact` is read alone, as `estimate` reads it: contacts, and
+the odds of each link. E counts for the last link, which carries it. Touches fall into bins by the
+odds of their likeliest link; of each bin it is told what was stated in the mean and how often that
+link is the labelled one. Touches of one recording are of one spot, so that the recordings, ten of
+them, are what is independent: intervals of so many touches are too short.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv as pa_csv
+from scipy.stats import binomtest
+
+from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
+from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
+from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
+from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.robot.robot import Robot
+
+FOLDER = "link_contact"
+BINS = {
+    "below_50": (0.0, 0.5),
+    "50_70": (0.5, 0.7),
+    "70_85": (0.7, 0.85),
+    "85_95": (0.85, 0.95),
+    "above_95": (0.95, 1.0 + 1e-9),
+}
+SURE = 0.85  # odds that are called 90 % and more
+_LATE = 0.3  # s that a contact may begin before or after its label
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """One labelled touch that was found.
+
+    Attributes:
+        recording: its name.
+        link: labelled, 1 to n.
+        odds: (n,) of each link as a body.
+        named: the links that were named.
+    """
+
+    recording: str
+    link: int
+    odds: Array
+    named: tuple[int, ...]
+
+    @property
+    def stated(self) -> float:
+        """Odds of the likeliest link."""
+        return float(self.odds.max())
+
+    @property
+    def right(self) -> bool:
+        """Whether the likeliest link is the labelled one."""
+        return int(np.argmax(self.odds)) + 1 == self.link
+
+
+def touches_of(log: Path) -> tuple[list[Touch], int, int]:
+    """The touches of a recording, how many of the labelled ones were missed, and false ones."""
+    config, robot = EstimateConfig(torque="external"), Robot.load("panda")
+    source = TorqueLog(log, None, robot, config.check, config.reference, config.torque_sign)
+    reading = TorqueTouches(source)
+    for chunk, J, tau_ext in source.chunks(source.reader()):
+        found, odds, _ = reading.take(chunk, J, tau_ext)
+        count = chunk.num_samples
+        reading.episodes.add(chunk.t, found, np.zeros((count, 3)), np.zeros(count, bool), odds)
+    reading.episodes.finish()
+    table = pa_csv.read_csv(log)
+    t, labelled = table["t"].to_numpy(), table["contact"].to_numpy()
+    begins = t[1:][np.diff(labelled) == 1]
+    link = int(table["link"].to_numpy().max())
+    touches, seen, false = [], set[int](), 0
+    for contact in reading.episodes.contacts:
+        nearest = int(np.argmin(np.abs(begins - contact.begin)))
+        if abs(begins[nearest] - contact.begin) > _LATE or nearest in seen:
+            false += 1
+        elif contact.place is not None:
+            seen.add(nearest)
+            place = contact.place
+            touches.append(Touch(log.stem, link, place.bodies, tuple(place.named())))
+    return touches, len(begins) - len(seen), false
+
+
+def link_metrics(data: Path) -> dict[str, Any]:
+    """Of all recordings below `data`, under the keys of the experiment."""
+    touches: list[Touch] = []
+    missed, false, by_recording = 0, 0, {}
+    for log in sorted((data / FOLDER).glob("panda_link*.csv")):
+        found, without, imagined = touches_of(log)
+        touches += found
+        missed, false = missed + without, false + imagined
+        by_recording[log.stem.removeprefix("panda_")] = {
+            "touches": len(found),
+            "named_pct": 100.0 * _share([one.link in one.named for one in found]),
+            "likeliest_pct": 100.0 * _share([one.right for one in found]),
+            "label_odds_pct": 100.0 * _share([one.odds[one.link - 1] for one in found]),
+        }
+    return {
+        "touches": len(touches),
+        "missed": missed,
+        "false_alarms": false,
+        "recordings": by_recording,
+        **calibration(touches),
+    }
+
+
+def calibration(touches: Sequence[Touch]) -> dict[str, Any]:
+    """By bin, of all that are sure, and the error of what is stated (%) over all touches."""
+    bins = {
+        name: _bin([one for one in touches if low <= one.stated < high])
+        for name, (low, high) in BINS.items()
+    }
+    off = [
+        entry["touches"] * abs(entry["stated_pct"] - entry["right_pct"])
+        for entry in bins.values()
+        if entry["touches"]
+    ]
+    return {
+        "odds": bins,
+        "sure": _bin([one for one in touches if one.stated >= SURE]),
+        "calibration_error_pct": float(np.sum(off)) / max(len(touches), 1),
+        "named_pct": 100.0 * _share([one.link in one.named for one in touches]),
+    }
+
+
+def _bin(touches: Sequence[Touch]) -> dict[str, Any]:
+    count, right = len(touches), sum(one.right for one in touches)
+    result: dict[str, Any] = {
+        "touches": count,
+        "recordings": len({one.recording for one in touches}),
+        "stated_pct": None,
+        "right_pct": None,
+    }
+    if count:
+        interval = binomtest(right, count).proportion_ci(0.95, method="wilson")
+        result["stated_pct"] = 100.0 * _share([one.stated for one in touches])
+        result["right_pct"] = 100.0 * right / count
+        result["right_low_pct"] = 100.0 * float(interval.low)
+        result["right_high_pct"] = 100.0 * float(interval.high)
+    return result
+
+
+def _share(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")
+
+
+def odds_figure(metrics: dict[str, Any]) -> Figure:
+    """How often the likeliest link is the labelled one, against its odds."""
+    figure, ((panel,),) = new_figure(1, 1, height=3.4)
+    panel.plot([0.0, 100.0], [0.0, 100.0], color=SERIES[6], lw=0.8, label="as stated")
+    entries = [entry for entry in metrics["odds"].values() if entry["touches"]]
+    stated, right, low, high = (
+        np.array([entry[key] for entry in entries])
+        for key in ("stated_pct", "right_pct", "right_low_pct", "right_high_pct")
+    )
+    bars = np.maximum(np.stack([right - low, high - right]), 0.0)
+    panel.errorbar(stated, right, bars, fmt="o", color=SERIES[0], label="labelled touches, 95 %")
+    for entry in entries:
+        text = f"{entry['touches']} of {entry['recordings']}"
+        panel.annotate(
+            text, (entry["stated_pct"], entry["right_pct"]), (6, -10), textcoords="offset points"
+        )
+    panel.set_xlabel("odds of the likeliest link [%]")
+    panel.set_ylabel("is the touched one [%]")
+    panel.legend(loc="upper left")
+    return figure
