@@ -179,7 +179,9 @@ class LiveEstimator:
         if self._silent or not self.step or now - self._last_received <= longest:
             return []
         self._silent = True
-        text = f"no sample for {1e3 * (now - self._last_received):.0f} ms"
+        text = (
+            f"no sample for {1e3 * (now - self._last_received):.0f} ms: not valid until one comes"
+        )
         return [StreamEvent(EventKind.SILENT, text, now), *self._unusable(now)]
 
     def _unusable(self, now: float) -> list[Reading | StreamEvent]:
@@ -230,7 +232,7 @@ class LiveEstimator:
             return
         assert self._resolution is not None
         step = 1e3 * max(self._resolution)
-        text = f"the encoders' step is {step:.3g} mrad (or mm): reading begins anew"
+        text = f"the encoders resolve {step:.3g} mrad (or mm): reading begins anew with that"
         out.append(StreamEvent(EventKind.CHECK, text, sample.received))
         self._prepare(self.step)  # the grid goes on
 
@@ -313,7 +315,8 @@ class LiveEstimator:
         if self._zero_begin is None or not 0.0 <= t - self._zero_begin < _FAR * self._config.zero_s:
             self._zero_begin, self._zeroing = t, True
             self.tracked.start_zero()
-            text = f"hold one posture, or several, {self._config.zero_s:g} s in all, untouched"
+            text = f"hold the payload in one posture, or several, for {self._config.zero_s:g} s in "
+            text += "all, untouched: its weight is then taken off"
             return [StreamEvent(EventKind.ZERO, text, received)]
         if t - self._zero_begin < self._config.zero_s:
             return []
@@ -324,7 +327,13 @@ class LiveEstimator:
         before, self._running = self._running, sample.running
         if sample.running and before is False:
             self._restart()
-            events.append(StreamEvent(EventKind.RUNNING, "the robot runs again", sample.received))
+            events.append(
+                StreamEvent(
+                    EventKind.RUNNING,
+                    "the robot runs again; valid once the observer has settled",
+                    sample.received,
+                )
+            )
         elif not sample.running and before is not False:
             text = f"the robot does not run ({sample.state or 'stopped'}): no reading is valid"
             events.append(StreamEvent(EventKind.STOPPED, text, sample.received))

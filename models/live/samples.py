@@ -13,6 +13,8 @@ from wrenchsight.models.files.input_error import one_line
 
 _NOTHING: Mapping[str, Array] = MappingProxyType({})
 LONGEST_TEXT = 300  # characters of an event
+# What a log calls what its controller aimed at, by the controller's own words.
+CONTROLLER_SIGNALS = {"current_desired": "target_current", "tau_desired": "target_moment"}
 EVENT_SIZE = 256  # numbers of its row: 2 kB
 
 
@@ -33,7 +35,8 @@ class EventKind(StrEnum):
     CLOCK = "clock"  # the controller's clock jumped; reading begins anew
     LATE = "late"  # samples come later than they should
     ON_TIME = "on time"  # they do no longer
-    CHECK = "check"  # what the first seconds say of units, signs, gravity and payload
+    START_UP = "start-up"  # samples that waited for the estimator to start
+    CHECK = "check"  # what the stream says of units, signs, gravity, load and drives
     CONTRADICTION = "contradiction"  # they contradict the model; no reading is valid
     ZERO = "zero"  # a payload is taken off, or was
     SINK = "sink"  # a recorder or publisher has something to say

@@ -66,27 +66,33 @@ class StreamOrder:
         if last is not None:
             step = t - last.t
             if step == 0.0:
-                self._say(EventKind.DOUBLED, "a sample came twice; one is left out", sample, events)
+                text = "a sample came twice; the second is left out"
+                self._say(EventKind.DOUBLED, text, sample, events)
                 return False, False
             if step < 0.0:
                 if not self._jumped_back(t):
-                    text = f"a sample came {-step:.4g} s after its time; it is left out"
+                    text = f"a sample came after one that is {-step:.4g} s later; it is left out"
                     self._say(EventKind.DISORDERED, text, sample, events)
                     return False, False
-                text = f"the clock jumped back by {-step:.4g} s; reading begins anew"
+                text = f"the source's clock jumped back by {-step:.4g} s; reading begins anew"
                 self._say(EventKind.CLOCK, text, sample, events, always=True)
                 anew = True
             elif step > self.max_gap:
                 anew = True
                 passed = (sample.received - last.received) * self.rate
                 if self.rate and step > passed + CLOCK_SLACK * self.rate:
-                    text = f"the clock jumped on by {step:.4g} s; reading begins anew"
+                    text = f"the source's clock jumped on by {step:.4g} s; reading begins anew"
                     self._say(EventKind.CLOCK, text, sample, events, always=True)
                 else:
-                    text = f"{step:.4g} s are missing; reading begins anew"
+                    text = (
+                        f"{step:.4g} s of samples are missing, more than the {self.max_gap:.4g} s "
+                    )
+                    text += "that are bridged; reading begins anew"
                     self._say(EventKind.GAP, text, sample, events)
             elif step > DROPOUT_STEPS * self.step:
-                text = f"{1e3 * (step - self.step):.4g} ms are missing, and bridged"
+                text = (
+                    f"{1e3 * (step - self.step):.4g} ms of samples are missing; not valid meanwhile"
+                )
                 self._say(EventKind.GAP, text, sample, events)
         self._behind.clear()
         if anew:
@@ -111,7 +117,10 @@ class StreamOrder:
         self._offset += _DRIFT * self.late * min(lateness / self.late, 1.0)
         if lateness > self.late:
             if not self.is_late:
-                text = f"samples come {1e3 * lateness:.0f} ms late: they are read, but not valid"
+                text = (
+                    f"samples come {1e3 * lateness:.0f} ms late, more than {1e3 * self.late:.0f} "
+                )
+                text += "ms (--late): not valid; look at the network and this computer's load"
                 self._say(EventKind.LATE, text, sample, events)
             self.is_late = True
         elif self.is_late and lateness < 0.5 * self.late:

@@ -77,7 +77,9 @@ class FrankaSource:
             state = self._robot.read_once()
         except Exception as error:  # of any kind of the library's
             self._robot, self._next_try = None, time.monotonic() + RETRY_TIME
-            return [self._event(EventKind.LOST, f"is lost ({printable(str(error))})")]
+            return [
+                self._event(EventKind.LOST, f"is lost ({printable(str(error))}); connecting again")
+            ]
         return [self._sample(state)]
 
     def close(self) -> None:
@@ -99,7 +101,12 @@ class FrankaSource:
             said, self._refusal = self._refusal, str(error)
             if said == self._refusal:
                 return []
-            return [self._event(EventKind.REFUSED, f"cannot be read ({printable(str(error))})")]
+            return [
+                self._event(
+                    EventKind.REFUSED,
+                    f"cannot be read ({printable(str(error))}); it is tried again",
+                )
+            ]
         self._refusal = ""
         return [self._event(EventKind.CONNECTED, "is read by FCI")]
 

@@ -17,6 +17,7 @@ from contextlib import suppress
 import numba
 import numpy as np
 
+from wrenchsight.analyses.methods.live.load_search import LoadSearch
 from wrenchsight.analyses.methods.live.publishers import Publisher, open_publisher
 from wrenchsight.analyses.methods.live.ring import Ring
 from wrenchsight.analyses.methods.live.sources import open_source
@@ -77,17 +78,19 @@ def read_stream(
 def warm_up(settings: WatchSettings, robot: Robot, model: IdentifiedModel) -> None:
     """Compiles what reading takes, before the first sample comes."""
     live = LiveEstimator(robot, model, settings.watch.live, _WARMING_STEP, 0.0)
-    checks = StartChecks(robot, model, settings.watch)
+    checks, search = StartChecks(robot, model, settings.watch), LoadSearch(robot, model)
     one = np.ones(robot.num_joints)
     for k in range(_WARMING):
         t = k * _WARMING_STEP + (0.001 if k > _WARMING // 2 else 0.0)
         angle = 0.2 * np.sin(t)
         sample = Sample(t, t, robot.home + angle * one, 0.2 * np.cos(t) * one, one)
         checks.take(sample, live)
+        search.add_sample(sample)
         for item in live.take(sample):
             if isinstance(item, Reading):
                 checks.add(item)
-    checks.notes()
+                search.add_reading(item)
+    search.look(sample.t, live.estimator)
 
 
 def make_live(
@@ -127,7 +130,9 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         source = open_source(settings.source, robot)
         publishers += [open_publisher(url, robot) for url in settings.publish]
         warm_up(settings, robot, model)
-        checks = StartChecks(robot, model, settings.watch) if settings.watch.check else None
+        checks = None
+        if settings.watch.check:
+            checks = StartChecks(robot, model, settings.watch, in_background=source.rate > 0.0)
         live = make_live(settings, robot, model, source)
         gc.collect()
         gc.freeze()

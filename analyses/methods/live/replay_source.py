@@ -12,7 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from wrenchsight.models.files.input_error import InputError, printable
-from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.live.samples import CONTROLLER_SIGNALS, EventKind, Sample, StreamEvent
 from wrenchsight.models.live.source import MOST_ITEMS, SourceAddress
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader
@@ -62,7 +62,11 @@ class ReplaySource:
         found: list[Sample | StreamEvent] = []
         if self._begin is None:
             self._begin = now - (self._next.t / self.rate if self.rate else 0.0)
-            text = f"{self._name} is played at {self.rate:g} times its pace"
+            pace = "as fast as it is read"
+            if self.rate:
+                times = "" if self.rate == 1.0 else f"{self.rate:g} times "
+                pace = f"at {times}its own pace"
+            text = f"{self._name} is played {pace}"
             found.append(StreamEvent(EventKind.CONNECTED, text, now))
         elif self.rate and (wait := self._due(self._next) - now) > 0.0:
             time.sleep(min(wait, timeout))
@@ -93,5 +97,11 @@ class ReplaySource:
 
 def _samples(chunks: Iterator[Recording]) -> Iterator[Sample]:
     for chunk in chunks:
+        targets = {
+            CONTROLLER_SIGNALS.get(name, name): signal
+            for name, signal in chunk.extra.items()
+            if signal.shape == chunk.q.shape
+        }
         for k, t in enumerate(chunk.t.tolist()):
-            yield Sample(t, 0.0, chunk.q[k], chunk.v[k], chunk.current[k])
+            more = {name: signal[k] for name, signal in targets.items()}
+            yield Sample(t, 0.0, chunk.q[k], chunk.v[k], chunk.current[k], more=more)

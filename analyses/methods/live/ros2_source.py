@@ -81,12 +81,13 @@ class Ros2Source:
         for data in received:
             if data is None:
                 self._is_there, self._begin = False, now
-                self._say(items, EventKind.LOST, "nobody publishes it any more")
+                self._say(items, EventKind.LOST, "nobody publishes it any more; it is waited for")
             else:
                 self._take(data, now, items)
         if not self._is_there and now - self._begin > WAIT_TIME:
             self._begin = now
-            self._say(items, EventKind.REFUSED, "nobody publishes such JointStates here")
+            text = "nobody publishes JointStates under this name: check topic, domain and network"
+            self._say(items, EventKind.REFUSED, f"{text}; it is waited for")
         return items[:MOST_ITEMS]
 
     def close(self) -> None:

@@ -27,6 +27,7 @@ from wrenchsight.models.live.rtde import (
     packet,
     read_outputs_request,
 )
+from wrenchsight.models.live.samples import CONTROLLER_SIGNALS
 from wrenchsight.models.recordings.recording import Recording
 
 LOOPBACK = "127.0.0.1"
@@ -34,7 +35,6 @@ MOST_CLIENTS = 8
 LONGEST_WAIT = 0.1  # s, also over a gap of the recording
 LONGEST_SEND = 0.5  # s; a client that takes nothing for so long is left
 _SOFTWARE = (5, 11, 0, 0)
-_OWN_NAMES = {"current_desired": "target_current", "tau_desired": "target_moment"}
 _SIZES = {"DOUBLE": 1, "INT32": 1, "VECTOR6D": 6}
 
 Tamper = Callable[[int, bytes], Sequence[bytes]]
@@ -269,7 +269,7 @@ def _signals(part: Recording) -> dict[str, Array]:
     if part.tau_J is not None:
         found["actual_current_as_torque"] = part.tau_J
     for own, signal in part.extra.items():
-        name = _OWN_NAMES.get(own, own)
+        name = CONTROLLER_SIGNALS.get(own, own)
         size = _SIZES.get(TYPES.get(name, ""))
         if size is not None and signal.size == size * len(part.t):
             found[name] = signal

@@ -1,8 +1,10 @@
-"""What a stream's first seconds say of units, signs, gains, joint order, gravity and payload.
+"""What a stream's first seconds say of units, signs, joint order and gravity, of load and gains.
 
 They are weighed against robot and model once a second. What contradicts makes every reading not
 valid, with a sentence that says why; `--no-check` and `--accept-signs` override it, as they do for
-`estimate`. What only differs (a payload, torques per ampere) is said.
+`estimate`. What only differs is said: a load at the tool (`load_search`), another payload, and
+torques per ampere that are not the controller's (`models.calibration.gain_at_rest`): of each joint
+as soon as it rests under gravity, however late that is.
 
 Mistakes that are weighed: A and N m, a turned sign, two joints exchanged. One is named where
 gravity leaves EXPLAINS times less open with it, and more than UNEXPLAINED without, and where a push
@@ -10,13 +12,16 @@ at the tool explains it EXPLAINS times worse.
 """
 
 import time
+from collections import deque
 from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 
+from wrenchsight.analyses.methods.live.load_search import LoadSearch
 from wrenchsight.analyses.methods.live.watch_config import WatchConfig
 from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.gain_at_rest import GainAtRest, TargetSamples, gain_at_rest
 from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -35,22 +40,30 @@ FURTHEST = 4.0 * np.pi  # rad; positions beyond are in other units
 MOST_ROWS = 200  # of a look at joint order
 LARGEST_PUSH = 1.5  # times the weight of the rated payload
 GRAVITY = 9.81  # m/s^2
-LEAST_LOAD = 0.5  # kg that are worth a word
-LOAD_EXPLAINS = 0.6  # share of what is read that a load's weight must explain
+LEAST_PAYLOAD = 0.5  # kg by which payloads may differ
 SETTLED = 1.0  # s, after which what is read counts
 GAIN_OFF = 0.03  # by which torques per ampere may differ
-_LEAST_CURRENT = 0.3  # A, of the controller's target: less says nothing of a gain
+GAIN_SURE = 3.0  # standard errors by which they must
+RESTS_SAMPLES = 100  # a second, of a look at rests
+_TARGETS = {"target_current", "target_moment"}
 
 
 class StartChecks:
-    """Looks at the first seconds of one stream.
+    """Looks at one stream, above all at its first seconds.
 
     Args:
         robot, model: that it is weighed against.
         config: what is not looked at.
+        in_background: whether what takes long runs in a thread, so that no sample waits for it.
     """
 
-    def __init__(self, robot: Robot, model: IdentifiedModel, config: WatchConfig) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        model: IdentifiedModel,
+        config: WatchConfig,
+        in_background: bool = False,
+    ) -> None:
         self._robot, self._model = robot, model
         self._chain = model.chain(robot)
         self._checks = RecordingChecks(robot, None, config.accept_signs)
@@ -59,29 +72,69 @@ class StartChecks:
         self._read: list[tuple[Array, Array]] = []  # q and tau_ext
         self._begin: float | None = None
         self._look = 0.0
-        self._more: list[Sample] = []  # one of each look
+        self._events: deque[StreamEvent] = deque()  # to be said, one a sample
+        self._agrees = False
         self._over = not robot.has_inertias
+        # --zero takes a load off, and coupled joints' friction is not that of one motor.
+        self._search: LoadSearch | None = None
+        if not (config.live.zero_s or robot.is_coupled):
+            self._search = LoadSearch(robot, model, in_background)
+        self._previous: list[Sample] = []  # of the second before, for rests
+        self._open_gains = set() if robot.is_coupled else set(range(robot.num_joints))
 
     def add(self, reading: Reading) -> None:
         """Takes what was read of the stream."""
+        if self._over:
+            return
+        if self._search is not None:
+            self._search.add_reading(reading)
         settled = self._begin is not None and reading.t - self._begin > SETTLED
-        if settled and not self._over and not (reading.dropout or reading.fault):
+        if settled and not (self._agrees or reading.dropout or reading.fault):
             self._read.append((reading.q.copy(), reading.tau_ext.copy()))
 
     def take(self, sample: Sample, live: LiveEstimator) -> StreamEvent | None:
         """Takes a sample; what is to be said, if anything. A contradiction is noted in `live`."""
+        self._take(sample, live)
+        return self._events.popleft() if self._events else None
+
+    def _take(self, sample: Sample, live: LiveEstimator) -> None:
         if self._over or sample.is_external or not (sample.running and np.isfinite(sample.t)):
-            return None
-        if self._begin is None or not 0.0 <= sample.t - self._begin < 10.0 * CHECK_TIME:
-            self._begin = self._look = sample.t  # the clock jumped
-            self._held = []
+            return
+        if sample.q.shape != (self._robot.num_joints,) or sample.v.shape != sample.q.shape:
+            return  # the estimator says so
+        if self._begin is None or self._jumped(sample.t):
+            if self._begin is None and live.contradicted:
+                self._say(
+                    "no --model: read with the masses of the robot's files and no friction, and "
+                    "not valid; identify a model with `wrenchsight identify`"
+                )
+            self._begin = self._look = sample.t
+            self._held, self._previous, self._read = [], [], []
+            if self._search is not None:
+                self._search.restart()
         self._held.append(sample)
+        if self._search is not None:
+            self._search.add_sample(sample)
         if sample.t - self._look < CHECK_PERIOD:
-            return None
+            return
         self._look = sample.t
-        self._more.append(sample)
         held, self._held = self._held, [sample]
-        now = time.monotonic()
+        if not self._agrees:
+            self._judge_first_seconds(held, live)
+        if not self._over:
+            self._judge_load(sample.t, live)
+            self._judge_gains(held)
+            self._over = self._agrees and self._search is None and not self._open_gains
+
+    def _jumped(self, t: float) -> bool:
+        """Whether the clock did: samples a little out of their order are left to the estimator."""
+        return not -CHECK_PERIOD < t - self._look < 10.0 * CHECK_TIME
+
+    def _say(self, text: str, kind: EventKind = EventKind.CHECK) -> None:
+        self._events.append(StreamEvent(kind, text, time.monotonic()))
+
+    def _judge_first_seconds(self, held: list[Sample], live: LiveEstimator) -> None:
+        """Says whether they agree with robot and model, or what contradicts."""
         try:
             self._judge(held)
             self._judge_gravity(live.step)
@@ -89,17 +142,16 @@ class StartChecks:
             self._over = True
             live.contradicted = True
             text = f"{error}; no reading is valid; --no-check reads it as it is"
-            return StreamEvent(EventKind.CONTRADICTION, text, now)
-        if sample.t - self._begin < CHECK_TIME:
-            return None
-        self._over = True
-        said = self.notes()
-        text = f"the first {CHECK_TIME:g} s agree with the model"
-        return StreamEvent(EventKind.CHECK, "; ".join([text, *said]), now)
-
-    def notes(self) -> list[str]:
-        """What differs without a contradiction, one sentence each."""
-        return [*self._load(), *self._gains()]
+            self._say(text, EventKind.CONTRADICTION)
+            return
+        assert self._begin is not None
+        if held[-1].t - self._begin < CHECK_TIME:
+            return
+        self._agrees, self._read = True, []
+        signs = "" if self._accept_signs else "signs, "
+        what = f"units, {signs}joint order and gravity of the first {CHECK_TIME:g} s"
+        self._say(f"{what} agree with the model")
+        self._judge_payload(held[-1])
 
     def _judge(self, held: list[Sample]) -> None:
         """Raises InputError where the stream so far is implausible."""
@@ -134,9 +186,10 @@ class StartChecks:
                 best, text = share, words
         if best * EXPLAINS < min(before, pushed):
             problem = (
-                f"{text}: gravity leaves {100 * before:.0f} % of the torque open as it comes, "
+                f"{text}: gravity leaves {100 * before:.0f} % of the torque unexplained as it "
+                f"comes, {100 * best:.0f} % otherwise"
             )
-            raise InputError("the stream", "", f"{problem}{100 * best:.0f} % that way")
+            raise InputError("the stream", "", problem, _remedy(text))
 
     def _alternatives(
         self, q: Array, effort: Array, is_torque: bool, tau: Array
@@ -187,51 +240,77 @@ class StartChecks:
         if found is not None:
             raise InputError("the stream", "", found.sentence())
 
-    def _load(self) -> list[str]:
-        """What the arm seems to carry that the model does not know."""
-        weight = np.asarray(self._chain.gravity)
-        if not self._read or not np.any(weight):
-            return []
-        every = max(1, len(self._read) // MOST_ROWS)
-        q, external = (np.array(part) for part in zip(*self._read[::every], strict=True))
-        per_kg = np.einsum("kaj,a->kj", self._chain.jacobian(q)[:, 3:], weight)
-        mass = float(np.sum(per_kg * external) / max(np.sum(per_kg**2), 1e-9))
-        left = float(np.sum((external - mass * per_kg) ** 2) / max(np.sum(external**2), 1e-9))
-        found = []
-        if mass > LEAST_LOAD and left < 1.0 - LOAD_EXPLAINS:
-            found.append(
-                f"what is read looks like {mass:.2f} kg at the tool that the model does not know: "
-                "say --tool, or run payload"
+    def _judge_load(self, t: float, live: LiveEstimator) -> None:
+        """Says what the arm carries that the model does not know, once that is sure."""
+        if self._search is None or not live.step:
+            return
+        if live.contradicted:  # the model is not this arm's, or is none that was identified
+            self._search = None
+            return
+        self._search.look(t, live.estimator)
+        load = self._search.result()
+        if load is not None:
+            self._say(
+                f"unmodelled load at the tool: {load.mass:.2f} +- {load.sd:.2f} kg; identify it "
+                "with `wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
             )
-        stated = [s.more["payload"].item() for s in self._more if "payload" in s.more]
+        if self._search.is_over:
+            self._search = None
+
+    def _judge_payload(self, sample: Sample) -> None:
+        """Says where the controller is set to another payload than robot.yaml states."""
+        if "payload" not in sample.more:
+            return
+        stated = float(sample.more["payload"].item())
         tool = self._robot.config.tool
         known = tool.mass if tool is not None else 0.0
-        if stated and abs(stated[-1] - known) > LEAST_LOAD:
-            found.append(
-                f"the controller states a payload of {stated[-1]:.2f} kg, robot.yaml a tool of "
-                f"{known:.2f} kg"
+        if abs(stated - known) > LEAST_PAYLOAD:
+            self._say(
+                f"the controller states a payload of {stated:.2f} kg, robot.yaml a tool of "
+                f"{known:.2f} kg: correct the one that is wrong"
             )
-        return found
 
-    def _gains(self) -> list[str]:
-        """Torques per ampere, where the controller states its target in both."""
-        both = [s.more for s in self._more if {"target_moment", "target_current"} <= {*s.more}]
-        if not both:
-            return []
-        current = np.array([more["target_current"] for more in both])
-        torque = np.array([more["target_moment"] for more in both])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(np.abs(current) > _LEAST_CURRENT, torque / current, np.nan)
-        told = np.asarray(np.isfinite(ratio).any(axis=0))
-        gains = np.array(
-            [np.nanmedian(r) if t else np.nan for r, t in zip(ratio.T, told, strict=True)]
-        )
-        mine = self._robot.torque_per_ampere * self._robot.current_sign
-        off = told & (np.abs(gains / mine - 1.0) > GAIN_OFF)
-        if not off.any():
-            return []
-        names = ", ".join(
-            f"{self._robot.joint_names[j]} {gains[j]:.3g} (robot.yaml: {mine[j]:.3g})"
-            for j in np.flatnonzero(off)
-        )
-        return [f"the controller's own torque per ampere differs: {names} N m/A"]
+    def _judge_gains(self, held: list[Sample]) -> None:
+        """Says which torques per ampere are not the controller's, of joints that have rested."""
+        previous, self._previous = self._previous, held[:: max(1, len(held) // RESTS_SAMPLES)]
+        samples = [
+            s for s in (*previous, *self._previous) if not s.is_torque and {*s.more} >= _TARGETS
+        ]
+        if not samples:
+            if self._agrees:  # this source does not state them
+                self._open_gains = set()
+            return
+        t = np.array([s.t for s in samples])
+        q, v = np.array([s.q for s in samples]), np.array([s.v for s in samples])
+        current = np.array([s.more["target_current"] for s in samples])
+        torque = np.array([s.more["target_moment"] for s in samples])
+        whole = np.isfinite(q + v + current + torque).all(axis=1)
+        whole[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
+        targets = TargetSamples(t[whole], q[whole], v[whole], current[whole], torque[whole])
+        gravity_torque = self._chain.gravity_torque(targets.q)
+        limits = self._robot.effort_limit
+        for j in sorted(self._open_gains):
+            gain = gain_at_rest(targets, j, gravity_torque[:, j], float(limits[j]))
+            if gain is not None:
+                self._open_gains.discard(j)
+                self._compare_gain(j, gain)
+
+    def _compare_gain(self, joint: int, gain: GainAtRest) -> None:
+        stated = float(self._robot.torque_per_ampere[joint])
+        off = gain.value - stated
+        if abs(off) > max(GAIN_OFF * stated, GAIN_SURE * gain.sd):
+            self._say(
+                f"{self._robot.joint_names[joint]}: the controller's torque per ampere is "
+                f"{gain.value:.2f} +- {gain.sd:.2f} N m/A, robot.yaml has {stated:.2f} "
+                f"({100.0 * abs(off) / stated:.0f} % off); correct torque_per_ampere in "
+                "robot.yaml, or find it with `wrenchsight identify --scale`, and identify anew"
+            )
+
+
+def _remedy(mistake: str) -> str:
+    """What to do about a mistake that is named so."""
+    if "exchanged" in mistake:
+        return "check the joints' order in robot.yaml and in what the source sends"
+    if "sign" in mistake:
+        return "turn current_sign in robot.yaml, or pass --accept-signs"
+    return "check the source's options of effort or torque, and torque_per_ampere in robot.yaml"

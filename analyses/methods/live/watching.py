@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.live import Live
 
 from wrenchsight.analyses.methods.live.links import link
-from wrenchsight.analyses.methods.live.live_display import LiveSummary, say_event
+from wrenchsight.analyses.methods.live.live_display import LEGEND, LiveSummary, say_event
 from wrenchsight.analyses.methods.live.recorder import Recorder
 from wrenchsight.analyses.methods.live.ring import RingReader
 from wrenchsight.analyses.methods.live.session import LiveSession
@@ -158,7 +158,7 @@ def watch(settings: WatchSettings, console: Console) -> int:
         summary, reader = LiveSummary(settings.source), session.follow()
         shows = settings.view != "none"
         plain = settings.view == "lines" or not console.is_terminal or not shows
-        end = np.inf
+        end, legend = np.inf, LEGEND
 
         def step() -> bool:
             nonlocal end
@@ -167,7 +167,7 @@ def watch(settings: WatchSettings, console: Console) -> int:
                 end = min(end, now + settings.duration_s)  # since the first reading
             over = session.ended or now >= end
             events = session.new_events() + [told.pop(0) for _ in range(len(told))]
-            summary.add(reader.read(), events)
+            events = summary.add(reader.read(), events)
             summary.dropped = sum(thread.reader.dropped for thread in threads) + reader.dropped
             if plain and shows:
                 for event in events:
@@ -176,7 +176,11 @@ def watch(settings: WatchSettings, console: Console) -> int:
             return not over
 
         def say_line() -> None:
+            nonlocal legend
             if shows and summary.last is not None:
+                if legend:
+                    say(console, legend)
+                    legend = ""
                 say(console, summary.line())
 
         try:

@@ -188,6 +188,13 @@ class FrictionWatch:
             self._weighed, self._judged = (self._count, found), rows
         return self._weighed[1]
 
+    def load_rows(self) -> LoadRows | None:
+        """The rows that a load since the log's start is weighed by; None where there is none."""
+        chosen = self._chosen()
+        if self._regressor is None or not chosen.any():
+            return None
+        return self._log_of(chosen, self._regressor)
+
     def _log_of(self, chosen: Flags, regressor: ObservedRegressor) -> LoadRows:
         """The chosen rows, some, with what a load and errors of the model add to them."""
         load, model = (np.concatenate(own)[chosen] for own in zip(*self._columns, strict=True))

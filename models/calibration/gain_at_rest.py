@@ -1,0 +1,98 @@
+"""Torque per ampere that a controller works with, from its targets of torque and current at rest.
+
+A controller states both as the joint is to follow its path:
+
+    target_moment  = gravity + inertia                                   N m
+    target_current = (target_moment + friction + rotor inertia) / gain   A
+
+While a joint moves their ratio is not the gain: for a slow wrist it is a tenth of it, or negative.
+Of a joint at rest that gravity loads, friction and rotor drop out and the ratio is the gain,
+whatever the other joints do. A rest is judged without its edges: the targets move before the joint
+does, and end after it.
+
+On one half of the logs of a UR10e (20 rests of joints 2 to 4) the ratio differs from the gain by
+less than 2e-4 with edges of 0.2 s, by up to 2e-2 without.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.calibration.residual_noise import V_REST
+
+EDGE = 0.2  # s of a rest, at its begin and its end, that are not judged
+LEAST_REST = 0.3  # s between the edges
+STANDS = 5e-4  # rad or m within which a joint at rest stays
+LEAST_LOAD = 0.01  # of the effort limit: gravity torque that loads a joint
+LEAST_CURRENT = 0.2  # A of the target
+ALIKE = 0.01  # relative scatter within a rest, beyond which its ratio is no gain
+GAIN_SD, CURRENT_SD = 1e-3, 1e-3  # of the ratio from rest to rest: relative, and A of the target
+
+
+@dataclass(frozen=True, eq=False)
+class TargetSamples:
+    """What a controller states of successive samples.
+
+    Attributes:
+        t: (N,) s, rising.
+        q: (N, n) rad or m, measured.
+        v: (N, n) rad/s or m/s, measured.
+        current: (N, n) A, the controller's target.
+        torque: (N, n) N m or N, the controller's target.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    current: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class GainAtRest:
+    """Torque per ampere of one joint, as its controller has it.
+
+    Attributes:
+        value: N m/A or N/A, without its sign.
+        sd: of it.
+    """
+
+    value: float
+    sd: float
+
+
+def gain_at_rest(
+    samples: TargetSamples, joint: int, gravity_torque: Array, effort_limit: float
+) -> GainAtRest | None:
+    """Torque per ampere of a joint from its longest rest; None where no rest shows it.
+
+    Args:
+        samples: some seconds of them.
+        joint: its index.
+        gravity_torque: (N,) N m or N, of the joint.
+        effort_limit: N m or N, of the joint.
+    """
+    t, q = samples.t, samples.q[:, joint]
+    still = np.abs(samples.v[:, joint]) < V_REST
+    edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
+    if not len(edges):
+        return None
+    begin, end = max(edges.reshape(-1, 2), key=lambda rest: t[rest[1] - 1] - t[rest[0]])
+    first = int(np.searchsorted(t, t[begin] + EDGE))
+    last = int(np.searchsorted(t, t[end - 1] - EDGE, side="right"))
+    if last - first < 2 or t[last - 1] - t[first] < LEAST_REST:
+        return None
+    current, torque = samples.current[first:last, joint], samples.torque[first:last, joint]
+    least = LEAST_LOAD * effort_limit if np.isfinite(effort_limit) else 0.0
+    is_loaded = np.abs(gravity_torque[first:last]).min() > least
+    if not is_loaded or not np.abs(current).min() > LEAST_CURRENT:
+        return None
+    if np.ptp(q[first:last]) > STANDS:
+        return None
+    ratio = torque / current
+    value, scatter = abs(float(np.mean(ratio))), float(np.std(ratio))
+    if not scatter < ALIKE * value:
+        return None
+    relative = np.hypot(GAIN_SD, CURRENT_SD / np.abs(current).min())
+    return GainAtRest(value, float(np.hypot(scatter, value * relative)))

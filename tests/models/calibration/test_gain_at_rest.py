@@ -1,0 +1,60 @@
+"""A controller's torque per ampere, from its targets of a joint at rest."""
+
+import numpy as np
+import pytest
+
+from wrenchsight.models.calibration.gain_at_rest import TargetSamples, gain_at_rest
+
+GAIN, LIMIT = 9.84, 150.0  # N m/A, N m
+FRICTION, ROTOR = 8.0, 1.2  # N m, kg m^2
+H = 0.01  # s
+
+
+def samples(rest=1.0, gravity=40.0, moves=0.5, lag=0.0, creep=0.0):
+    """A joint that moves, rests for `rest` s and moves again, its target current by the docstring's
+    equation; it follows its target by `lag` s."""
+    t = H * np.arange(round((2.0 * moves + rest) / H))
+    v = np.where((t < moves) | (t >= moves + rest), 0.3 * np.sin(np.pi * t / moves), creep)
+    ahead = np.interp(t + lag, t, v)
+    vdot = np.gradient(ahead, H)
+    torque = np.full_like(t, gravity)
+    current = (torque + FRICTION * np.sign(ahead) * (ahead != creep) + ROTOR * vdot) / GAIN
+    columns = [np.cumsum(v) * H, v, current, torque]
+    return TargetSamples(t, *(np.stack([np.zeros_like(t), one], axis=1) for one in columns))
+
+
+def gain(own, gravity=40.0):
+    return gain_at_rest(own, 1, np.full(len(own.t), gravity), LIMIT)
+
+
+def test_the_gain_is_that_of_the_rest_whatever_the_motion_holds():
+    found = gain(samples())
+    assert found.value == pytest.approx(GAIN, rel=1e-9)
+    assert 0.0 < found.sd < 0.002 * GAIN
+    assert gain(samples(gravity=-40.0), -40.0).value == pytest.approx(GAIN, rel=1e-9)
+
+
+def test_a_joint_in_motion_says_nothing():
+    assert gain(samples(rest=0.0)) is None
+    assert gain(samples(rest=0.5)) is None  # nothing is left between the edges
+
+
+def test_a_target_that_is_ahead_of_the_joint_does_no_harm():
+    # Friction and rotor are in the target current before the joint moves: a share of the rest.
+    assert gain(samples(rest=1.2, lag=0.15)).value == pytest.approx(GAIN, rel=1e-9)
+
+
+def test_a_joint_that_gravity_does_not_load_says_nothing():
+    assert gain(samples(gravity=1.0), 1.0) is None
+    # The targets hold a torque that gravity does not ask for.
+    assert gain(samples(), gravity=0.0) is None
+
+
+def test_a_joint_that_creeps_does_not_rest():
+    own = samples(rest=2.0, creep=0.008)
+    assert gain(own) is None
+
+
+def test_nothing_is_said_of_no_samples():
+    none = np.empty((0, 2))
+    assert gain(TargetSamples(np.empty(0), none, none, none, none)) is None

@@ -1,0 +1,58 @@
+"""A load is one that several joints show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ur10e_logs import LAW, quiet_rows
+
+from wrenchsight.models.calibration.load_across_joints import LEAST_MASS, load_across_joints
+from wrenchsight.models.calibration.load_identification import LoadPrior
+from wrenchsight.models.calibration.load_or_drift import weigh
+from wrenchsight.models.calibration.load_parameters import body_parameters
+
+PRIOR = LoadPrior(mass=12.5)
+
+
+def log_of(robot, seed, mass, joints=range(6), duration=5.0, moving=range(6)):
+    """Rows with a correlated residual and a load whose torque reaches some joints alone."""
+    rng = np.random.default_rng(seed)
+    log = quiet_rows(robot, rng, duration, moving=moving)
+    residual = np.zeros_like(log.rows.residual)
+    load = body_parameters(mass, np.array([0.03, -0.06, 0.05]), 0.004 * np.eye(3))
+    for j in range(6):
+        residual[:, j] += (log.load[:, j] @ load) * (j in joints)
+        lower = np.linalg.cholesky(log.rows.covariance(j))
+        residual[:, j] += lower @ rng.normal(size=len(log.rows.t))
+    return replace(log, rows=replace(log.rows, residual=residual))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_seconds_tell_a_load_with_its_error(ur10e, seed):
+    found = load_across_joints(log_of(ur10e, seed, 2.0), LAW, PRIOR)
+    assert found is not None
+    assert abs(found.mass - 2.0) < 3.0 * found.sd
+    assert found.sd < 0.6
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_what_one_joint_shows_alone_is_no_load(ur10e, joint):
+    # An error of the one joint that moves has the shape of a load; the others rest in stiction.
+    log = log_of(ur10e, 1, 3.0, joints=[joint], duration=20.0, moving=[joint])
+    weighed = weigh(log, LAW, PRIOR)
+    assert weighed.is_told
+    assert weighed.load.mass > LEAST_MASS
+    assert load_across_joints(log, LAW, PRIOR) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_load_is_claimed_where_there_is_none(ur10e, seed):
+    assert load_across_joints(log_of(ur10e, seed, 0.0), LAW, PRIOR) is None
+
+
+def test_a_few_hundred_grams_are_not_worth_a_word(ur10e):
+    assert load_across_joints(log_of(ur10e, 1, 0.3, duration=25.0), LAW, PRIOR) is None
+
+
+def test_too_few_rows_say_nothing(ur10e):
+    assert load_across_joints(log_of(ur10e, 1, 2.0, duration=3.0), LAW, PRIOR) is None
