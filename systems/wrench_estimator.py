@@ -242,7 +242,8 @@ class WrenchEstimatorSystem(LeafSystem):
         """
         if taught is not None:
             if self._planned:
-                friction_torque(packed.part("friction"), taught.v_planned, self._known[KNOWN_TAU_F])
+                v_planned = np.asarray(taught.v_planned, float)
+                friction_torque(packed.part("friction"), v_planned, self._known[KNOWN_TAU_F])
             self._known[KNOWN_CORRECTION] = taught.tau_correction
             self._known[KNOWN_COUNTS] = taught.counts
             self._known[KNOWN_SD] = taught.sd

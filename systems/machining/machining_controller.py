@@ -114,9 +114,9 @@ class MachiningController(LeafSystem):
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
         self._size = sum(sizes.values())
         self._last = LastTick(self, initial, time_step, self._size)
-        known = motion | self._last.tickets
+        prerequisites = motion | self._last.tickets
         if self._wrench is not None:
-            known.add(self._wrench.ticket())
+            prerequisites.add(self._wrench.ticket())
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
         self._reference_from = ends["pose_reference"]
@@ -127,7 +127,9 @@ class MachiningController(LeafSystem):
         if self._tracker is not None:
             self._freed_at = slice(ends["pose"], ends["tool_vibration"])
             self._shares_at = slice(ends["tool_vibration"], ends["joint_shares"])
-        self._action = self.DeclareVectorOutputPort("action", self._size, self._calc_action, known)
+        self._action = self.DeclareVectorOutputPort(
+            "action", self._size, self._calc_action, prerequisites
+        )
         self.DeclareAbstractOutputPort(
             "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
         )

@@ -122,19 +122,22 @@ class TrueArm(LeafSystem):
             np.concatenate([initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)])
         )
         self.DeclarePeriodicDiscreteUpdateEvent(joints.time_step, 0.0, self._update)
-        known = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
+        prerequisites = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
         self._motion = self.DeclareVectorOutputPort(
-            "motion", sum(self.motion_sizes.values()), self._calc_motion, known
+            "motion", sum(self.motion_sizes.values()), self._calc_motion, prerequisites
         )
         self._drives = self.DeclareVectorOutputPort(
-            "drives", sum(self.drive_sizes), self._calc_drives, known | {self._command.ticket()}
+            "drives",
+            sum(self.drive_sizes),
+            self._calc_drives,
+            prerequisites | {self._command.ticket()},
         )
         if parts.contacts is not None:
             self._results = self.DeclareAbstractInputPort(
                 "contact_results", Value[ContactResults]()
             )
             self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
-            in_contact = known | {self._results.ticket(), self._tau_contact.ticket()}
+            in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
             self._truth = self.DeclareVectorOutputPort(
                 "truth", sum(self.truth_sizes), self._calc_truth, in_contact
             )
@@ -155,11 +158,11 @@ class TrueArm(LeafSystem):
                 "spatial_forces",
                 Value[list[ExternallyAppliedSpatialForce]],
                 self._calc_spatial_forces,
-                known,
+                prerequisites,
             )
         if process is not None:
             self._process = process
-            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, known)
+            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, prerequisites)
         # Memory that is settled once; nothing in it outlives a call.
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
         self._work = tick_work(initial)
@@ -196,7 +199,6 @@ class TrueArm(LeafSystem):
                 in_contact=parts.contacts is not None,
             )
         )
-        steady = variations is None
         self._memory_constants: tuple[Any, ...] = tuple(
             MemoryConstants(
                 current=current,
@@ -207,11 +209,11 @@ class TrueArm(LeafSystem):
                 noise_sd=sensor.noise_sd,
                 noise_seed=sensor.noise_seed,
                 process=process_table,
-                variations=np.empty(0) if steady else variations.table,
-                waviness=np.empty((0, 4)) if steady else variations.waviness,
-                patches=np.empty((0, 4)) if steady else variations.patches,
-                pose=np.empty((0, 3)) if steady else variations.pose,
-                ends=np.empty((0, 3)) if steady else variations.ends,
+                variations=np.empty(0) if variations is None else variations.table,
+                waviness=np.empty((0, 4)) if variations is None else variations.waviness,
+                patches=np.empty((0, 4)) if variations is None else variations.patches,
+                pose=np.empty((0, 3)) if variations is None else variations.pose,
+                ends=np.empty((0, 3)) if variations is None else variations.ends,
             )
         )
 
