@@ -71,7 +71,7 @@ def test_the_machine_around_the_arm_is_an_obstacle(tmp_path: Path) -> None:
     """Where its joints stand: the box is 0.8 m below the torso, or 1.8 m."""
     robot = _machine(tmp_path)
     assert _hits(robot)
-    assert any("stand still around it" in text and "cart" in text for text in robot.notices)
+    assert any("obstacles at rest" in text and "cart" in text for text in robot.notices)
     assert "cart" not in robot.urdf_text  # of a simulation or a picture it is no part
     assert not _hits(_machine(tmp_path, column=1.0))
     turned = _machine(tmp_path, locked_joints={"grip": 0.0, "lift": 0.0, "turn": np.pi})
