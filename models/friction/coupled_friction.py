@@ -92,8 +92,11 @@ class CoupledFriction(LayeredFriction):
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the joints' load L."""
         D = self.motor_rates
-        q, v, load = (np.asarray(x, float) for x in (q, v, load))
-        tau_motor = self.law.torque_along(q @ D.T, v @ D.T, load @ np.linalg.inv(D))
+        tau_motor = self.law.torque_along(
+            np.asarray(q, float) @ D.T,
+            np.asarray(v, float) @ D.T,
+            np.asarray(load, float) @ np.linalg.inv(D),
+        )
         return np.asarray(tau_motor @ D)
 
 

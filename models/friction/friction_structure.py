@@ -156,7 +156,7 @@ class FrictionStructure:
         """
         n = self.num_joints
         further_terms = self._further_terms()
-        names = (*STRUCTURES["presliding"], *(term.name for term in further_terms))
+        names = list(STRUCTURES["presliding"]) + [term.name for term in further_terms]
         values = {term: np.zeros(n) for term in names}
         for j, (joint_terms, joint_coefficients) in enumerate(
             zip(self.terms, coefficients, strict=True)

@@ -16,9 +16,9 @@ law takes as a sample that never came. Checked are, joint by joint,
                   a stuck encoder, or of another joint's velocity; once over, it is forgotten
                   within DRIFT_TIME ln DRIFT_CAP
     disorder      the sum of (|r| - |v| - SMOOTH DISAGREEMENT) dt likewise: positions that run to
-                  and fro further than their velocity goes, as of samples in a wrong order, or read
-                  at other times than they are taken for. Of a joint that moves, |v| above SMOOTH
-                  DISAGREEMENT: at rest it is the encoder's noise
+                  and fro further than their velocity goes, as of samples in a wrong order or with
+                  wrong times. Of a joint that moves, |v| above SMOOTH DISAGREEMENT: at rest it is
+                  the encoder's noise
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
                   not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too

@@ -350,7 +350,7 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     ranges = source.ranges
     check_ranges(ranges, source.even)
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, number])))
-    noise_seed, individual, day = (int(x) for x in generator.integers(_SEEDS, size=3))
+    noise_seed, individual, day = generator.integers(_SEEDS, size=3).tolist()
     factors = {}
     for parameter in dataclasses.fields(ranges):
         shares = generator.random(MOST_JOINTS if parameter.name in PER_JOINT else 1)
