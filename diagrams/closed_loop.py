@@ -1,4 +1,4 @@
-"""The robot cell under a controller, watched by the estimator."""
+"""The closed loop: robot cell, controller and estimator."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ _FREED = ("freed_torque", "freed_sd", "tool_vibration")  # after an air pass
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """The closed loop, and the parts of it that a caller may want.
+    """The closed loop and its parts.
 
     Attributes:
         diagram: everything; the subsystems are named robot_cell, estimator, controller, ...
@@ -60,7 +60,7 @@ class ClosedLoop:
             MachiningController.
         controller: JointTrackingController, ImpedanceController or MachiningController.
         trajectory: the reference motion of the joints.
-        log: what happened, one entry a tick; `signals` says where in an entry each signal is.
+        log: of all signals, one entry a tick; `signals` says where in an entry each signal is.
         signals: columns of the log by the name of the signal.
     """
 
@@ -73,30 +73,51 @@ class ClosedLoop:
     signals: dict[str, slice]
 
     def logged(self, context: Context) -> tuple[Array, dict[str, Array]]:
-        """What is in the log of the diagram's context: times (T,), and each signal (T, size)."""
+        """The logged times (T,) and each signal (T, size) of the diagram's context."""
         log = self.log.FindLog(context)
         data = log.data()
-        return log.sample_times().copy(), {
-            name: data[columns].T.copy() for name, columns in self.signals.items()
-        }
+        signals = {name: data[columns].T.copy() for name, columns in self.signals.items()}
+        return log.sample_times().copy(), signals
 
 
 @dataclass(frozen=True)
 class LogRequest:
-    """What a loop logs.
+    """The signals that a loop logs.
 
     Attributes:
         also: further output ports of the robot cell, such as tau_f_true.
-        only: which of the signals; None: all. What is not logged costs no time: a log of encoders
-            and current, to be read by `WrenchEstimator.run` later, leaves the estimator's reading
-            out.
-        period: s, between two entries, a whole number of ticks; None: every tick. What nobody but
-            the log asks for is computed then alone.
+        only: which of the signals; None: all. A signal that is not logged costs no time: a log of
+            encoders and current, to be read by `WrenchEstimator.run` later, leaves the estimator's
+            reading out.
+        period: s, between two entries, a whole number of ticks; None: every tick. Signals that
+            only the log reads are computed just then.
     """
 
     also: Sequence[str] = ()
     only: Sequence[str] | None = None
     period: float | None = None
+
+
+@dataclass(frozen=True)
+class _LoopParts:
+    """The builder of a loop, and what its controller and estimator are made from.
+
+    Attributes:
+        builder: of the loop's diagram; the cell is in it.
+        scenario, robot: as given.
+        model: of the controller.
+        estimator_model: of the estimator; None: there is none.
+        cell: the robot cell.
+        fused: whether the estimator is one block.
+    """
+
+    builder: DiagramBuilder
+    scenario: Scenario
+    robot: Robot
+    model: IdentifiedModel
+    estimator_model: IdentifiedModel | None
+    cell: RobotCell
+    fused: bool
 
 
 @dataclass(frozen=True)
@@ -133,7 +154,7 @@ def make_closed_loop(
     estimator_model: IdentifiedModel | None = None,
     log: LogRequest | None = None,
 ) -> ClosedLoop:
-    """Builds the loop of a scenario. Controller and estimator know `model`, never the truth.
+    """Builds the closed loop of a scenario. Controller and estimator know `model`, never the truth.
 
         reference --> controller --tau_command--> 1/K --current_command--> robot_cell
                          ^   ^                                              | q, v, current
@@ -148,15 +169,14 @@ def make_closed_loop(
         trajectory: of the joints, in the place of the scenario's motion.
         machining_path: of a machining scenario, planned before: the workpiece may stand elsewhere.
         meshcat: draws the cell and the force at the tool, true and estimated.
-        taught: of a machining scenario: what an air pass along the same path taught; the estimator
-            reads with it.
+        taught: of a machining scenario: the correction that an air pass along the same path taught.
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             the motion alone, in two thirds of the time.
         fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
             In machining it always is one block with reference and controller.
-        estimator_model: what the estimator knows, and hands on as terms; None: `model`.
-        log: what is logged; None: as above.
+        estimator_model: model of the estimator, and of its output `terms`; None: `model`.
+        log: signals to be logged; None: as above.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
@@ -169,27 +189,32 @@ def make_closed_loop(
     impedance = isinstance(scenario.controller, ImpedanceConfig)
     if not with_estimator and (impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
-    apart: Collection[str] = ()
+    clear_links: Collection[str] = ()
     if scenario.machining is not None:
         machining_path = machining_path or make_machining_path(scenario, robot)
         trajectory, q_0 = machining_path.trajectory, machining_path.q_start
-        apart = links_apart(scenario, robot, machining_path)
+        clear_links = links_apart(scenario, robot, machining_path)
     else:
         trajectory = trajectory or make_trajectory(scenario, robot)
         q_0 = trajectory.q[0]
     builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, q_0, meshcat, apart)
+    cell = make_robot_cell(scenario, robot, q_0, meshcat, clear_links)
     builder.AddSystem(cell.diagram)
-    reads = (estimator_model or model) if with_estimator else None
-    if machining_path is not None and reads is not None:
-        control = _add_machining(
-            builder, scenario, robot, model, reads, machining_path, taught, cell
-        )
+    parts = _LoopParts(
+        builder=builder,
+        scenario=scenario,
+        robot=robot,
+        model=model,
+        estimator_model=(estimator_model or model) if with_estimator else None,
+        cell=cell,
+        fused=fused,
+    )
+    if machining_path is not None and with_estimator:
+        control = _add_machining(parts, machining_path, taught)
     elif impedance:
-        assert reads is not None
-        control = _add_impedance(builder, scenario, robot, model, reads, trajectory, cell, fused)
+        control = _add_impedance(parts, trajectory)
     else:
-        control = _add_tracking(builder, scenario, robot, model, reads, trajectory, cell, fused)
+        control = _add_tracking(parts, trajectory)
     _connect_drives(builder, robot, control.tau_command, cell)
     log = log or LogRequest()
     sink, columns = _add_log(
@@ -207,12 +232,18 @@ def make_closed_loop(
     diagram = builder.Build()
     diagram.set_name("closed_loop")
     return ClosedLoop(
-        diagram, cell, control.estimator, control.controller, trajectory, sink, columns
+        diagram=diagram,
+        cell=cell,
+        estimator=control.estimator,
+        controller=control.controller,
+        trajectory=trajectory,
+        log=sink,
+        signals=columns,
     )
 
 
 def _estimator_config(scenario: Scenario) -> WrenchEstimatorConfig:
-    """The scenario's, at its time step."""
+    """The scenario's estimator configuration, at the scenario's time step."""
     observer = replace(scenario.estimator.observer, time_step=scenario.time_step)
     return replace(scenario.estimator, observer=observer)
 
@@ -220,19 +251,19 @@ def _estimator_config(scenario: Scenario) -> WrenchEstimatorConfig:
 def _connect_drives(
     builder: DiagramBuilder, robot: Robot, tau_command: OutputPort, cell: RobotCell
 ) -> None:
-    """Makes the drives' current of the commanded torque."""
+    """Turns the commanded torque into the drives' current."""
     drive_gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    to_motor = (
-        MatrixGain(robot.coupling.T / drive_gain[:, None])
-        if robot.is_coupled
-        else Gain(1.0 / drive_gain)
-    )
-    to_current = builder.AddNamedSystem("torque_to_current", to_motor)
+    if robot.is_coupled:
+        gain_block = MatrixGain(robot.coupling.T / drive_gain[:, None])
+    else:
+        gain_block = Gain(1.0 / drive_gain)
+    to_current = builder.AddNamedSystem("torque_to_current", gain_block)
     builder.Connect(tau_command, to_current.get_input_port())
     builder.Connect(to_current.get_output_port(), cell.diagram.GetInputPort("current_command"))
 
 
 def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict[str, OutputPort]:
+    """The ports that are logged, by the names of their signals."""
     signals = control.signals | {"tau_command": control.tau_command}
     for name in ("q", "v", "current", "tau_ext_true", "wrench_true", "ft_wrench", *log.also):
         if cell.diagram.HasOutputPort(name):
@@ -241,111 +272,111 @@ def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict
     return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_watching_estimator(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    reads: IdentifiedModel,
-    cell: RobotCell,
-    fused: bool,
+def _add_loop_estimator(
+    parts: _LoopParts, model: IdentifiedModel
 ) -> tuple[Diagram, dict[str, OutputPort]]:
-    """Adds the estimator of a loop; returns it and its readings."""
-    q, v, current = (cell.diagram.GetOutputPort(name) for name in ("q", "v", "current"))
-    config = _estimator_config(scenario)
-    estimator = add_estimator(builder, robot, reads, config, q=q, v=v, current=current, fused=fused)
+    """Adds the estimator of a loop, which knows `model`; returns it and its readings."""
+    cell = parts.cell.diagram
+    estimator = add_estimator(
+        parts.builder,
+        parts.robot,
+        model,
+        _estimator_config(parts.scenario),
+        q=cell.GetOutputPort("q"),
+        v=cell.GetOutputPort("v"),
+        current=cell.GetOutputPort("current"),
+        fused=parts.fused,
+    )
     return estimator, {name: estimator.GetOutputPort(name) for name in _READINGS}
 
 
-def _add_tracking(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    model: IdentifiedModel,
-    reads: IdentifiedModel | None,
-    trajectory: JointTrajectory,
-    cell: RobotCell,
-    fused: bool,
-) -> _Control:
-    """Adds a joint tracking controller, with an estimator or (`reads` None) the model's terms."""
+def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
+    """Adds a joint tracking controller, with the estimator or, without it, the model's terms."""
+    builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert isinstance(scenario.controller, JointTrackingConfig)
     estimator: Diagram | None = None
     readings: dict[str, OutputPort] = {}
-    if reads is not None:
-        estimator, readings = _add_watching_estimator(builder, scenario, robot, reads, cell, fused)
+    if parts.estimator_model is not None:
+        estimator, readings = _add_loop_estimator(parts, parts.estimator_model)
         terms = estimator.GetOutputPort("terms")
     else:
-        model_terms = RigidBodyTermsSystem(model.chain(robot))
+        model_terms = RigidBodyTermsSystem(parts.model.chain(robot))
         builder.AddNamedSystem("terms", model_terms)
         for name in ("q", "v"):
-            builder.Connect(cell.diagram.GetOutputPort(name), model_terms.GetInputPort(name))
+            source = parts.cell.diagram.GetOutputPort(name)
+            builder.Connect(source, model_terms.GetInputPort(name))
         terms = model_terms.get_output_port()
     controller = builder.AddNamedSystem(
         "controller",
         JointTrackingController(
-            model.friction.feedforward, robot.effort_limit, scenario.time_step, scenario.controller
+            parts.model.friction.feedforward,
+            robot.effort_limit,
+            scenario.time_step,
+            scenario.controller,
         ),
     )
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
     builder.Connect(terms, controller.GetInputPort("terms"))
     builder.Connect(reference.get_output_port(), controller.GetInputPort("reference"))
-    tau_command = controller.GetOutputPort("tau_command")
-    signals = {"reference": reference.get_output_port()}
-    return _Control(controller, tau_command, terms, signals, readings, estimator)
+    return _Control(
+        controller=controller,
+        tau_command=controller.GetOutputPort("tau_command"),
+        terms=terms,
+        signals={"reference": reference.get_output_port()},
+        readings=readings,
+        estimator=estimator,
+    )
 
 
-def _add_machining(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    model: IdentifiedModel,
-    reads: IdentifiedModel,
-    plan: MachiningPath,
-    taught: TaughtTorque | None,
-    cell: RobotCell,
-) -> _Control:
-    """Adds a MachiningController, which holds the estimator, and takes its port apart.
+def _add_machining(parts: _LoopParts, plan: MachiningPath, taught: TaughtTorque | None) -> _Control:
+    """Adds a MachiningController, which holds the estimator, and splits its output port.
 
     Raises:
         ValueError: an air pass for an observer that reads the wrench itself; as
             MachiningController.
     """
+    builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
-    estimator = WrenchEstimator(robot, reads, _estimator_config(scenario))
+    assert parts.estimator_model is not None
+    estimator = WrenchEstimator(robot, parts.estimator_model, _estimator_config(scenario))
     if taught is not None and estimator.observed_size:
         raise ValueError("an observer that reads the wrench itself has no use for an air pass")
-    # Force feedback counts where the lesson does.
-    trusted = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
-    period, senses = estimator.observer.time_step, uses_sensor(scenario)
-    law = model.friction.feedforward
+    # After an air pass force feedback counts where its correction is valid.
+    steady = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
+    period, reads_sensor = estimator.observer.time_step, uses_sensor(scenario)
     block = MachiningController(
-        MachiningReference(
+        reference=MachiningReference(
             robot,
-            model.chain(robot),
-            replace(plan, steady=trusted),
+            parts.model.chain(robot),
+            replace(plan, steady=steady),
             scenario.machining.phases,
             period,
-            reads_at_rest=senses,
+            reads_at_rest=reads_sensor,
         ),
-        WrenchEstimatorSystem(estimator, taught is not None),
-        ImpedanceController(law, robot.effort_limit, period, scenario.controller),
-        taught,
-        period,
-        senses,
+        estimator=WrenchEstimatorSystem(estimator, taught is not None),
+        controller=ImpedanceController(
+            parts.model.friction.feedforward, robot.effort_limit, period, scenario.controller
+        ),
+        taught=taught,
+        time_step=period,
+        reads_sensor=reads_sensor,
     )
     _check_damping(block.impedance, robot, plan.q_start)
     builder.AddNamedSystem("controller", block)
-    for name in ("q", "v", "current", *(["ft_wrench"] if senses else [])):
-        port = block.GetInputPort("wrench" if name == "ft_wrench" else name)
-        builder.Connect(cell.diagram.GetOutputPort(name), port)
-    split = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
-    builder.Connect(block.GetOutputPort("action"), split.get_input_port())
-    parts = {name: split.get_output_port(i) for i, name in enumerate(block.sizes)}
+    cell = parts.cell.diagram
+    for name in ("q", "v", "current"):
+        builder.Connect(cell.GetOutputPort(name), block.GetInputPort(name))
+    if reads_sensor:
+        builder.Connect(cell.GetOutputPort("ft_wrench"), block.GetInputPort("wrench"))
+    action = builder.AddNamedSystem("action", Demultiplexer(list(block.sizes.values())))
+    builder.Connect(block.GetOutputPort("action"), action.get_input_port())
+    ports = {name: action.get_output_port(i) for i, name in enumerate(block.sizes)}
     return _Control(
-        block,
-        parts["tau_command"],
-        block.GetOutputPort("terms"),
-        {name: parts[name] for name in (*_PASS, *_FREED) if name in parts},
-        {name: parts[name] for name in _READINGS},
+        controller=block,
+        tau_command=ports["tau_command"],
+        terms=block.GetOutputPort("terms"),
+        signals={name: ports[name] for name in (*_PASS, *_FREED) if name in ports},
+        readings={name: ports[name] for name in _READINGS},
     )
 
 
@@ -354,25 +385,17 @@ def uses_sensor(scenario: Scenario) -> bool:
     return scenario.feedback == "sensor" and scenario.force_torque_sensor is not None
 
 
-def _add_impedance(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    robot: Robot,
-    model: IdentifiedModel,
-    reads: IdentifiedModel,
-    trajectory: JointTrajectory,
-    cell: RobotCell,
-    fused: bool,
-) -> _Control:
+def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     """Adds an impedance controller along a motion of the joints, with its estimator."""
+    builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     config = scenario.controller
-    assert isinstance(config, ImpedanceConfig)
-    estimator, readings = _add_watching_estimator(builder, scenario, robot, reads, cell, fused)
+    assert isinstance(config, ImpedanceConfig) and parts.estimator_model is not None
+    estimator, readings = _add_loop_estimator(parts, parts.estimator_model)
     terms = estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
-    pose = builder.AddNamedSystem("pose_reference", PoseReference(model.chain(robot)))
+    pose = builder.AddNamedSystem("pose_reference", PoseReference(parts.model.chain(robot)))
     builder.Connect(reference.get_output_port(), pose.get_input_port())
-    # The pose is known from the joints' reference: it need not be in the log.
+    # The pose follows from the joints' reference: it need not be in the log.
     signals = {"reference": reference.get_output_port()}
     if config.force is not None:
         setpoint = builder.AddNamedSystem(
@@ -380,7 +403,7 @@ def _add_impedance(
         )
         signals["force_setpoint"] = setpoint.get_output_port()
     controller = ImpedanceController(
-        model.friction.feedforward, robot.effort_limit, scenario.time_step, config
+        parts.model.friction.feedforward, robot.effort_limit, scenario.time_step, config
     )
     builder.AddNamedSystem("controller", controller)
     _check_damping(controller, robot, trajectory.q[0])
@@ -392,15 +415,26 @@ def _add_impedance(
     builder.Connect(controller.GetOutputPort("action"), action.get_input_port())
     signals["pose_error"] = action.get_output_port(1)
     if config.force is not None:
-        sensed = cell.diagram.GetOutputPort("ft_wrench") if uses_sensor(scenario) else None
+        wrench = readings["wrench"]
+        if uses_sensor(scenario):
+            wrench = parts.cell.diagram.GetOutputPort("ft_wrench")
         builder.Connect(signals["force_setpoint"], controller.GetInputPort("force_setpoint"))
-        builder.Connect(sensed or readings["wrench"], controller.GetInputPort("wrench"))
-    return _Control(controller, action.get_output_port(0), terms, signals, readings, estimator)
+        builder.Connect(wrench, controller.GetInputPort("wrench"))
+    return _Control(
+        controller=controller,
+        tau_command=action.get_output_port(0),
+        terms=terms,
+        signals=signals,
+        readings=readings,
+        estimator=estimator,
+    )
 
 
 def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> None:
-    """Raises InputError where the damper would chatter at q."""
-    # By the stated inertias: those of a wrist, where rotors count most, are identified poorly.
+    """Raises InputError where the damper would chatter at q.
+
+    The stated inertias count: a wrist's, where rotors matter most, are identified poorly.
+    """
     start = robot.chain.terms(q, np.zeros(robot.num_joints))
     share = controller.damping_per_tick(start.M, start.J, start.R_WE)
     if share > 1.0:
@@ -415,12 +449,16 @@ def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> N
 def _add_log(
     builder: DiagramBuilder, signals: dict[str, OutputPort], period: float
 ) -> tuple[VectorLogSink, dict[str, slice]]:
-    """One sink for all signals: a sink each would be as many events at every tick."""
+    """Adds one sink for all signals: a sink each would be as many events at every tick.
+
+    Returns:
+        The sink, and the columns of each signal in it.
+    """
     sizes = [port.size() for port in signals.values()]
-    together = builder.AddNamedSystem("signals", Multiplexer(sizes))
+    multiplexer = builder.AddNamedSystem("signals", Multiplexer(sizes))
     for i, port in enumerate(signals.values()):
-        builder.Connect(port, together.get_input_port(i))
-    log = LogVectorOutput(together.get_output_port(), builder, period)
+        builder.Connect(port, multiplexer.get_input_port(i))
+    log = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     log.set_name("log")
     ends = np.cumsum(sizes)
     starts = ends - sizes
@@ -431,6 +469,7 @@ def _add_log(
 
 
 def _setpoint_trajectory(scenario: Scenario) -> PiecewisePolynomial:
+    """The force set-point over the scenario's duration, N."""
     end = scenario.duration + scenario.time_step
     count = max(2, round(end / max(scenario.time_step, 1e-3)) + 1)
     t = np.linspace(0.0, end, count)
@@ -440,7 +479,7 @@ def _setpoint_trajectory(scenario: Scenario) -> PiecewisePolynomial:
 
 def setpoint_at(setpoint: ForceSetpoint, t: Array) -> Array:
     """The force set-point in N at times t (T,)."""
-    since = t - setpoint.start
-    rise = np.clip(since / setpoint.rise, 0.0, 1.0)
-    sine = np.sin(2 * np.pi * setpoint.frequency * np.maximum(since, 0.0))
+    elapsed = t - setpoint.start
+    rise = np.clip(elapsed / setpoint.rise, 0.0, 1.0)
+    sine = np.sin(2 * np.pi * setpoint.frequency * np.maximum(elapsed, 0.0))
     return np.asarray(rise * (setpoint.value + setpoint.amplitude * sine))

@@ -44,7 +44,7 @@ def make_estimator(
     fused: bool = False,
     detection: ContactDetectionConfig | None = None,
 ) -> Diagram:
-    """Builds the estimator: what a controller measures in, the wrench at the tool out.
+    """Builds the estimator: from a controller's measurements to the wrench at the tool.
 
                    +-----------+ --> tau_ext
       q       -->  |           | --> wrench
@@ -74,11 +74,10 @@ def make_estimator(
     "held" no output but feeds through from `current`, so that a controller may use the wrench. The
     estimator starts by itself at its first update.
 
-    Inside are `samples`, `terms`, `motor`, `friction`, `observer`, `reconstruction`, and where
-    somebody asks for it `torque_error` (and demultiplexers). Their numeric parameters
+    Inside are `samples`, `terms`, `motor`, `friction`, `observer`, `reconstruction`, and if another
+    block reads it `torque_error` (and demultiplexers). Their numeric parameters
     (torque_per_ampere; coulomb, viscous, offset, v_crit, or the slip elements of a law with memory;
-    K_0; the prior's sds) are changed through their Contexts. What depends on them follows: stated
-    sd, lag, `valid`.
+    K_0; the prior's sds) are changed through their Contexts. Stated sd, lag and `valid` follow.
 
     With `fused` all of them are one block, `block`, with the same parameters
     (`systems.wrench_estimator.WrenchEstimatorSystem`): the same numbers in a third of the time.
@@ -89,15 +88,14 @@ def make_estimator(
 
     Args:
         fused: whether it is one block instead of its stages.
-        detection: when a reading counts as contact; None: not asked.
+        detection: configuration of the contact detector; None: there is none.
 
     Raises:
         InputError: the model belongs to another robot.
         ValueError: as `models.estimation.estimator.WrenchEstimator` and `ContactDetector`.
     """
     estimator = WrenchEstimator(robot, model, config)
-    make = _fused if fused else _staged
-    return make(estimator, name, detection)
+    return _fused(estimator, name, detection) if fused else _staged(estimator, name, detection)
 
 
 def _staged(
@@ -131,20 +129,20 @@ def _staged(
     }
     if estimator.observed_size:
         sources["observed"] = observer.GetOutputPort("wrench")
-    read = dict(sources)
-    if estimator.learnt or observer.uses_sd or detection is not None:  # else nobody asks for it
+    wrench_sources = dict(sources)
+    if estimator.learnt or observer.uses_sd or detection is not None:  # else no block reads it
         error = builder.AddNamedSystem("torque_error", TorqueErrorSystem(estimator.error, period))
         sources["torque_error"] = error.get_output_port()
         blocks.append(error)
     _connect(builder, blocks, sources)
     if estimator.learnt:
-        read["torque_error"] = sources["torque_error"]
+        wrench_sources["torque_error"] = sources["torque_error"]
     else:  # of one covariance, and without a lag
-        del read["pole"]
-    _connect(builder, [reconstruction], read)
+        del wrench_sources["pole"]
+    _connect(builder, [reconstruction], wrench_sources)
     builder.ExportOutput(sources["tau_ext"], "tau_ext")
-    for i, name_of_part in enumerate(("wrench", "covariance", "condition_number", "valid")):
-        builder.ExportOutput(reading.get_output_port(i), name_of_part)
+    for i, signal in enumerate(("wrench", "covariance", "condition_number", "valid")):
+        builder.ExportOutput(reading.get_output_port(i), signal)
     builder.ExportOutput(sources["terms"], "terms")
     builder.ExportOutput(sources["fault"], "fault")
     if detection is not None:
@@ -182,7 +180,7 @@ def _observer_system(observer: Observer) -> ExternalTorqueObserver:
 
 
 def _checked_inputs(builder: DiagramBuilder, estimator: WrenchEstimator) -> dict[str, OutputPort]:
-    """Exports q, v and current; returns them as they may be used, and `fault`."""
+    """Exports the inputs q, v and current; returns their checked values, and `fault`."""
     n = estimator.num_joints
     check = SampleCheckSystem(estimator.check, n, estimator.observer.time_step)
     builder.AddNamedSystem("samples", check)
@@ -197,11 +195,11 @@ def _checked_inputs(builder: DiagramBuilder, estimator: WrenchEstimator) -> dict
 def _detect(
     builder: DiagramBuilder, detector: ContactDetector, sources: Mapping[str, OutputPort]
 ) -> None:
-    """Adds the detector and exports what it says, signal by signal."""
-    own = builder.AddNamedSystem("detection", ContactDetection(detector))
-    _connect(builder, [own], sources)
+    """Adds the detector, and exports its output signal by signal."""
+    detector_block = builder.AddNamedSystem("detection", ContactDetection(detector))
+    _connect(builder, [detector_block], sources)
     parts = builder.AddNamedSystem("detected", Demultiplexer([1] * len(DETECTION)))
-    builder.Connect(own.GetOutputPort("detection"), parts.get_input_port())
+    builder.Connect(detector_block.GetOutputPort("detection"), parts.get_input_port())
     for k, signal in enumerate(DETECTION):
         builder.ExportOutput(parts.get_output_port(k), signal)
 
@@ -211,6 +209,7 @@ def _fused(
     name: str,
     detection: ContactDetectionConfig | None,
 ) -> Diagram:
+    """The estimator as one block."""
     builder = DiagramBuilder()
     block = builder.AddNamedSystem("block", WrenchEstimatorSystem(estimator))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
@@ -229,14 +228,16 @@ def _fused(
         robot = estimator.robot
         motor = builder.AddNamedSystem("detection_motor", MotorCurrentTorqueSource.of(robot))
         n, sizes = estimator.num_joints, tick_sizes(estimator.num_joints)
-        split = {name: size for name, size in sizes.items() if name not in signals}
+        detector_sizes = {name: size for name, size in sizes.items() if name not in signals}
         split_signals = {f"signals {row}": n for row in range(TORQUE_SD)}
         parts: dict[str, int] = {}
-        for part, size in split.items():
+        for part, size in detector_sizes.items():
             parts |= split_signals if part == "signals" else {part: size}
-        rest = builder.AddNamedSystem("detection_signals", Demultiplexer(list(parts.values())))
-        source_of = {part: rest.get_output_port(k) for k, part in enumerate(parts)}
-        builder.Connect(reading.get_output_port(len(signals)), rest.get_input_port())
+        signals_demux = builder.AddNamedSystem(
+            "detection_signals", Demultiplexer(list(parts.values()))
+        )
+        source_of = {part: signals_demux.get_output_port(k) for k, part in enumerate(parts)}
+        builder.Connect(reading.get_output_port(len(signals)), signals_demux.get_input_port())
         builder.Connect(block.GetOutputPort("checked_current"), motor.GetInputPort("current"))
         _detect(
             builder,

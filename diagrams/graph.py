@@ -24,7 +24,7 @@ def write_graph(system: System, path: Path) -> Path:
     any viewer to draw.
 
     Returns:
-        the path that was written: `path`, or the same with the ending .dot.
+        The path that was written: `path`, or the same with the ending .dot.
 
     Raises:
         InputError: `dot` cannot draw it, or the file cannot be written.

@@ -39,7 +39,7 @@ class HeldArm:
     """The diagram and its logs, one entry a tick.
 
     Attributes:
-        diagram: the whole.
+        diagram: of arm, controller and estimators.
         q: log of the joint positions, (n,) rad.
         wrench_true: log of F_E_W, (6,) rotation first.
         tau_ext, wrench: logs of each estimator's outputs, by its name.
@@ -63,7 +63,7 @@ def make_held_arm(
     current_noise: bool = False,
     seed: int = 0,
 ) -> HeldArm:
-    """Builds an arm that a joint controller holds at `q`, and estimators that watch it.
+    """Builds an arm that a joint controller holds at `q`, with its estimators.
 
         reference --> controller --> hold ------------------> plant --> q, v
                           |                                     ^
@@ -116,7 +116,7 @@ def make_held_arm(
     )
 
     sensor = builder.AddSystem(_current_sensor(robot, time_step, current_noise, seed))
-    watching = {
+    estimator_diagrams = {
         name: add_estimator(
             builder,
             robot,
@@ -131,7 +131,7 @@ def make_held_arm(
     }
 
     # All estimators have the same model: one of them lends the controller its terms.
-    terms = next(iter(watching.values())).GetOutputPort("terms")
+    terms = next(iter(estimator_diagrams.values())).GetOutputPort("terms")
     tau_command = _add_holding_controller(builder, robot, model, q_start, terms, time_step)
     hold = builder.AddNamedSystem("drive_hold", ZeroOrderHold(time_step, n))
     builder.Connect(tau_command, hold.get_input_port())
@@ -144,23 +144,34 @@ def make_held_arm(
     def log(system: Diagram, name: str) -> VectorLogSink:
         return LogVectorOutput(system.GetOutputPort(name), builder, time_step)
 
-    held = {
-        "q": LogVectorOutput(q_port, builder, time_step),
-        "wrench_true": log(wrench, "wrench_true"),
-        "tau_ext": {name: log(system, "tau_ext") for name, system in watching.items()},
-        "wrench": {name: log(system, "wrench") for name, system in watching.items()},
-    }
+    q_log = LogVectorOutput(q_port, builder, time_step)
+    wrench_true_log = log(wrench, "wrench_true")
+    tau_ext_logs = {name: log(system, "tau_ext") for name, system in estimator_diagrams.items()}
+    wrench_logs = {name: log(system, "wrench") for name, system in estimator_diagrams.items()}
     diagram = builder.Build()
     diagram.set_name("held_arm")
-    return HeldArm(diagram=diagram, time_step=time_step, **held)
+    return HeldArm(
+        diagram=diagram,
+        q=q_log,
+        wrench_true=wrench_true_log,
+        tau_ext=tau_ext_logs,
+        wrench=wrench_logs,
+        time_step=time_step,
+    )
 
 
 def _current_sensor(robot: Robot, time_step: float, noise: bool, seed: int) -> MotorCurrentSensor:
-    """The drives' own, or one without bandwidth, noise and resolution."""
-    drives = robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution
+    """The sensor of the drives, or one without bandwidth, noise and resolution."""
     sensor = MotorCurrentSensor(robot.num_joints, time_step)
     if noise:
-        sensor = MotorCurrentSensor(robot.num_joints, time_step, *drives, seed=seed)
+        sensor = MotorCurrentSensor(
+            robot.num_joints,
+            time_step,
+            robot.current_bandwidth,
+            robot.current_noise_sd,
+            robot.current_resolution,
+            seed=seed,
+        )
     sensor.set_name("current_sensor")
     return sensor
 

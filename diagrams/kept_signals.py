@@ -1,4 +1,4 @@
-"""A long run's signals, kept on the disk as they come instead of in memory until the end."""
+"""The signals of a long run, stored on the disk as they come."""
 
 import tempfile
 from typing import IO
@@ -12,7 +12,7 @@ from wrenchsight.models.files.whole_file import writing_to
 
 
 class KeptSignals:
-    """Takes what a loop has logged so far and empties its log; gives it back at the end.
+    """Moves the logged signals of a loop to the disk during a run, and reads them at the end.
 
     Each signal lies in an unnamed file of the system's folder for temporary files, which ends with
     the arrays that are read from it. Ten minutes of a loop at 1 ms are some 700 MB, of which memory
@@ -32,7 +32,7 @@ class KeptSignals:
                 self._files[name] = tempfile.TemporaryFile()  # noqa: SIM115 (as well)
 
     def take(self, context: Context) -> None:
-        """Keeps what the log holds, and empties it.
+        """Stores the contents of the log, and empties it.
 
         Args:
             context: of the loop's diagram.

@@ -1,4 +1,4 @@
-"""Machining in the closed loop: the pass that a scenario asks for."""
+"""Machining in the closed loop: plans the pass of a scenario."""
 
 import math
 
@@ -36,7 +36,7 @@ AFTER = 0.2  # s at rest, after the pass
 def make_machining_path(
     scenario: Scenario, robot: Robot, source: str = "scenario: machining"
 ) -> MachiningPath:
-    """Plans the pass of a scenario, where the workpiece stands as the scenario says.
+    """Plans the pass of a scenario over its workpiece.
 
     Raises:
         InputError: a path off the workpiece, over too sharp an edge or out of reach; and as
@@ -73,7 +73,7 @@ def make_machining_path(
 def posture_problem(
     robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str
 ) -> RedundancyProblem:
-    """Minimises the stated sd of the force, read at a point, of a robot not yet identified.
+    """The problem of the best postures: the least stated sd of the force, with the nominal model.
 
     Raises:
         InputError: narrower limits of a joint that the robot does not have, or that are no range.
@@ -99,18 +99,18 @@ def posture_problem(
 
 
 def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source: str) -> Array:
-    """(N, n) a posture at each sample: at the angle that is asked for, or where forces read best.
+    """(N, n) a posture at each sample: at the scenario's angle, or that with the least force sd.
 
     Raises:
         InputError: a sample is out of reach.
     """
     problem = posture_problem(robot, path, machining, source)
     if machining.angle_deg is None:
-        found = best_on_grid(problem, candidates(problem))
-        return refine(problem, found.q).q
+        grid_path = best_on_grid(problem, candidates(problem))
+        return refine(problem, grid_path.q).q
     turn = math.radians(machining.turn_deg) * np.linspace(0.0, 1.0, path.num_samples)
     R_WE = path.orientations(problem.first_angle + turn)
-    best = None
+    best_cost, best_q = math.inf, None
     for q_first in all_branches(robot, R_WE[:1], path.p_WS[:1])[0]:
         if not np.all((q_first >= problem.lower) & (q_first <= problem.upper)):
             continue
@@ -121,28 +121,28 @@ def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source
         if problem.violation(q) > 0.0:
             continue
         cost = problem.cost(q)
-        if best is None or better(cost, best[0]):
-            best = cost, q
-    if best is None:
+        if best_q is None or better(cost, best_cost):
+            best_cost, best_q = cost, q
+    if best_q is None:
         raise InputError(
             source,
             "angle_deg",
             f"{robot.name} cannot keep this angle from one end of the path to the other",
             "leave angle_deg out, or move the workpiece",
         )
-    return best[1]
+    return best_q
 
 
 def longest_duration(plan: MachiningPath, phases: PhasesConfig) -> float:
-    """Seconds within which a pass is done, whatever happens."""
+    """The longest time that a pass can take, s."""
     approach = (phases.standoff + phases.search) / phases.approach_speed
     lift = phases.lift / phases.lift_speed
-    held = phases.rise + phases.settle + plan.trajectory.duration + phases.release
-    return approach + held + lift + 2.0 * RAMP + AFTER
+    contact_time = phases.rise + phases.settle + plan.trajectory.duration + phases.release
+    return approach + contact_time + lift + 2.0 * RAMP + AFTER
 
 
 def view_of(path: SurfacePath) -> Array:
-    """(3,) from where to look at the tool on a path: at the arm in profile, over the surface."""
+    """(3,) direction of view on the tool's path: at the arm in profile, from over the surface."""
     middle = path.num_samples // 2
     n, p = path.n_W[middle], path.p_WS[middle]
     outward = np.array([p[0], p[1], 0.0])

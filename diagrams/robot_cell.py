@@ -1,4 +1,4 @@
-"""The robot cell: the true robot in its drives, and whatever stands around it."""
+"""The robot cell: the true robot with drives and sensors, and its surroundings."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ _FLOOR_COLOUR = np.array([0.86, 0.87, 0.88, 1.0])
 
 @dataclass(frozen=True)
 class RobotCell:
-    """The cell and the parts of it that a caller may want.
+    """The cell and its parts.
 
     Attributes:
         diagram: see make_robot_cell.
@@ -74,7 +74,7 @@ def make_robot_cell(
     robot: Robot,
     q_0: ArrayLike,
     meshcat: Meshcat | None = None,
-    apart: Collection[str] = (),
+    clear_links: Collection[str] = (),
 ) -> RobotCell:
     """Builds the true robot with its tool, drives, sensors and surroundings.
 
@@ -98,17 +98,18 @@ def make_robot_cell(
         robot: the true robot.
         q_0: (n,) rad, where its encoders are at the start, at rest.
         meshcat: draws the cell into it; without it there are no pictures.
-        apart: names of links that never come near anything: contact is not looked for at them.
+        clear_links: names of links that never touch anything: they are left out of contact.
 
     Raises:
         InputError: a sensor without a tool to sit on, or true friction out of range.
     """
     builder = DiagramBuilder()
-    touches = scenario.workpiece is not None or scenario.floor
+    has_contact = scenario.workpiece is not None or scenario.floor
     robot = with_friction(robot, scenario.friction)
-    joints, true = TrueJoints.of(robot, scenario.time_step), true_robot(robot)
-    plant, scene_graph = _add_plant(builder, scenario, touches or meshcat is not None)
-    parts = true.add_to_plant(plant)
+    joints = TrueJoints.of(robot, scenario.time_step)
+    true_model = true_robot(robot)
+    plant, scene_graph = _add_plant(builder, scenario, has_contact or meshcat is not None)
+    parts = true_model.add_to_plant(plant)
     for joint in parts.joints:  # viscous friction is the true joints'
         joint.set_default_damping(0.0)
     if scenario.workpiece is not None:
@@ -117,10 +118,10 @@ def make_robot_cell(
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()
     # The encoders read q_0, their gears bent by the arm's weight.
-    q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true.chain)
+    q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true_model.chain)
     plant.SetDefaultPositions(parts.model_instance, q_start)
     if scene_graph is not None:
-        _prepare_contact(plant, scene_graph, parts, scenario, apart)
+        _prepare_contact(plant, scene_graph, parts, scenario, clear_links)
         if meshcat is None:
             _remove_pictures(plant, scene_graph)
 
@@ -128,19 +129,19 @@ def make_robot_cell(
     sensor = _force_torque_sensor(plant, parts, scenario, robot)
     arm = TrueArm(
         ArmParts(
-            chain=true.chain,
+            chain=true_model.chain,
             joints=joints,
             tool_body=tool_body(plant, parts).index(),
             p_BE=_p_BE(plant, parts),
             script=script,
-            contacts=_tool_contacts(scenario, robot, plant, parts) if touches else None,
+            contacts=_tool_contacts(scenario, robot, plant, parts) if has_contact else None,
             process=_machining_process(scenario),
             current=_current_sensor(robot) if scenario.current_noise else None,
             sensor=sensor,
             seed=scenario.seed,
         )
     )
-    _connect_arm(builder, robot, plant, parts, arm, touches, sensor is not None)
+    _connect_arm(builder, robot, plant, parts, arm, has_contact, sensor is not None)
     if meshcat is not None and scene_graph is not None:
         parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
@@ -155,61 +156,63 @@ def _connect_arm(
     plant: MultibodyPlant,
     parts: RobotInPlant,
     arm: TrueArm,
-    touches: bool,
-    senses: bool,
+    has_contact: bool,
+    has_sensor: bool,
 ) -> None:
     """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
 
     Args:
-        touches: whether there is something to touch.
-        senses: whether there is a force/torque sensor.
+        has_contact: whether there is something to touch.
+        has_sensor: whether there is a force/torque sensor.
     """
     n = robot.num_joints
     builder.AddNamedSystem("true_arm", arm)
     drives = builder.AddNamedSystem("drives", Saturation(-robot.current_limit, robot.current_limit))
     builder.ExportInput(drives.get_input_port(), "current_command")
     state = plant.get_state_output_port(parts.model_instance)
-    known = {"state": state, "current_command": drives.get_output_port()}
-    if touches:
-        known["contact_results"] = plant.get_contact_results_output_port()
-        known["tau_contact"] = plant.get_generalized_contact_forces_output_port(
+    arm_inputs = {"state": state, "current_command": drives.get_output_port()}
+    if has_contact:
+        arm_inputs["contact_results"] = plant.get_contact_results_output_port()
+        arm_inputs["tau_contact"] = plant.get_generalized_contact_forces_output_port(
             parts.model_instance
         )
-    if senses:
-        known["reaction_forces"] = plant.get_reaction_forces_output_port()
-        known["vdot"] = plant.get_generalized_acceleration_output_port(parts.model_instance)
-    for name, port in known.items():
+    if has_sensor:
+        arm_inputs["reaction_forces"] = plant.get_reaction_forces_output_port()
+        arm_inputs["vdot"] = plant.get_generalized_acceleration_output_port(parts.model_instance)
+    for name, port in arm_inputs.items():
         builder.Connect(port, arm.GetInputPort(name))
     # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    split = {}
+    parts_of = {}
     sizes = {"motion": list(arm.motion_sizes.values()), "drives": arm.drive_sizes}
-    for name, of_parts in (sizes | ({"truth": arm.truth_sizes} if touches else {})).items():
-        demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(of_parts))
+    if has_contact:
+        sizes["truth"] = arm.truth_sizes
+    for name, part_sizes in sizes.items():
+        demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(part_sizes))
         builder.Connect(arm.GetOutputPort(name), demultiplexer.get_input_port())
-        split[name] = [demultiplexer.get_output_port(i) for i in range(len(of_parts))]
-    motion = dict(zip(arm.motion_sizes, split["motion"], strict=True))
+        parts_of[name] = [demultiplexer.get_output_port(i) for i in range(len(part_sizes))]
+    motion = dict(zip(arm.motion_sizes, parts_of["motion"], strict=True))
     wrench_true, tau_ext_true = motion["wrench"], motion["torque"]
-    tau_J, torque, tau_f, _, current, _ = split["drives"]
+    tau_J, torque, tau_f, _, current, _ = parts_of["drives"]
     builder.Connect(tau_J, plant.get_actuation_input_port(parts.model_instance))
     builder.Connect(torque, plant.get_applied_generalized_force_input_port())
-    exported = {"q": motion["q_read"], "v": motion["v_read"], "state": state, "current": current}
-    exported |= {"tau_J_true": tau_J, "tau_f_true": tau_f}
-    if touches:
-        wrench_true, tau_ext_true, _ = split["truth"]
-    elif not arm.pushed:  # asks nobody
+    outputs = {"q": motion["q_read"], "v": motion["v_read"], "state": state, "current": current}
+    outputs |= {"tau_J_true": tau_J, "tau_f_true": tau_f}
+    if has_contact:
+        wrench_true, tau_ext_true, _ = parts_of["truth"]
+    elif not arm.pushed:  # zero, without a call into Python
         for name, size in (("wrench_true", 6), ("tau_ext_true", n)):
-            nothing = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
-            exported[name] = nothing.get_output_port()
-    exported = {"wrench_true": wrench_true, "tau_ext_true": tau_ext_true} | exported
+            zero_source = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
+            outputs[name] = zero_source.get_output_port()
+    outputs = {"wrench_true": wrench_true, "tau_ext_true": tau_ext_true} | outputs
     if arm.pushed:
         builder.Connect(
             arm.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
         )
     if arm.HasOutputPort("wrench_unbalance"):
-        exported["wrench_unbalance"] = arm.GetOutputPort("wrench_unbalance")
-    if senses:
-        exported["ft_wrench"] = motion["sensed"]
-    for name, port in exported.items():
+        outputs["wrench_unbalance"] = arm.GetOutputPort("wrench_unbalance")
+    if has_sensor:
+        outputs["ft_wrench"] = motion["sensed"]
+    for name, port in outputs.items():
         builder.ExportOutput(port, name)
 
 
@@ -235,13 +238,14 @@ def _machining_process(scenario: Scenario) -> MachiningProcess | None:
 
 
 def _current_sensor(robot: Robot) -> Array:
+    """(3, n) bandwidth, noise and resolution, as `measure_current` reads them."""
     return np.stack([robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution])
 
 
 def _add_plant(
     builder: DiagramBuilder, scenario: Scenario, with_scene: bool
 ) -> tuple[MultibodyPlant, SceneGraph | None]:
-    """The plant; without a SceneGraph, which costs time, where nothing touches or is drawn."""
+    """Adds the plant, and a SceneGraph, which costs time, where something touches or is drawn."""
     config = MultibodyPlantConfig(
         time_step=scenario.time_step,
         discrete_contact_approximation="lagged",
@@ -291,7 +295,7 @@ def _p_BE(plant: MultibodyPlant, parts: RobotInPlant) -> Array:
 
 
 def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
-    """The floor, as drawn; a solid one can be touched as well."""
+    """Adds the floor as a picture; a solid one can be touched as well."""
     body = plant.world_body()
     slab, X_WV = Box(1.6, 1.6, 0.02), RigidTransform([0.0, 0.0, -0.01])
     plant.RegisterVisualGeometry(body, X_WV, slab, "floor", _FLOOR_COLOUR)
@@ -302,7 +306,7 @@ def _add_floor(plant: MultibodyPlant, solid: bool) -> None:
 
 
 def _remove_pictures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Takes shapes that are only seen out of the scene, which moves every shape at every tick."""
+    """Removes shapes that are only drawn: the scene moves every shape at every tick."""
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     solid = set(inspector.GetAllGeometryIds(Role.kProximity))
     for geometry in inspector.GetAllGeometryIds():
@@ -315,14 +319,14 @@ def _prepare_contact(
     scene_graph: SceneGraph,
     parts: RobotInPlant,
     scenario: Scenario,
-    apart: Collection[str],
+    clear_links: Collection[str],
 ) -> None:
-    """Links do not touch each other; they meet the workpiece with the workpiece's own material.
+    """Gives the links the workpiece's contact material, and no contact among each other.
 
     At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
     """
     inspector = scene_graph.model_inspector()
-    touches = scenario.workpiece is not None or scenario.floor
+    has_contact = scenario.workpiece is not None or scenario.floor
     workpiece = scenario.workpiece
     blade = workpiece if isinstance(workpiece, BladeConfig) else None
     plate = workpiece if isinstance(workpiece, PlateConfig) else PlateConfig()
@@ -340,11 +344,11 @@ def _prepare_contact(
                     links.Add(geometry)
                 else:
                     scene_graph.RemoveRole(source, geometry, Role.kProximity)
-            elif touches and body.name() not in apart:
+            elif has_contact and body.name() not in clear_links:
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
                 links.Add(geometry)
             else:
-                # With nothing to touch, contact need not be looked for at every tick.
+                # With nothing to touch, contact need not be computed at every tick.
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))

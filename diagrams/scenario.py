@@ -1,4 +1,4 @@
-"""Scenarios: what is simulated, in one YAML file of named entries."""
+"""Scenarios of simulations, in one YAML file of named entries."""
 
 from dataclasses import dataclass, field, replace
 from importlib import resources
@@ -60,7 +60,7 @@ LIMITS = {  # of counts and sizes that time and memory depend on, by key at any 
 
 @dataclass
 class HoldMotion:
-    """Stays where it is."""
+    """The arm at rest."""
 
     q: list[float] = field(default_factory=list)  # rad; the robot's home where empty
 
@@ -95,7 +95,7 @@ class LineMotion:
 
 @dataclass
 class FourierMotion:
-    """A Fourier series over whole periods, such as `excite` finds; at rest where it has ended."""
+    """A Fourier series over whole periods, such as `excite` finds; at rest after its end."""
 
     base_frequency: float = 0.1  # Hz
     centre: list[float] = field(default_factory=list)  # rad
@@ -110,7 +110,7 @@ ControllerConfig = Union[JointTrackingConfig, ImpedanceConfig]  # noqa: UP007
 
 @dataclass
 class ForceSetpoint:
-    """value + amplitude sin(2 pi frequency (t - start)), after a linear rise from nothing."""
+    """value + amplitude sin(2 pi frequency (t - start)), after a linear rise from zero."""
 
     value: float = 20.0  # N
     start: float = 0.0  # s
@@ -172,7 +172,7 @@ class MachiningConfig:
 
 @dataclass
 class PageConfig:
-    """The page on which the run is seen."""
+    """The web page that shows the run."""
 
     fps: float = 30.0  # pictures a second
     metres_per_newton: float = 0.01  # length of the force arrows
@@ -180,7 +180,7 @@ class PageConfig:
 
 @dataclass
 class Scenario:
-    """All that a simulation is made of, but the robot's and the model's own files."""
+    """All settings of a simulation, besides the files of the robot and of the model."""
 
     description: str = ""  # one sentence, for people
     robot: str = "sts_sre4_600"  # bundled name, or path of a robot.yaml
@@ -219,11 +219,13 @@ def load_scenario(name_or_path: str, scenario_name: str | None = None) -> Scenar
     scenarios = load_configuration(path, dict[str, Scenario])
     if scenario_name is None:
         if len(scenarios) != 1:
-            raise InputError(path, "", f"holds {', '.join(scenarios)}", "say which: FILE.yaml:NAME")
+            raise InputError(
+                path, "", f"holds {', '.join(scenarios)}", "name one of them: FILE.yaml:NAME"
+            )
         scenario_name = next(iter(scenarios))
     if scenario_name not in scenarios:
-        known = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
-        raise InputError(path, "", f'there is no scenario "{scenario_name}"', known)
+        hint = nearest(scenario_name, scenarios) or f"there are {', '.join(scenarios)}"
+        raise InputError(path, "", f'there is no scenario "{scenario_name}"', hint)
     scenario = scenarios[scenario_name]
     check_scenario(scenario, f"{path}: {scenario_name}")
     return scenario
@@ -240,13 +242,17 @@ def bundled_scenarios() -> dict[str, Scenario]:
 
 
 def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
-    """Raises InputError, naming `source`, where a value is out of range or two do not fit."""
-    for place, value in (
+    """Checks a scenario.
+
+    Raises:
+        InputError: a value out of range, or two that contradict each other; it names `source`.
+    """
+    for key, value in (
         ("duration", scenario.duration),
         ("force_setpoint.rise", scenario.force_setpoint.rise),
     ):
         if not (np.isfinite(value) and value > 0):
-            raise InputError(source, place, f"{value}, expected a positive number")
+            raise InputError(source, key, f"{value}, expected a positive number")
     # The observer's time_step is not used here, and a wrench segment may last for ever (inf).
     estimator = replace(
         scenario.estimator, observer=replace(scenario.estimator.observer, time_step=1e-3)
@@ -258,13 +264,13 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
         raise InputError(source, "duration", problem, "simulate parts of it, one after another")
     if not 0 <= scenario.seed < 2**31:
         raise InputError(source, "seed", f"{scenario.seed}, expected 0 or more")
-    for place, word, known in (
+    for key, word, choices in (
         ("friction", scenario.friction, FRICTIONS),
         ("feedback", scenario.feedback, ("sensor", "estimate")),
     ):
-        if word not in known:
-            remedy = nearest(word, known)
-            raise InputError(source, place, f'"{word}", expected {", ".join(known)}', remedy)
+        if word not in choices:
+            remedy = nearest(word, choices)
+            raise InputError(source, key, f'"{word}", expected {", ".join(choices)}', remedy)
     controls_force = (
         isinstance(scenario.controller, ImpedanceConfig) and scenario.controller.force is not None
     )
@@ -282,6 +288,7 @@ def check_scenario(scenario: Scenario, source: str = "scenario") -> None:
 
 
 def _check_observer(scenario: Scenario, source: str) -> None:
+    """Raises InputError where the observer reads the wrench itself and an option does not fit."""
     kind = kind_of(scenario.estimator.observer)
     if kind is None or kind.kernels.wrench is None:
         return
@@ -343,8 +350,8 @@ def _check_machining(scenario: Scenario, source: str) -> None:
             source, "machining.air_pass", f"{machining.air_pass:g} m, expected 0 or more"
         )
     check_phases(machining.phases, f"{source}: machining")
-    place = f"{source}: machining.process"
-    MachiningProcess(machining.process, place, time_step=scenario.time_step)
+    process_key = f"{source}: machining.process"
+    MachiningProcess(machining.process, process_key, time_step=scenario.time_step)
 
 
 def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:
@@ -357,8 +364,8 @@ def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:
     motion = scenario.motion
     if isinstance(motion, HoldMotion):
         q = _joints(motion.q or list(robot.home), robot, "motion.q")
-        t, rest = np.array([0.0, scenario.duration]), np.zeros((2, robot.num_joints))
-        trajectory = JointTrajectory(t, np.stack([q, q]), rest, rest)
+        t, zero_rates = np.array([0.0, scenario.duration]), np.zeros((2, robot.num_joints))
+        trajectory = JointTrajectory(t, np.stack([q, q]), zero_rates, zero_rates)
     elif isinstance(motion, JointSineMotion):
         trajectory = _joint_sines(motion, scenario.duration, robot)
     elif isinstance(motion, FourierMotion):
@@ -372,12 +379,13 @@ def make_trajectory(scenario: Scenario, robot: Robot) -> JointTrajectory:
     return trajectory
 
 
-def _joints(values: list[float], robot: Robot, place: str) -> Array:
+def _joints(values: list[float], robot: Robot, key: str) -> Array:
+    """(n,) from one number for all joints or one each, of the scenario's `key`."""
     array = np.array(values, dtype=np.float64)
     n = robot.num_joints
     if array.shape not in ((1,), (n,)) or not np.all(np.isfinite(array)):
         raise InputError(
-            "scenario", place, f"{values}, expected {n} numbers ({robot.name} has {n} joints)"
+            "scenario", key, f"{values}, expected {n} numbers ({robot.name} has {n} joints)"
         )
     return np.broadcast_to(array, n).copy()
 
@@ -403,10 +411,10 @@ def _joint_sines(motion: JointSineMotion, duration: float, robot: Robot) -> Join
 
 
 def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
-    plain = FourierCoefficients(
+    coefficients = FourierCoefficients(
         robot.name, motion.base_frequency, motion.centre, motion.sine, motion.cosine
     )
-    series = FourierTrajectory.from_coefficients(plain, "scenario: motion")
+    series = FourierTrajectory.from_coefficients(coefficients, "scenario: motion")
     if series.num_joints != robot.num_joints or motion.periods < 1:
         raise InputError(
             "scenario",
@@ -419,11 +427,11 @@ def _fourier(motion: FourierMotion, robot: Robot) -> JointTrajectory:
 
 def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     if motion.time_law not in TIME_LAWS:
-        known = ", ".join(TIME_LAWS)
+        choices = ", ".join(TIME_LAWS)
         raise InputError(
             "scenario",
             "motion.time_law",
-            f'"{motion.time_law}", expected {known}',
+            f'"{motion.time_law}", expected {choices}',
             nearest(motion.time_law, TIME_LAWS),
         )
     if not motion.one_way > 0 or motion.passes < 1 or not motion.start >= 0:
@@ -444,13 +452,13 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
     # A whole number of steps one way, so that the turning point is one of the samples.
     step = motion.one_way / max(1, round(motion.one_way / 0.01))
     if motion.passes == 1:
-        once, count = joint_trajectory(robot, path, law, motion.one_way, seed, step), 1
+        cycle, count = joint_trajectory(robot, path, law, motion.one_way, seed, step), 1
     else:
-        there = there_and_back(law)
-        once = joint_trajectory(robot, path, there, 2 * motion.one_way, seed, step)
+        cycle_law = there_and_back(law)
+        cycle = joint_trajectory(robot, path, cycle_law, 2 * motion.one_way, seed, step)
         count = (motion.passes + 1) // 2
     # A lead-in is the end of one more time there and back.
-    first = -1 if motion.lead_in > 0 else 0
+    first_cycle = -1 if motion.lead_in > 0 else 0
     if not 0 <= motion.lead_in <= (motion.one_way if motion.passes > 1 else 0.0):
         raise InputError(
             "scenario",
@@ -458,9 +466,14 @@ def _line(motion: LineMotion, robot: Robot) -> JointTrajectory:
             f"{motion.lead_in}, expected 0 to one_way, and two passes or more",
         )
     begin = motion.start + motion.lead_in
-    t = np.concatenate([begin + k * once.duration + once.t for k in range(first, count)])
+    t = np.concatenate([begin + k * cycle.duration + cycle.t for k in range(first_cycle, count)])
     end = begin + motion.passes * motion.one_way
-    keep = np.concatenate([[True], np.diff(t) > 1e-9])
-    keep &= (t >= motion.start - 1e-9) & (t <= end + 1e-9)
-    q, v, vdot = (np.tile(x, (count - first, 1))[keep] for x in (once.q, once.v, once.vdot))
-    return JointTrajectory(t[keep], q, v, vdot)
+    is_in_motion = np.concatenate([[True], np.diff(t) > 1e-9])
+    is_in_motion &= (t >= motion.start - 1e-9) & (t <= end + 1e-9)
+    num_cycles = count - first_cycle
+    return JointTrajectory(
+        t=t[is_in_motion],
+        q=np.tile(cycle.q, (num_cycles, 1))[is_in_motion],
+        v=np.tile(cycle.v, (num_cycles, 1))[is_in_motion],
+        vdot=np.tile(cycle.vdot, (num_cycles, 1))[is_in_motion],
+    )

@@ -1,4 +1,4 @@
-"""Workpieces in the cell: where they stand, their exact surface, their contact geometry."""
+"""Workpieces in the cell: their pose, their exact surface, their contact geometry."""
 
 import math
 from typing import Any
@@ -50,18 +50,19 @@ def pose_of_workpiece(workpiece: PlateConfig | BladeConfig) -> RigidTransform:
 def process_contact(
     workpiece: PlateConfig | BladeConfig, ends: tuple[list[float], list[float]]
 ) -> WorkpieceContact:
-    """What machining's process must know of a workpiece: how its contact gives way, and where.
+    """The contact law and the pose of a workpiece, for the machining process.
 
     Args:
         ends: (u, v) where the path begins and ends.
     """
     X_WP = pose_of_workpiece(workpiece)
-    p_PS = surface_of(workpiece).at(*np.transpose(ends)).p
+    u, v = np.transpose(ends)
+    p_PS = surface_of(workpiece).at(u, v).p
     # A point of a plate is a spring; a ball of modulus E on a rigid surface presses by pi E d^2.
-    spring = isinstance(workpiece, PlateConfig)
+    is_spring = isinstance(workpiece, PlateConfig)
     return WorkpieceContact(
         workpiece.stiffness if isinstance(workpiece, PlateConfig) else math.pi * workpiece.modulus,
-        1.0 if spring else 2.0,
+        1.0 if is_spring else 2.0,
         workpiece.friction,
         np.array(X_WP.rotation().matrix()),
         np.array(X_WP.translation()),
@@ -70,7 +71,7 @@ def process_contact(
 
 
 def contact_material(stiffness: float, dissipation: float, friction: float) -> ProximityProperties:
-    """Of one of two alike materials that meet with this stiffness: each gives way by half."""
+    """The material of one of two equal bodies that meet with this stiffness, N/m."""
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=dissipation,
@@ -82,14 +83,14 @@ def contact_material(stiffness: float, dissipation: float, friction: float) -> P
 
 
 def soft_tip(blade: BladeConfig, radius: float) -> ProximityProperties:
-    """Of a ball that gives way where it meets the blade: contact is a patch, and smooth."""
+    """The material of a ball that yields to the blade: contact is a patch, and smooth."""
     properties = _patch_material(blade)
     AddCompliantHydroelasticProperties(_TIP_RESOLUTION * radius, blade.modulus, properties)
     return properties
 
 
 def add_workpiece(plant: MultibodyPlant, workpiece: PlateConfig | BladeConfig) -> None:
-    """Fixes it in the world, see `add_plate` and `add_blade`."""
+    """Fixes a workpiece in the world, see `add_plate` and `add_blade`."""
     if isinstance(workpiece, BladeConfig):
         add_blade(plant, workpiece)
     else:
@@ -97,21 +98,21 @@ def add_workpiece(plant: MultibodyPlant, workpiece: PlateConfig | BladeConfig) -
 
 
 def add_plate(plant: MultibodyPlant, plate: PlateConfig) -> None:
-    """Fixes a plate in the world: a box to see and to touch, on a column that is only seen."""
+    """Fixes a plate in the world: a box that is drawn and touched, on a post that is only drawn."""
     X_WP = pose_of_workpiece(plate)
     X_WG = X_WP @ RigidTransform([0.0, 0.0, -0.5 * plate.size[2]])
     body, shape = plant.world_body(), Box(*plate.size)
     material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
     plant.RegisterCollisionGeometry(body, X_WG, shape, "workpiece", material)
     plant.RegisterVisualGeometry(body, X_WG, shape, "workpiece", _PLATE_COLOUR)
-    # What it stands on, only drawn: a post that ends below the plate, however that is tilted.
-    x, y, below = (X_WP @ RigidTransform([0.0, 0.0, -plate.size[2]])).translation()
+    # The post, only drawn, ends below the plate, however that is tilted.
+    x, y, z_bottom = (X_WP @ RigidTransform([0.0, 0.0, -plate.size[2]])).translation()
     upright = max(0.2, float(X_WP.rotation().matrix()[2, 2]))
-    _add_post(plant, x, y, float(below) - _POST_RADIUS * math.sqrt(1.0 / upright**2 - 1.0))
+    _add_post(plant, x, y, float(z_bottom) - _POST_RADIUS * math.sqrt(1.0 / upright**2 - 1.0))
 
 
 def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
-    """Fixes a blade in the world: a rigid surface of triangles, to see and to touch.
+    """Fixes a blade in the world: a rigid surface of triangles, drawn and touched.
 
     Raises:
         InputError: a mesh size that is not positive, or a dimension out of range.
@@ -131,13 +132,13 @@ def add_blade(plant: MultibodyPlant, blade: BladeConfig) -> None:
     plant.RegisterVisualGeometry(body, X_WP, _mesh(surface, 121, 41), "workpiece", _BLADE_COLOUR)
     points = mesh(surface, 121, 41)[0] @ X_WP.rotation().matrix().T + X_WP.translation()
     x, y, _ = points.mean(axis=0)
-    above = np.hypot(points[:, 0] - x, points[:, 1] - y) < _POST_RADIUS
-    if above.any():
-        _add_post(plant, x, y, float(points[above, 2].min()))
+    is_over_post = np.hypot(points[:, 0] - x, points[:, 1] - y) < _POST_RADIUS
+    if is_over_post.any():
+        _add_post(plant, x, y, float(points[is_over_post, 2].min()))
 
 
 def _add_post(plant: MultibodyPlant, x: float, y: float, height: float) -> None:
-    """What a workpiece stands on; it is only drawn."""
+    """Adds the post that a workpiece stands on, as a picture."""
     if height > 0.02:
         X_WC = RigidTransform([x, y, 0.5 * height])
         post = Cylinder(_POST_RADIUS, height)

@@ -1,4 +1,4 @@
-"""Contact, misfit and the state of the arm, from an observer's reading."""
+"""The contact detector as a block."""
 
 from typing import cast
 
@@ -24,11 +24,13 @@ from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick
 
 DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_range")
-"""Entries of the output, as `models.detection.contact_detector.Detection`; flags are 1 or 0."""
+"""Entries of the output, in order: fields of `models.detection.contact_detector.Detection`.
+
+Flags are 1 or 0."""
 
 
 class ContactDetection(LeafSystem):
-    """Tells whether something touches the arm, and whether at E: `ContactDetector` as a block.
+    """Detects contact of the arm, and whether it is at E: `ContactDetector` as a block.
 
                          +------------------+
       v             -->  |                  |
@@ -64,7 +66,7 @@ class ContactDetection(LeafSystem):
         n = detector.num_joints
         initial = detector.initial_state()
         self._shape = initial.shape
-        self._nothing = np.zeros((1, n))
+        self._no_torque = np.zeros((1, n))
         self._v = self.DeclareVectorInputPort("v", n)
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._torque_error = self.DeclareVectorInputPort("torque_error", ERROR_ROWS * n)
@@ -93,11 +95,13 @@ class ContactDetection(LeafSystem):
         return self._detector.retuned(self._law.Eval(context), K_0)
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
+        """Takes one sample into `state`, which is changed; returns (1, 6) the detection."""
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         error = torque_error_views(self._torque_error.Eval(context), self._shape[1])
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
+        error_rows = [part[np.newaxis] for part in error]
         sample = ArmSamples(
-            TorqueError(*(part[np.newaxis] for part in error)),
+            TorqueError(*error_rows),
             self._v.Eval(context)[np.newaxis],
             transmitted,
             terms.momentum[np.newaxis],
@@ -107,18 +111,20 @@ class ContactDetection(LeafSystem):
         return detector.judge(state, sample)
 
     def _transmitted(self, context: Context) -> Array:
+        """(1, n) torque that the gears transmit, N m."""
         torque: Array = self._tau_J.Eval(context) - self._tau_f.Eval(context)
         return torque[np.newaxis]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        memory, kept = self._last.at(context)
-        if kept is not None:
-            output.SetFromVector(kept)
+        memory, last_output = self._last.at(context)
+        if last_output is not None:
+            output.SetFromVector(last_output)
             return
-        present = self._detector.reads_present_torque
-        transmitted = self._transmitted(context) if present else self._nothing
-        found = self._run(context, np.array(memory).reshape(self._shape), transmitted)
-        output.SetFromVector(found[0, : len(DETECTION)])
+        transmitted = self._no_torque
+        if self._detector.reads_present_torque:
+            transmitted = self._transmitted(context)
+        detection = self._run(context, np.array(memory).reshape(self._shape), transmitted)
+        output.SetFromVector(detection[0, : len(DETECTION)])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         memory, _ = self._last.take(context, discrete_state, self._output.Eval(context))

@@ -1,4 +1,4 @@
-"""What blocks declare alike: parameters by name, what follows from them, ports of one vector."""
+"""Declarations that blocks share: named parameters, cache entries, ports that split one vector."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -40,7 +40,7 @@ class TunedParameters:
         self.tickets: set[DependencyTicket] = tickets or {block.nothing_ticket()}
 
     def at(self, context: Context) -> dict[str, Array]:
-        """What a context holds, copied."""
+        """The parameters of a context by name, copied."""
         return {
             name: np.array(context.get_numeric_parameter(index).value()).reshape(self._shapes[name])
             for name, index in self.indices.items()
@@ -53,9 +53,10 @@ def declare_cached(
     calc: Callable[[Context], Any],
     tickets: set[DependencyTicket],
 ) -> CacheEntry:
-    """Declares what `calc` returns as an entry of the block's cache, anew when a ticket says so.
+    """Declares a cache entry that holds what `calc` returns.
 
-    `EvalAbstract(context).get_value()` of the entry is the value.
+    Drake calls `calc` again when one of `tickets` has changed. The value is
+    `EvalAbstract(context).get_value()` of the entry.
     """
 
     def write(context: Context, value: Value) -> None:
@@ -67,17 +68,24 @@ def declare_cached(
 
 def declare_parts(
     block: LeafSystem,
-    whole: Callable[[Context], Array],
+    read_vector: Callable[[Context], Array],
     sizes: Mapping[str, int],
     tickets: set[DependencyTicket],
 ) -> None:
-    """Declares output ports that are parts of one vector, from its first entry on."""
+    """Declares output ports that are consecutive parts of one vector.
+
+    Args:
+        block: that gets the ports.
+        read_vector: returns the whole vector of a context.
+        sizes: of the parts, by the names of their ports, from the vector's first entry on.
+        tickets: prerequisites of the vector.
+    """
     start = 0
     for name, size in sizes.items():
         part = slice(start, start + size)
 
         def write(context: Context, output: BasicVector, part: slice = part) -> None:
-            output.SetFromVector(whole(context)[part])
+            output.SetFromVector(read_vector(context)[part])
 
         block.DeclareVectorOutputPort(name, size, write, tickets)
         start += size

@@ -22,7 +22,7 @@ _NOTHING = np.empty(0)
 
 
 class ExternalTorqueObserver(LeafSystem):
-    """Estimates the external joint torque by the observer that it is given.
+    """Estimates the external joint torque with any observer of `models.observers`.
 
                         +------------------------+
       terms        -->  |                        | --> tau_ext
@@ -105,7 +105,7 @@ class ExternalTorqueObserver(LeafSystem):
 
     @property
     def reading_sizes(self) -> list[int]:
-        """Of tau_ext, valid and the rest in `reading`."""
+        """Sizes of the parts of `reading`: tau_ext, valid, signals of the update."""
         return [self._n, 1, signals_size(self._n)]
 
     def _tuned(self, context: Context) -> Observer:
@@ -119,14 +119,15 @@ class ExternalTorqueObserver(LeafSystem):
     def _signals(self, reading: Array) -> tuple[Array, Array]:
         """The signals and J of a reading, as views."""
         n = self._n
-        rest = reading[n + 1 :]
-        return rest[6 * n :].reshape(NUM_SIGNALS, n), rest[: 6 * n].reshape(6, n)
+        J_and_signals = reading[n + 1 :]
+        signals = J_and_signals[6 * n :].reshape(NUM_SIGNALS, n)
+        return signals, J_and_signals[: 6 * n].reshape(6, n)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         n, reading = self._n, output.get_mutable_value()
-        memory, kept = self._last.at(context)
-        if kept is not None:
-            reading[: n + 1] = kept[: n + 1]
+        memory, last_output = self._last.at(context)
+        if last_output is not None:
+            reading[: n + 1] = last_output[: n + 1]
             return
         error = _NOTHING
         if self.uses_sd and self._torque_error.HasValue(context):
@@ -142,24 +143,27 @@ class ExternalTorqueObserver(LeafSystem):
         reading[:n] = signals[TAU_EXT]
 
     def _calc_wrench(self, context: Context, output: BasicVector) -> None:
-        memory, kept = self._last.at(context)
-        if kept is not None:
-            output.SetFromVector(kept[self._n + 1 :])
+        memory, last_output = self._last.at(context)
+        if last_output is not None:
+            output.SetFromVector(last_output[self._n + 1 :])
             return
         signals, J = self._signals(self._reading.Eval(context))
         wrench = output.get_mutable_value()
         self._observer.kernels.wrench(
             self._table.EvalAbstract(context).get_value(),
             np.array(memory).reshape(self._state_shape),
-            *(signals, J, wrench[:6], wrench[6:].reshape(6, 6)),
+            signals,
+            J,
+            wrench[:6],
+            wrench[6:].reshape(6, 6),
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         reading = self._reading.Eval(context)
-        kept = [reading[: self._n + 1]]
+        outputs = [reading[: self._n + 1]]
         if self._has_wrench:
-            kept.append(self._wrench.Eval(context))
-        memory, _ = self._last.take(context, discrete_state, *kept)
+            outputs.append(self._wrench.Eval(context))
+        memory, _ = self._last.take(context, discrete_state, *outputs)
         signals, J = self._signals(reading)
         signals[TAU_J] = self._tau_J.Eval(context)
         table = self._table.EvalAbstract(context).get_value()

@@ -1,4 +1,4 @@
-"""A scripted wrench at the tool."""
+"""A scripted wrench at the tool, as a block."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,7 +1,7 @@
 """A force/torque sensor between flange and tool."""
 
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -38,6 +38,30 @@ class ForceTorqueSensorConfig:
     cutoff: float = 0.0  # Hz at -3 dB; 0: no filter
     order: int = 1  # of the Butterworth low-pass; 1 is a single exact pole
     compensation: float = 1.0  # share of the tool's mass and inertia that is taken off
+
+
+class SensorConstants(NamedTuple):
+    """The constants of a sensor, for `models.truth.arm_tick`.
+
+    Attributes:
+        tool: of `tool_table`.
+        A, B, C: of the low-pass filter.
+        noise_sd: (6,) N m, N.
+        noise_seed: -1 for no noise.
+    """
+
+    tool: Array
+    A: Array
+    B: Array
+    C: Array
+    noise_sd: Array
+    noise_seed: int
+
+
+NO_SENSOR = SensorConstants(
+    np.empty((0, 3)), np.empty((0, 0)), np.empty(0), np.empty(0), np.zeros(6), -1
+)
+"""Stands for a sensor where there is none."""
 
 
 class ForceTorqueSensor(LeafSystem):
@@ -90,7 +114,12 @@ class ForceTorqueSensor(LeafSystem):
         LeafSystem.__init__(self)
         self._noise, self._seed, self._time_step = np.zeros(6), seed, time_step
         if not (config.force_noise_sd >= 0 and config.moment_noise_sd >= 0):
-            raise InputError("force/torque sensor", "noise", "a standard deviation is negative")
+            raise InputError(
+                "force/torque sensor",
+                "noise",
+                f"standard deviations {config.force_noise_sd:g} N and "
+                f"{config.moment_noise_sd:g} N m, expected 0 or more",
+            )
         self._weld = int(tool_weld)
         self._tool = _tool_constants(plant, tool_weld, frame_E, config.compensation)
         self._filter = LowPass.butterworth(config.cutoff, config.order, time_step)
@@ -118,10 +147,16 @@ class ForceTorqueSensor(LeafSystem):
         return self._weld
 
     @property
-    def constants(self) -> tuple[Array, Array, Array, Array, Array, int]:
-        """Tool, filter's A, B, C and noise_sd as they were given; the noise's seed, -1 for none."""
-        lowpass, seed = self._filter, -1 if self._seed is None else self._seed
-        return self._tool, lowpass.A, lowpass.B, lowpass.C, self._default_noise_sd, seed
+    def constants(self) -> SensorConstants:
+        """The constants as given, whatever a context holds."""
+        return SensorConstants(
+            tool=self._tool,
+            A=self._filter.A,
+            B=self._filter.B,
+            C=self._filter.C,
+            noise_sd=self._default_noise_sd,
+            noise_seed=-1 if self._seed is None else self._seed,
+        )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
@@ -129,7 +164,10 @@ class ForceTorqueSensor(LeafSystem):
             gaussian_noise(self._seed, tick_of(context.get_time(), self._time_step), self._noise)
         measure_contact_wrench(
             ToolSensor(
-                *(self._tool, self._filter.A, self._filter.B, self._filter.C),
+                self._tool,
+                self._filter.A,
+                self._filter.B,
+                self._filter.C,
                 context.get_numeric_parameter(self._noise_sd).value(),
             ),
             terms.J,
@@ -145,9 +183,9 @@ class ForceTorqueSensor(LeafSystem):
 
 
 def _tool_constants(
-    plant: MultibodyPlant, tool_weld: JointIndex, frame_E: Frame, known: float
+    plant: MultibodyPlant, tool_weld: JointIndex, frame_E: Frame, compensation: float
 ) -> Array:
-    """The tool seen from E, its mass and inertia times `known`."""
+    """The `tool_table` of a tool, with its mass and inertia times `compensation`."""
     joint = plant.get_joint(tool_weld)
     body = joint.child_body()
     context = plant.CreateDefaultContext()
@@ -157,9 +195,9 @@ def _tool_constants(
     inertia = body.default_spatial_inertia()
     about_C = inertia.Shift(inertia.get_com()).CalcRotationalInertia().ReExpress(X_EB.rotation())
     return tool_table(
-        known * inertia.get_mass(),
+        compensation * inertia.get_mass(),
         X_EB @ inertia.get_com(),
-        known * about_C.CopyToFullMatrix3(),
+        compensation * about_C.CopyToFullMatrix3(),
         plant.gravity_field().gravity_vector(),
         X_EJ.rotation().matrix(),
         X_EJ.translation(),

@@ -1,4 +1,4 @@
-"""A friction law as a block, whatever its kind."""
+"""A friction law as a block."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -17,7 +17,7 @@ from wrenchsight.systems.declarations import TunedParameters, declare_cached
 
 
 class FrictionLawSystem(LeafSystem):
-    """Predicts the friction torque of every joint by the law that it is given.
+    """Predicts the friction torque of every joint with any law of `models.friction`.
 
     The article's semi-parametric law (Lu et al., eq. 12; `models.friction.velocity_friction`) and
     the one with memory (`models.friction.presliding_friction`) are
@@ -52,7 +52,7 @@ class FrictionLawSystem(LeafSystem):
                  `models.friction.slip_elements`. Networks are fixed
 
     Position or velocity that is not finite gives a torque that is not finite, which the observer
-    flags; the law keeps what it knew, and the displacement over the gap counts afterwards.
+    flags. The law keeps its state, and the displacement over the gap counts afterwards.
 
     Args:
         law: of `wrenchsight.models.friction`.

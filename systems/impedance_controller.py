@@ -1,4 +1,4 @@
-"""Impedance of the tool, with a controlled force along one direction."""
+"""Impedance control of the tool, with a controlled force along one direction."""
 
 from dataclasses import dataclass, field
 from typing import cast
@@ -56,7 +56,7 @@ class ImpedanceConfig:
 
 
 class ImpedanceController(LeafSystem):
-    """Makes the tool a spring and damper around a moving pose, and presses with a set force.
+    """Moves the tool as a spring and damper around a moving pose, and presses with a set force.
 
         tau = Jᵀ(F_spring + F_damper - d F_press) + Cv + G + M vdot_d + tau_f(v_d) + tau_null
         F_spring = -Aᵀ K e          e: pose of E relative to D, exact for large rotations
@@ -158,10 +158,9 @@ class ImpedanceController(LeafSystem):
             direction_in_E=_in_E(force.axes, "force.axes"),
             has_force=self._has_force,
         )
-        self._stiffness, self._damping, self._force_gains = (
-            self.DeclareNumericParameter(BasicVector(values))
-            for values in (stiffness.ravel(), damping.ravel(), np.array(gains))
-        )
+        self._stiffness = self.DeclareNumericParameter(BasicVector(stiffness.ravel()))
+        self._damping = self.DeclareNumericParameter(BasicVector(damping.ravel()))
+        self._force_gains = self.DeclareNumericParameter(BasicVector(np.array(gains)))
         self._terms = self.DeclareAbstractInputPort("terms", AbstractValue.Make(object()))
         self._pose_reference = self.DeclareVectorInputPort("pose_reference", POSE_REFERENCE_SIZE)
         self._reference = self.DeclareVectorInputPort("reference", 3 * n)
@@ -203,22 +202,21 @@ class ImpedanceController(LeafSystem):
         rates = np.linalg.eigvals(J @ np.linalg.solve(M, J.T) @ turn @ B @ turn.T)
         return float(self._time_step * np.abs(rates).max())
 
-    def _presses(self, context: Context) -> bool:
+    def _controls_force(self, context: Context) -> bool:
         return self._has_force and _is_on(self._force_active, context)
 
     def _calc_law(self, context: Context) -> Record:
         law = self._default_law.copy()
-        law["stiffness"], law["damping"] = (
-            context.get_numeric_parameter(i).CopyToVector().reshape(6, 6)
-            for i in (self._stiffness, self._damping)
-        )
+        stiffness = context.get_numeric_parameter(self._stiffness).CopyToVector()
+        damping = context.get_numeric_parameter(self._damping).CopyToVector()
+        law["stiffness"], law["damping"] = stiffness.reshape(6, 6), damping.reshape(6, 6)
         gains = context.get_numeric_parameter(self._force_gains).CopyToVector()
         law["proportional"], law["integral"], law["integral_limit"] = gains
         return law
 
     @property
     def law(self) -> Record:
-        """What `impedance_action` reads that no tick changes, with the gains as given."""
+        """The constants of `impedance_action`, with the gains as given."""
         return self._default_law
 
     @property
@@ -234,7 +232,7 @@ class ImpedanceController(LeafSystem):
             terms.record,
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
-            self._presses(context),
+            self._controls_force(context),
             _is_on(self._feedback_valid, context),
             self._force_setpoint.Eval(context)[0] if has_force else 0.0,
             self._wrench.Eval(context) if has_force else _NO_WRENCH,
@@ -251,9 +249,9 @@ def _is_on(port: InputPort, context: Context) -> bool:
     return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
 
 
-def _in_E(axes: str, place: str) -> bool:
+def _in_E(axes: str, key: str) -> bool:
     if axes not in ("W", "E"):
-        raise InputError("impedance", place, f"{axes!r}, expected W or E")
+        raise InputError("impedance", key, f"{axes!r}, expected W or E")
     return axes == "E"
 
 
@@ -261,20 +259,24 @@ def _unit(direction: ArrayLike) -> Array:
     vector = np.array(direction, dtype=np.float64)
     length = float(np.linalg.norm(vector))
     if vector.shape != (3,) or not (np.isfinite(length) and length > 1e-9):
-        raise InputError("impedance", "force.direction", f"{vector.tolist()} is no direction")
+        raise InputError(
+            "impedance",
+            "force.direction",
+            f"{vector.tolist()}, expected three numbers, not all of them zero",
+        )
     return vector / length
 
 
-def _matrix(value: ArrayLike, place: str) -> Array:
+def _matrix(value: ArrayLike, key: str) -> Array:
     """(6, 6), rotation first, from a diagonal or a matrix with translation first."""
     array = np.array(value, dtype=np.float64)
     if array.shape == (6,):
         array = np.diag(array)
     if array.shape != (6, 6) or not np.all(np.isfinite(array)):
-        raise InputError("impedance", place, "expected 6 numbers (the diagonal) or 6 x 6")
+        raise InputError("impedance", key, "expected 6 numbers (the diagonal) or 6 x 6")
     scale = max(float(np.abs(array).max()), 1e-12)
     if np.abs(array - array.T).max() > 1e-9 * scale:
-        raise InputError("impedance", place, "expected a symmetric matrix")
+        raise InputError("impedance", key, "expected a symmetric matrix")
     if np.linalg.eigvalsh(array)[0] < -1e-9 * scale:
-        raise InputError("impedance", place, "expected no negative eigenvalue")
+        raise InputError("impedance", key, "expected no negative eigenvalue")
     return np.ascontiguousarray(array[np.ix_(FORCE_FIRST, FORCE_FIRST)])

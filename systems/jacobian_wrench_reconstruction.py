@@ -1,4 +1,4 @@
-"""External joint torque to the wrench at the tool."""
+"""The wrench at the tool from the external joint torque, as a block."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -111,7 +111,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         self._last: LastTick | None = None
         self._initial = reading.initial_state()
         self.reading_sizes = list(_PARTS.values())
-        """Of wrench, covariance, condition number and valid, and of the rest, in `reading`."""
+        """Sizes of the parts of `reading`: wrench, covariance, condition_number, valid, state."""
         if time_step > 0.0:
             self.reading_sizes.append(len(self._initial))
             self._last = LastTick(self, self._initial, time_step, sum(self.reading_sizes))
@@ -126,7 +126,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
     def _calc_tables(self, context: Context) -> tuple[Tables, Array]:
-        """Of the reading; and the torque error where none is connected."""
+        """The tables of the reading, and the torque error for an unconnected port."""
         K_0 = None
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
@@ -141,9 +141,9 @@ class JacobianWrenchReconstruction(LeafSystem):
         if self._last is None:
             state = self._initial.copy()
         else:
-            memory, kept = self._last.at(context)
-            if kept is not None:
-                out[:] = kept
+            memory, last_output = self._last.at(context)
+            if last_output is not None:
+                out[:] = last_output
                 return
             state = out[READING:]
             state[:] = memory
@@ -154,15 +154,23 @@ class JacobianWrenchReconstruction(LeafSystem):
         else:
             error[3 * self._n : 9 * self._n] = J.ravel()
         observed = self._observed.Eval(context) if self._observed.HasValue(context) else _NOTHING
-        counts = not self._tau_ext_valid.HasValue(context) or (
+        is_counted = not self._tau_ext_valid.HasValue(context) or (
             self._tau_ext_valid.Eval(context).item() == 1.0
         )
-        lost = self._fault.HasValue(context) and (
+        is_implausible = self._fault.HasValue(context) and (
             int(self._fault.Eval(context).item()) & BEYOND != 0
         )
         read_sample(
-            *(tables, state, error, J, self._tau_ext.Eval(context), counts, lost),
-            *(observed, out[:READING], self._work),
+            tables,
+            state,
+            error,
+            J,
+            self._tau_ext.Eval(context),
+            is_counted,
+            is_implausible,
+            observed,
+            out[:READING],
+            self._work,
         )
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

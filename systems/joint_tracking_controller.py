@@ -1,4 +1,4 @@
-"""Tracking of a joint reference."""
+"""Tracking control of a joint reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class JointTrackingConfig:
 
 
 class JointTrackingController(LeafSystem):
-    """Makes the joints follow a reference: feed-forward of the model, feedback of the error.
+    """Makes the joints follow a reference by feed-forward of the model and feedback of the error.
 
     computed_torque:  tau = M (vdot_d + kp e + kd de/dt + ki ∫e dt) + Cv + G + tau_f(v_d)
     feedforward_pd:   tau = M vdot_d + Cv + G + tau_f(v_d) + kp e + kd de/dt + ki ∫e dt
@@ -124,13 +124,16 @@ class JointTrackingController(LeafSystem):
         return self._make_law(gains=gains)
 
     def _write_torque(self, context: Context, tau: Array) -> None:
-        """Into tau (n,), N m."""
+        """Writes the commanded torque into tau (n,), N m."""
         state = self._no_integral
         if self._integrates:
             state = context.get_discrete_state_vector().value()
         tracking_torque_of(
-            *(self._law.EvalAbstract(context).get_value(), self._terms.Eval(context).record),
-            *(self._reference.Eval(context), state, tau),
+            self._law.EvalAbstract(context).get_value(),
+            self._terms.Eval(context).record,
+            self._reference.Eval(context),
+            state,
+            tau,
         )
 
     def _calc_tau_command(self, context: Context, output: BasicVector) -> None:
@@ -139,8 +142,8 @@ class JointTrackingController(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         tau, law = np.empty(self._n), self._law.EvalAbstract(context).get_value()
         self._write_torque(context, tau)
-        wanted, q = self._reference.Eval(context)[: self._n], self._terms.Eval(context).q
-        advance_integral(law, q, wanted, tau, discrete_state.get_mutable_value())
+        q_d, q = self._reference.Eval(context)[: self._n], self._terms.Eval(context).q
+        advance_integral(law, q, q_d, tau, discrete_state.get_mutable_value())
 
 
 def _per_joint(config: JointTrackingConfig, name: str, n: int) -> Array:

@@ -26,18 +26,18 @@ class LiveRobot(LeafSystem):
     Outputs:    q        (n,) rad (m for a prismatic joint)
                 v        (n,) rad/s (m/s)
                 current  (n,) A, as the drive reports it
-    State:      none in the Context: the robot's is its own
+    State:      none in the Context; the robot keeps its state itself
 
     The samples are put on a uniform grid of `time_step`, see
     `wrenchsight.models.recordings.resampling`. At each tick the block waits for the next one, so
     that the robot sets the diagram's pace; leave the simulator's target rate at zero. Where none
     comes in time, where samples are missing, come late or the robot does not run, the signals are
-    NaN: unknown, so that an estimator reads nothing valid. A robot is there once: simulate one
+    NaN: unknown, so that an estimator reads nothing valid. There is only one robot: simulate one
     context, and forwards.
 
     Args:
         source: of the samples; whoever opened it closes it.
-        robot: whose joints they are.
+        robot: the arm whose joints are sampled.
         time_step: s, period of the ticks: the source's.
         timeout: s, longest wait for a sample.
         late: s by which a sample may come later than the quickest one.
@@ -90,10 +90,10 @@ class LiveRobot(LeafSystem):
     def _next(self) -> Array:
         deadline = time.monotonic() + self._timeout
         while not self._waiting:
-            left = deadline - time.monotonic()
-            if left <= 0.0:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0:
                 return self._unknown
-            for item in self._source.read(left):
+            for item in self._source.read(remaining):
                 if isinstance(item, Sample):
                     self._take(item)
                 else:
@@ -102,14 +102,14 @@ class LiveRobot(LeafSystem):
 
     def _take(self, sample: Sample) -> None:
         events: list[StreamEvent] = []
-        counts, anew = self._order.take(sample, events)
+        is_used, is_restart = self._order.take(sample, events)
         self.events.extend(events)
-        if not counts or sample.q.shape != (self._robot.num_joints,):
+        if not is_used or sample.q.shape != (self._robot.num_joints,):
             return
-        if anew:
+        if is_restart:
             self._grid = SampleGrid(self._time_step)
         effort = self._robot.motor_current(sample.effort) if sample.is_torque else sample.effort
         x = np.concatenate([sample.q, sample.v, effort])
-        unknown = not sample.running or self._order.is_late
-        for point in self._grid.take(GridSample(sample.t, x, unknown)):
+        is_unknown = not sample.running or self._order.is_late
+        for point in self._grid.take(GridSample(sample.t, x, is_unknown)):
             self._waiting.append(self._unknown if point.dropout else point.x)

@@ -1,4 +1,4 @@
-"""The drive's own current measurement."""
+"""The drive's current measurement, as a block."""
 
 from typing import cast
 
@@ -83,21 +83,18 @@ class MotorCurrentSensor(LeafSystem):
         self._current_true = self.DeclareVectorInputPort("current_true", n)
         state = self.DeclareDiscreteState(np.full(n, np.nan))
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
-        self.DeclareVectorOutputPort(
-            "current",
-            n,
-            self._calc_current,
-            {
-                self._current_true.ticket(),
-                self.discrete_state_ticket(state),
-                self._table.ticket(),
-                *([] if seed is None else [self.time_ticket()]),
-            },
-        )
+        prerequisites = {
+            self._current_true.ticket(),
+            self.discrete_state_ticket(state),
+            self._table.ticket(),
+        }
+        if seed is not None:
+            prerequisites.add(self.time_ticket())
+        self.DeclareVectorOutputPort("current", n, self._calc_current, prerequisites)
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return self._n
 
     @property

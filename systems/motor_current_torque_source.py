@@ -1,4 +1,4 @@
-"""Motor current to joint torque."""
+"""Joint torque from motor current, as a block."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,7 @@ class MotorCurrentTorqueSource(LeafSystem):
         torque_per_ampere: (n,) N m/A, positive.
         current_sign: (n,) +1 or -1: which way the drive counts. Fixed.
         motor_rates: (n, n) D with v_motor = D v_joint where motors move several joints each: then
-            tau_J = D^T (gain current). None: each its own.
+            tau_J = D^T (gain current). None: one motor a joint.
 
     Raises:
         ValueError: a gain is not positive and finite, or a sign is neither +1 nor -1.
@@ -61,7 +61,7 @@ class MotorCurrentTorqueSource(LeafSystem):
 
     @classmethod
     def of(cls, robot: Robot) -> "MotorCurrentTorqueSource":
-        """That of a robot's drives."""
+        """The torque source of a robot's drives."""
         rates = robot.motor_rates if robot.is_coupled else None
         return cls(robot.torque_per_ampere, robot.current_sign, rates)
 

@@ -1,4 +1,4 @@
-"""A joint trajectory as a reference."""
+"""A joint trajectory as a reference, as a block."""
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -29,7 +29,7 @@ class PathReference(LeafSystem):
 
     @property
     def trajectory(self) -> JointTrajectory:
-        """What is played."""
+        """The trajectory that is played."""
         return self._trajectory
 
     def _calc_reference(self, context: Context, output: BasicVector) -> None:

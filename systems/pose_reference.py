@@ -1,4 +1,4 @@
-"""A joint reference as a reference for E."""
+"""A reference for E from a joint reference, as a block."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -9,7 +9,7 @@ POSE_REFERENCE_SIZE = 18
 
 
 class PoseReference(LeafSystem):
-    """Where a joint reference takes E, for a controller that works at the tool.
+    """Computes the pose and velocity of E along a joint reference, for a controller of the tool.
 
                       +---------------+
       reference  -->  | PoseReference | --> pose_reference

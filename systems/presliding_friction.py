@@ -1,4 +1,4 @@
-"""Joint friction with memory from joint position, velocity and motor torque."""
+"""Joint friction with memory as a block."""
 
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.systems.friction_law import FrictionLawSystem

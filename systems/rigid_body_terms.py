@@ -1,4 +1,4 @@
-"""The terms of the equation of motion, computed once a tick for all who need them."""
+"""The terms of the equation of motion, computed once a tick for all blocks that read them."""
 
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem

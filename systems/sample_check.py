@@ -1,4 +1,4 @@
-"""Samples checked against what the joints can do."""
+"""The check of samples against the joints' limits, as a block."""
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -18,7 +18,7 @@ from wrenchsight.systems.last_tick import LastTick
 
 
 class SampleCheckSystem(LeafSystem):
-    """Passes on possible samples of the joints, and NaN in place of impossible ones.
+    """Passes on plausible samples of the joints, and NaN in place of impossible ones.
 
                     +-------------------+
       q        -->  |                   | --> motion
@@ -51,13 +51,13 @@ class SampleCheckSystem(LeafSystem):
         initial = np.empty((0, n)) if check is None else check.initial_state()
         self._shape = initial.shape
         self._checked = np.empty((3, n))  # nothing in it outlives a call
-        self._q, self._v, self._current = (
-            self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
-        )
+        self._q = self.DeclareVectorInputPort("q", n)
+        self._v = self.DeclareVectorInputPort("v", n)
+        self._current = self.DeclareVectorInputPort("current", n)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         self._sizes = [1, 2 * n, n, n]
         self._motion_size = sum(self._sizes)
-        # Kept: `motion`, whose end is q and v checked, and behind them the checked current.
+        # Stored: `motion`, which ends with the checked q and v; then the checked current.
         self._last = LastTick(self, initial, time_step, self._motion_size + n)
         motion = self._last.tickets | {self._q.ticket(), self._v.ticket()}
         self._motion = self.DeclareVectorOutputPort(
@@ -70,14 +70,14 @@ class SampleCheckSystem(LeafSystem):
 
     @property
     def motion_sizes(self) -> list[int]:
-        """Of fault, q and v as they came, q and v in `motion`."""
+        """Sizes of the parts of `motion`: fault; q and v as received; q; v."""
         return list(self._sizes)
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        memory, kept = self._last.at(context)
+        memory, last_output = self._last.at(context)
         motion, n = output.get_mutable_value(), self._n
-        if kept is not None:
-            motion[:] = kept[: self._motion_size]
+        if last_output is not None:
+            motion[:] = last_output[: self._motion_size]
             return
         motion[1 : n + 1] = q = self._q.Eval(context)
         motion[n + 1 : 2 * n + 1] = v = self._v.Eval(context)
@@ -91,15 +91,18 @@ class SampleCheckSystem(LeafSystem):
         )
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        memory, kept = self._last.at(context)
-        if kept is not None:
-            output.SetFromVector(kept[-self._n :])
+        memory, last_output = self._last.at(context)
+        if last_output is not None:
+            output.SetFromVector(last_output[-self._n :])
             return
         current = self._current.Eval(context)
         if self._check is not None:
             check_current(
-                *(self._check.table, memory.reshape(self._shape), self._time_step),
-                *(current, self._checked),
+                self._check.table,
+                memory.reshape(self._shape),
+                self._time_step,
+                current,
+                self._checked,
             )
             current = self._checked[2]
         output.SetFromVector(current)
@@ -107,10 +110,14 @@ class SampleCheckSystem(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         n, motion = self._n, self._motion.Eval(context)
         current = self._checked_current.Eval(context)
-        memory, kept = self._last.take(context, discrete_state, motion, current)
+        memory, outputs = self._last.take(context, discrete_state, motion, current)
         if self._check is not None:
             take_sample(
-                *(self._check.table, memory.reshape(self._shape), self._time_step),
-                *(motion[1 : n + 1], motion[n + 1 : 2 * n + 1], self._current.Eval(context)),
-                kept[2 * n + 1 :].reshape(3, n),
+                self._check.table,
+                memory.reshape(self._shape),
+                self._time_step,
+                motion[1 : n + 1],
+                motion[n + 1 : 2 * n + 1],
+                self._current.Eval(context),
+                outputs[2 * n + 1 :].reshape(3, n),
             )

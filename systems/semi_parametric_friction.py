@@ -1,4 +1,4 @@
-"""Joint friction from joint velocity."""
+"""Joint friction without memory as a block."""
 
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.systems.friction_law import FrictionLawSystem

@@ -1,4 +1,4 @@
-"""How far the observer may be off, as a block: for the reading and the contact detector."""
+"""The error of the observed torque, as a block: for the wrench and the contact detector."""
 
 from typing import cast
 
@@ -96,8 +96,9 @@ class TorqueErrorSystem(LeafSystem):
         return error, state
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
-        if (kept := self._last.at(context)[1]) is not None:
-            output.SetFromVector(kept)
+        _, last_output = self._last.at(context)
+        if last_output is not None:
+            output.SetFromVector(last_output)
             return
         error, _ = self._tick.EvalAbstract(context).get_value()
         output.SetFromVector(error)

@@ -75,10 +75,10 @@ class WrenchArrows(LeafSystem):
         p_WE = self._terms.Eval(context).p_WE
         t = context.get_time()
         for name, port in self._wrenches.items():
-            self._place(f"{PATH}/{name}", p_WE, self._scale * port.Eval(context)[3:], t)
+            self._draw_arrow(f"{PATH}/{name}", p_WE, self._scale * port.Eval(context)[3:], t)
         return EventStatus.Succeeded()
 
-    def _place(self, path: str, p_WE: Array, arrow: Array, t: float) -> None:
+    def _draw_arrow(self, path: str, p_WE: Array, arrow: Array, t: float) -> None:
         X_WA, shaft, head = arrow_pose(p_WE, arrow)
         self._meshcat.SetTransform(path, X_WA, t)
         # A transform takes a scale that was set before with it.

@@ -1,5 +1,7 @@
 """The whole estimator in one block."""
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
@@ -10,7 +12,7 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.arrays import Array
-from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
     tick_sizes,
@@ -33,8 +35,36 @@ from wrenchsight.systems.declarations import TunedParameters, declare_cached, de
 from wrenchsight.systems.last_tick import LastTick
 
 
+class _ReadSample(NamedTuple):
+    """The sample of the last reading.
+
+    The update of the same tick recognises it by its number, and need not ask Drake for it again.
+    """
+
+    number: float
+    packed: Packed
+    q: Array
+    v: Array
+
+
+class TickArguments(NamedTuple):
+    """The arguments of `tick_update` besides a sample and the state.
+
+    Attributes:
+        choice: of the kernels.
+        packed: the estimator's constants.
+        known: what an air pass taught, written by `WrenchEstimatorSystem.read`.
+        scratch: memory that is overwritten.
+    """
+
+    choice: KernelChoice
+    packed: Packed
+    known: Array
+    scratch: Array
+
+
 class WrenchEstimatorSystem(LeafSystem):
-    """What `diagrams.estimator.make_estimator` builds out of blocks, as one: for production.
+    """Estimates the wrench as `diagrams.estimator.make_estimator` does, in one block.
 
                         +-----------------------+ --> tau_ext
       q            -->  |                       | --> wrench
@@ -52,6 +82,8 @@ class WrenchEstimatorSystem(LeafSystem):
                 reading  the first five one after the other, in this order, then what the update
                          takes and the number of the reading, in one port; Drake's Demultiplexer
                          splits it with `reading_sizes`
+                pole     (n,) 1/s of the observer, below 0 for one without
+                law      FrictionLaw (abstract) as it is now
     State:      `WrenchEstimator.initial_state`
     Parameters: `parameters` has their indices, by the name that they have in the diagram:
                 motor.torque_per_ampere, friction.* of the law, observer.* of the observer,
@@ -61,7 +93,7 @@ class WrenchEstimatorSystem(LeafSystem):
     Between two ticks the outputs are those of the last one.
 
     The numbers are those of the diagram and of `WrenchEstimator.run`: the same kernels compute
-    them. A tick takes two calls into Python, in the place of some fifteen.
+    them. A tick takes two calls into Python instead of some fifteen: this block is for production.
 
     Args:
         estimator: robot, model and configuration.
@@ -89,15 +121,15 @@ class WrenchEstimatorSystem(LeafSystem):
         )
         self.parameters = self._parameters.indices
         parameters = self._parameters.tickets
-        self._q, self._v, self._current = (
-            self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
-        )
+        self._q = self.DeclareVectorInputPort("q", n)
+        self._v = self.DeclareVectorInputPort("v", n)
+        self._current = self.DeclareVectorInputPort("current", n)
         self._initial = estimator.initial_state()
         self.DeclarePeriodicDiscreteUpdateEvent(estimator.observer.time_step, 0.0, self._update)
         # They change only with the parameters.
         self._tuned = declare_cached(self, "constants, law and pole", self._calc_tuned, parameters)
         self._size = sum(self.reading_sizes)
-        # Kept: `reading`, the checked current.
+        # Stored: `reading`, the checked current.
         period = estimator.observer.time_step
         self._last = LastTick(self, self._initial, period, self._size + n)
         prerequisites = self._last.tickets | {
@@ -131,44 +163,40 @@ class WrenchEstimatorSystem(LeafSystem):
         # Memory that is settled once; nothing in it outlives a call.
         self._known = np.zeros((KNOWN_TAU_F + self._planned if taught else 0, n))
         self._unread = np.zeros(n)
-        # Of the last reading: its number, constants, q and v. The update of the same tick, which
-        # knows it by its number, need not ask Drake for them.
-        self._read_last: tuple[float, Packed, Array, Array] = (
-            *(0.0, estimator.packed, self._unread, self._unread),
-        )
+        self._last_sample = _ReadSample(0.0, estimator.packed, self._unread, self._unread)
         self._checked = np.zeros((3, n))
         self._scratch = np.empty(workspace_size(n))
         self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
 
     @property
     def estimator(self) -> WrenchEstimator:
-        """Robot, model and configuration."""
+        """The estimator that the block was made of."""
         return self._estimator
 
     @property
     def tick_sizes(self) -> list[int]:
-        """Of tau_ext, wrench, covariance, condition_number, valid and the rest of a Tick."""
+        """Sizes: tau_ext, wrench, covariance, condition_number, valid; all else of a Tick."""
         sizes = list(tick_sizes(self._n).values())
         return [*sizes[:5], sum(sizes[5:])]
 
     @property
     def reading_sizes(self) -> list[int]:
-        """Of `tick_sizes`, and of the number of the reading, in `reading`."""
+        """Sizes of the parts of `reading`: `tick_sizes`, and the number of the reading."""
         return [*self.tick_sizes, 1]
 
     def _calc_tuned(self, context: Context) -> tuple[Packed, FrictionLaw, Array | None]:
         estimator, values = self._estimator, self._parameters.at(context)
 
-        def own(part: str) -> dict[str, Array]:
+        def parameters_of(prefix: str) -> dict[str, Array]:
             return {
-                name.removeprefix(part): found
-                for name, found in values.items()
-                if name.startswith(part)
+                name.removeprefix(prefix): value
+                for name, value in values.items()
+                if name.startswith(prefix)
             }
 
-        observer = estimator.observer.with_parameters(own("observer."))
-        reading = estimator.reading.with_parameters(own("reconstruction."), observer.pole)
-        law = self._law.with_parameters(own("friction."))
+        observer = estimator.observer.with_parameters(parameters_of("observer."))
+        reading = estimator.reading.with_parameters(parameters_of("reconstruction."), observer.pole)
+        law = self._law.with_parameters(parameters_of("friction."))
         gain = values["motor.torque_per_ampere"]
         return estimator.packed_with(gain, law, observer, reading), law, observer.pole
 
@@ -180,7 +208,7 @@ class WrenchEstimatorSystem(LeafSystem):
         value.set_value(self._tuned.EvalAbstract(context).get_value()[1])
 
     def initial_state(self) -> Array:
-        """Flat: before the first sample."""
+        """The estimator's state before the first sample, flat."""
         return self._initial.copy()
 
     @property
@@ -189,11 +217,9 @@ class WrenchEstimatorSystem(LeafSystem):
         return self._estimator.packed
 
     @property
-    def taking(self) -> tuple[KernelChoice, Packed, Array, Array]:
-        """What `tick_update` is given of an estimator as it was given, beside a sample and state:
-        choice, constants, `known` and scratch memory.
-        """
-        return self._choice, self._estimator.packed, self._known, self._scratch
+    def tick_arguments(self) -> TickArguments:
+        """The arguments of `tick_update` for the estimator as it was given."""
+        return TickArguments(self._choice, self._estimator.packed, self._known, self._scratch)
 
     def read(
         self,
@@ -202,34 +228,36 @@ class WrenchEstimatorSystem(LeafSystem):
         q: Array,
         v: Array,
         current: Array,
-        taught: tuple[Array, Array, float, Array] | None,
+        taught: Taught | None,
         reading: Array,
     ) -> None:
-        """The first half of a tick: writes the port `reading` of a sample; `state` stays.
+        """Computes the first half of a tick: writes `reading`, and leaves `state` as it is.
 
         Args:
             packed: constants.
             state: flat.
             q, v, current: (n,); current counts where the observer reads the present torque.
-            taught: tau_correction (n,), v_planned (n,), counts and sd (n,), as `Taught`; None where
-                nothing is taught.
+            taught: of an air pass, for this sample; None without one.
+            reading: of `reading_sizes` or of `tick_sizes`, written.
         """
         if taught is not None:
-            correction, v_planned, counts, sd = taught
             if self._planned:
+                v_planned = np.asarray(taught.v_planned, float)
                 friction_torque(packed.part("friction"), v_planned, self._known[KNOWN_TAU_F])
-            self._known[KNOWN_CORRECTION] = correction
-            self._known[KNOWN_COUNTS] = counts
-            self._known[KNOWN_SD] = sd
+            self._known[KNOWN_CORRECTION] = taught.tau_correction
+            self._known[KNOWN_COUNTS] = taught.counts
+            self._known[KNOWN_SD] = taught.sd
+        values, layout, table = packed
+        known, scratch = self._known, self._scratch
         tick_output(
-            *(self._choice, *packed, state, q, v, current, self._known, reading, self._scratch)
+            self._choice, values, layout, table, state, q, v, current, known, reading, scratch
         )
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        state, kept = self._last.at(context)
+        state, last_output = self._last.at(context)
         out = output.get_mutable_value()
-        if kept is not None:
-            out[:] = kept[: self._size]
+        if last_output is not None:
+            out[:] = last_output[: self._size]
             out[-1] = 0.0
             return
         packed: Packed = self._tuned.EvalAbstract(context).get_value()[0]
@@ -238,29 +266,29 @@ class WrenchEstimatorSystem(LeafSystem):
         values, layout, table = packed
         known, scratch = self._known, self._scratch
         tick_output(self._choice, values, layout, table, state, q, v, current, known, out, scratch)
-        out[-1] = number = self._read_last[0] + 1.0
-        self._read_last = number, packed, q, v
+        out[-1] = number = self._last_sample.number + 1.0
+        self._last_sample = _ReadSample(number, packed, q, v)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         reading, current = self._reading.Eval(context), self._current.Eval(context)
-        state, kept = self._last.take(context, discrete_state, reading)
-        number, packed, q, v = self._read_last
+        state, outputs = self._last.take(context, discrete_state, reading)
+        number, packed, q, v = self._last_sample
         if reading.item(-1) != number:  # that of another context came between
             packed = self._tuned.EvalAbstract(context).get_value()[0]
             q, v = self._q.Eval(context), self._v.Eval(context)
         values, layout, table = packed
-        # Of `known` an update asks no more than how many rows it has.
+        # Of `known` an update reads only the number of rows.
         known, scratch = self._known, self._scratch
         tick_update(
             self._choice, values, layout, table, state, q, v, current, known, reading, scratch
         )
         # Not the port of the checked current: a call into Python costs as much as a tick.
-        kept[self._size :] = self._checked_in_tick
+        outputs[self._size :] = self._checked_in_tick
 
     def _calc_checked_current(self, context: Context, output: BasicVector) -> None:
-        state, kept = self._last.at(context)
-        if kept is not None:
-            output.SetFromVector(kept[-self._n :])
+        state, last_output = self._last.at(context)
+        if last_output is not None:
+            output.SetFromVector(last_output[-self._n :])
             return
         current, check = self._current.Eval(context), self._estimator.check
         if check is not None:

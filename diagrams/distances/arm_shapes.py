@@ -1,4 +1,4 @@
-"""The collision shapes of an arm and of what stands around it, and how near they come."""
+"""The collision shapes of an arm and of its surroundings, and their distances."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -14,9 +14,9 @@ from wrenchsight.models.robot.robot import Robot
 
 
 class ArmShapes:
-    """A plant with SceneGraph, asked for distances at postures; meshes count as convex hulls.
+    """A plant with SceneGraph for distances at postures; meshes count as convex hulls.
 
-    Collision filters (`filters`) are applied before the first question.
+    Collision filters (`filters`) must be applied before the first call of `pairs`.
 
     Args:
         robot: the arm with its tool.
@@ -26,8 +26,8 @@ class ArmShapes:
         plant: finalized; the robot's positions come first.
         parts: the robot in it.
         body: of each shape, by its geometry id.
-        level: how many joints lie below each body, by its index; 0 for what is fixed to the world.
-        tool: the body that E lies on, or that the robot's tool is welded by.
+        level: number of joints between the world and each body, by its index.
+        tool: the robot's tool; without one the body that E lies on.
     """
 
     def __init__(
@@ -56,12 +56,12 @@ class ArmShapes:
 
     @cached_property
     def context(self) -> Any:
-        """Of the plant."""
+        """The plant's context, made at its first use."""
         self._root = self.diagram.CreateDefaultContext()
         return self.plant.GetMyMutableContextFromRoot(self._root)
 
     def name(self, geometry: Any) -> str:
-        """Of the link; of what belongs to none, the shape's own."""
+        """Name of a shape's link; of a shape that is fixed to the world, its own name."""
         body = self.body[geometry]
         if body.index() == self.plant.world_body().index():
             return str(self.inspector.GetName(geometry)).split("::")[-1]

@@ -1,8 +1,8 @@
-"""How far an arm keeps from itself and from the floor: postures, and whole motions."""
+"""Clearance of an arm from itself, the floor and a workpiece: of postures and of whole motions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,15 @@ class ClosestPair:
     time: float
 
 
+class _Interval(NamedTuple):
+    """A part of a motion that is not yet proved to be clear: its times, s, and slacks there, m."""
+
+    start: float
+    end: float
+    first_slack: float
+    last_slack: float
+
+
 class Clearance:
     """Distances between the links of an arm, its tool and the floor.
 
@@ -53,7 +62,7 @@ class Clearance:
         robot: its collision shapes count.
         margin: m.
         floor: height of the floor in W, m; None for none.
-        workpiece: what stands there too; a blade counts as its convex hull. The tool, that works on
+        workpiece: in the cell, if any; a blade counts as its convex hull. The tool, which works on
             it, may touch it, all other links keep `margin`.
     """
 
@@ -74,12 +83,12 @@ class Clearance:
                 add_workpiece(plant, workpiece)
 
         self._shapes = shapes = ArmShapes(robot, add)
-        self._piece = {
+        self._workpiece_shapes = {
             geometry
             for geometry in shapes.body
             if workpiece is not None and shapes.name(geometry) == "workpiece"
         }
-        self._may_touch_piece = {
+        self._may_touch_workpiece = {
             geometry
             for geometry, body in shapes.body.items()
             if body.index() == shapes.tool.index() or shapes.level.get(body.index(), 0) == 0
@@ -90,9 +99,10 @@ class Clearance:
         wrist: dict[tuple[Any, Any], float] = {}
         for pair in self._shapes.pairs(robot.home, 1.5 * INFLUENCE):
             key = (pair.id_A, pair.id_B)
-            if not self._piece.isdisjoint(key):
+            if not self._workpiece_shapes.isdisjoint(key):
                 continue
-            first, second = (self._shapes.level[self._shapes.body[shape].index()] for shape in key)
+            first = self._shapes.level[self._shapes.body[pair.id_A].index()]
+            second = self._shapes.level[self._shapes.body[pair.id_B].index()]
             if first == second:
                 self._required[key] = -np.inf
             elif pair.distance <= 0.0:
@@ -119,9 +129,8 @@ class Clearance:
         Only shapes two joints apart at most: 300 postures cover the motions of two joints densely.
         """
         rng = np.random.default_rng(0)
-        low, high = (
-            np.clip(limit, -np.pi, np.pi) for limit in (robot.position_lower, robot.position_upper)
-        )
+        low = np.clip(robot.position_lower, -np.pi, np.pi)
+        high = np.clip(robot.position_upper, -np.pi, np.pi)
         nearest = dict(pairs)
         for q in rng.uniform(low, high, (300 if pairs else 0, robot.num_joints)):
             for pair in self._shapes.pairs(q, max(pairs.values())):
@@ -146,24 +155,31 @@ class Clearance:
 
     def is_free(self, q: ArrayLike) -> bool:
         """Whether nothing is nearer than it may be at q (n,)."""
-        return all(slack >= 0.0 for slack, _ in self.slacks(q, self.margin))
+        return all(pair.slack >= 0.0 for pair in self.slacks(q, self.margin))
 
-    def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[tuple[float, ClosestPair]]:
-        """Slack (m) of each pair of shapes within `influence` at q (n,), with its names."""
-        out = []
+    def slacks(self, q: ArrayLike, influence: float = INFLUENCE) -> list[ClosestPair]:
+        """The pairs of shapes within `influence` (m) at q (n,), with their slacks; time 0."""
+        pairs = []
         for pair in self._shapes.pairs(q, influence):
             slack = pair.distance - self._requirement(pair)
             if np.isfinite(slack):
-                names = self._shapes.name(pair.id_A), self._shapes.name(pair.id_B)
-                out.append((slack, ClosestPair(*names, pair.distance, slack, 0.0)))
-        return out
+                pairs.append(
+                    ClosestPair(
+                        first=self._shapes.name(pair.id_A),
+                        second=self._shapes.name(pair.id_B),
+                        distance=pair.distance,
+                        slack=slack,
+                        time=0.0,
+                    )
+                )
+        return pairs
 
     def slack(self, q: ArrayLike) -> float:
         """Smallest slack at q (n,), m; INFLUENCE where nothing is near."""
-        found = [
+        slacks = [
             pair.distance - self._requirement(pair) for pair in self._shapes.pairs(q, INFLUENCE)
         ]
-        return float(min([INFLUENCE, *found]))
+        return float(min([INFLUENCE, *slacks]))
 
     def smooth_slack(self, q: ArrayLike) -> tuple[float, Array]:
         """A smooth value (m), positive where `slack` is, and its gradient (n,) by q.
@@ -217,46 +233,52 @@ class Clearance:
             duration: s.
 
         Returns:
-            Whether it keeps clear, and the closest pair met; None without shapes near each other.
+            Whether it keeps clear, and the pair with the least slack; None where nothing is near.
         """
         fastest = 2.0 * float(speed @ self._speed_radius)
         required = [value for value in self._required.values() if np.isfinite(value)]
         allowance = 0.5 * min([self.margin, *required])
-        worst: list[ClosestPair] = []
+        worst: ClosestPair | None = None
 
-        def at(t: float) -> float:
-            found = self.slacks(position(t))
-            if not found:
+        def lowest_slack(t: float) -> float:
+            nonlocal worst
+            pairs = self.slacks(position(t))
+            if not pairs:
                 return INFLUENCE
-            low, pair = min(found, key=lambda entry: entry[0])
-            if not worst or low < worst[0].slack:
-                worst[:] = [ClosestPair(pair.first, pair.second, pair.distance, low, t)]
-            return low
+            pair = min(pairs, key=lambda pair: pair.slack)
+            if worst is None or pair.slack < worst.slack:
+                worst = replace(pair, time=t)
+            return pair.slack
 
-        stack = []
         times = np.linspace(0.0, duration, max(2, round(duration / 0.1) + 1))
-        values = [at(float(t)) for t in times]
-        stack = list(zip(times[:-1], times[1:], values[:-1], values[1:], strict=True))
-        clear = min(values) >= 0.0
-        while stack and clear:
-            start, end, first, last = stack.pop()
-            if first + last + 2.0 * allowance >= fastest * (end - start):
+        slacks = [lowest_slack(float(t)) for t in times]
+        intervals = [
+            _Interval(times[k], times[k + 1], slacks[k], slacks[k + 1])
+            for k in range(len(times) - 1)
+        ]
+        is_clear = min(slacks) >= 0.0
+        while intervals and is_clear:
+            interval = intervals.pop()
+            length = interval.end - interval.start
+            if interval.first_slack + interval.last_slack + 2.0 * allowance >= fastest * length:
                 continue
-            if end - start < _FINEST:
-                clear = False
+            if length < _FINEST:
+                is_clear = False
                 break
-            middle = 0.5 * (start + end)
-            value = at(float(middle))
-            clear = value >= -allowance
-            stack += [(start, middle, first, value), (middle, end, value, last)]
-        return clear, worst[0] if worst else None
+            middle = 0.5 * (interval.start + interval.end)
+            slack = lowest_slack(float(middle))
+            is_clear = slack >= -allowance
+            intervals.append(_Interval(interval.start, middle, interval.first_slack, slack))
+            intervals.append(_Interval(middle, interval.end, slack, interval.last_slack))
+        return is_clear, worst
 
     def _requirement(self, pair: Any) -> float:
+        """The distance that a pair must keep, m; -inf where it does not count."""
         key = (pair.id_A, pair.id_B)
-        if not self._piece.isdisjoint(key):
-            return (
-                self.margin if self._may_touch_piece.isdisjoint(set(key) - self._piece) else -np.inf
-            )
+        if not self._workpiece_shapes.isdisjoint(key):
+            other_shape = set(key) - self._workpiece_shapes
+            may_touch = not self._may_touch_workpiece.isdisjoint(other_shape)
+            return -np.inf if may_touch else self.margin
         return self._required.get(key, self.margin)
 
 
@@ -265,9 +287,9 @@ def _speed_radius(robot: Robot) -> Array:
     chain = robot.chain
     links = np.linalg.norm(chain.p_PJ, axis=1)
     tool = float(np.linalg.norm(chain.p_LE))
-    beyond = np.array([links[j + 1 :].sum() for j in range(robot.num_joints)]) + tool
+    outer_length = np.array([links[j + 1 :].sum() for j in range(robot.num_joints)]) + tool
     # Shapes stick out beyond the joints' origins by less than 0.2 m; a prismatic joint moves all
     # points alike, and stretches what the joints before it carry.
     stroke = np.where(chain.prismatic, robot.position_upper - robot.position_lower, 0.0)
-    later = np.array([stroke[j + 1 :].sum() for j in range(robot.num_joints)])
-    return np.where(chain.prismatic, 1.0, beyond + later + 0.2)
+    outer_stroke = np.array([stroke[j + 1 :].sum() for j in range(robot.num_joints)])
+    return np.where(chain.prismatic, 1.0, outer_length + outer_stroke + 0.2)

@@ -1,4 +1,4 @@
-"""Postures in which a tool comes to its work and leaves it, and the floor as an obstacle."""
+"""Approach and departure of a tool at the ends of a path, and the floor as an obstacle."""
 
 import math
 from dataclasses import replace
@@ -26,8 +26,8 @@ def moved_along(robot: Robot, q: Array, direction_W: Array, distance: float) -> 
         InputError: out of reach, or only by a jump.
     """
     R_WE, p_WE = robot.chain.pose(q)
-    way = np.outer(np.linspace(0.0, distance, _STEPS), direction_W)
-    return follow_path(robot, R_WE, p_WE + way, q)
+    offsets = np.outer(np.linspace(0.0, distance, _STEPS), direction_W)
+    return follow_path(robot, R_WE, p_WE + offsets, q)
 
 
 def distance_of_ends(robot: Robot, cell: PlacementCell, path: Placement) -> float:
@@ -45,7 +45,7 @@ def distance_of_ends(robot: Robot, cell: PlacementCell, path: Placement) -> floa
 
 
 def sentence_of_ends(distance: float) -> str:
-    """What the arm does on its way to a path, for the user."""
+    """A sentence for the user on the arm's approach to a path, by `distance_of_ends`, m."""
     if distance == -math.inf:
         return f"the arm cannot be {1e3 * APPROACH:.0f} mm off the path's ends"
     return f"the arm overlaps itself or the floor by {-1e3 * distance:.0f} mm"

@@ -1,4 +1,4 @@
-"""Links that never come near a plate while an arm machines it: contact need not look at them."""
+"""Links that never come near a plate while an arm machines it; they are left out of contact."""
 
 import numpy as np
 
@@ -10,16 +10,16 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.robot.robot import Robot
 
-# Far more than the arm strays from its way, and moves between two postures that are looked at.
-KEPT = 0.05  # m
+# Far more than the arm strays from its way, and moves between two postures that are checked.
+CLEAR_DISTANCE = 0.05  # m
 
 
 def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozenset[str]:
-    """Names of the links that keep more than KEPT from the plate on the way of a pass.
+    """Names of the links that keep more than CLEAR_DISTANCE from the plate on the way of a pass.
 
-    None where that does not settle what they meet: with a floor to touch, with a wrench that
-    pushes the arm off its way, and where the way cannot be told. A blade meets the tool's tip alone
-    in any case.
+    The set is empty where other contact is possible: with a floor to touch, with a wrench that
+    pushes the arm off its way, and where the way cannot be planned. A blade touches only the tool's
+    tip in any case.
     """
     machining, plate = scenario.machining, scenario.workpiece
     if not isinstance(plate, PlateConfig) or machining is None or scenario.floor or scenario.wrench:
@@ -34,6 +34,9 @@ def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozen
         for shape, body in shapes.body.items()
         if body.model_instance() == shapes.parts.model_instance
     }
-    pairs = (pair for q in np.vstack(list(parts.values())) for pair in shapes.pairs(q, KEPT))
-    names = ({shapes.name(pair.id_A), shapes.name(pair.id_B)} for pair in pairs)
-    return frozenset(links.difference(*(both for both in names if "workpiece" in both)))
+    for q in np.vstack(list(parts.values())):
+        for pair in shapes.pairs(q, CLEAR_DISTANCE):
+            names = {shapes.name(pair.id_A), shapes.name(pair.id_B)}
+            if "workpiece" in names:
+                links -= names
+    return frozenset(links)

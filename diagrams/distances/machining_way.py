@@ -1,7 +1,7 @@
-"""Does an arm hit itself, the floor or the workpiece where it machines, coming and going included?
+"""Collision check of a machining pass, before anything moves.
 
-Looked at before anything moves: the approach from its start to the farthest that contact is looked
-for, the pass itself, and the lift. The tool may touch the workpiece, other links may not.
+Its parts are the approach from its start to the farthest point of the search for contact, the pass
+itself, and the lift. The tool may touch the workpiece, other links may not.
 """
 
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ _POSTURES = 60  # of the pass
 
 @dataclass(frozen=True)
 class Overlap:
-    """A part of the way on which something is hit.
+    """A part of the way on which two shapes overlap.
 
     Attributes:
         part: approach, pass or lift.
-        pair: the two that overlap most.
+        pair: the two shapes that overlap most.
     """
 
     part: str
@@ -51,9 +51,9 @@ def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) ->
     approach = moved_along(
         robot, plan.q_start, plan.path.n_W[0], -(phases.standoff + phases.search)
     )
-    last = 0 if plan.s[-1] < 0.5 else -1
+    path_end = 0 if plan.s[-1] < 0.5 else -1
     try:
-        lift = moved_along(robot, q[-1], plan.path.n_W[last], phases.lift)
+        lift = moved_along(robot, q[-1], plan.path.n_W[path_end], phases.lift)
     except InputError as error:
         raise InputError(
             "machining",
@@ -61,8 +61,8 @@ def postures_of_pass(robot: Robot, plan: MachiningPath, phases: PhasesConfig) ->
             f"{robot.name} cannot lift {phases.lift:g} m off the end of the pass",
             "move the workpiece, or lift less",
         ) from error
-    some = np.unique(np.linspace(0, len(q) - 1, _POSTURES).round().astype(int))
-    return {"approach": approach, "pass": q[some], "lift": lift}
+    rows = np.unique(np.linspace(0, len(q) - 1, _POSTURES).round().astype(int))
+    return {"approach": approach, "pass": q[rows], "lift": lift}
 
 
 def overlaps(
@@ -71,16 +71,16 @@ def overlaps(
     phases: PhasesConfig,
     workpiece: PlateConfig | BladeConfig,
 ) -> tuple[Overlap, ...]:
-    """The parts of a pass on which something is hit; none where the arm has no shapes.
+    """The parts of a pass on which shapes overlap; none where the arm has no shapes.
 
     Raises:
         InputError: as `postures_of_pass`.
     """
     parts = postures_of_pass(robot, plan, phases)
     clearance = Clearance(robot, 0.0, robot.floor, workpiece)
-    found = []
+    overlapping = []
     for part, rows in parts.items():
-        pairs = [pair for q in rows for slack, pair in clearance.slacks(q, 0.0) if slack < 0.0]
+        pairs = [pair for q in rows for pair in clearance.slacks(q, 0.0) if pair.slack < 0.0]
         if pairs:
-            found.append(Overlap(part, min(pairs, key=lambda pair: pair.distance)))
-    return tuple(found)
+            overlapping.append(Overlap(part, min(pairs, key=lambda pair: pair.distance)))
+    return tuple(overlapping)

@@ -1,18 +1,17 @@
 """The cell in which a path is placed: robot, tool, obstacles, and a workpiece under the path.
 
-A plant with SceneGraph answers how near they come to each other. Which pairs count:
+A plant with SceneGraph computes the distances. These pairs count:
 
 - links of the robot, and the tool, with two joints or more between them; where it is two, as in a
   wrist, not those that are nearer than the clearance in the home posture already;
-- links against obstacles, but for what the robot stands on (the link that is welded to the world);
-  what turns on that stands over the obstacle `floor` as it is mounted, and is left out there;
-- links against the workpiece, but for the shape of the tool whose surface E lies on, which is meant
-  to touch it.
+- links and obstacles, without the link that is welded to the world; the link that turns on it
+  stands over the obstacle `floor` by its mounting, and is left out there;
+- links and workpiece, without the shape of the tool whose surface E lies on: it is meant to touch.
 """
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -30,6 +29,7 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.placement.placement_program import (
+    PathPenalty,
     PlacementBatch,
     quaternion_from,
     rotation_of,
@@ -47,15 +47,30 @@ FLOOR = "floor"  # the name of the obstacle that the robot stands on
 PAD = 1e-3
 
 
+class ClosestBodies(NamedTuple):
+    """The two bodies that come nearest to each other along a path.
+
+    Attributes:
+        distance: m.
+        posture: index of the posture.
+        first, second: names; empty where no pair is within 1 m.
+    """
+
+    distance: float
+    posture: int
+    first: str
+    second: str
+
+
 class PlacementCell:
-    """Distances between all that stands in the cell, for postures along a placed path.
+    """Distances between all shapes in the cell, for postures along a placed path.
 
     Args:
         robot: the arm with its tool; its collision shapes count.
         config: distance to keep, obstacles, workpiece.
 
     Attributes:
-        notices: sentences for the user: what has no shape, which pairs are left out.
+        notices: sentences for the user: missing shapes, and pairs that are left out.
     """
 
     def __init__(self, robot: Robot, config: ClearanceConfig) -> None:
@@ -70,8 +85,9 @@ class PlacementCell:
     def margins_and_gradients(
         self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
     ) -> tuple[Array, Array]:
-        """Smooth margins (k + 1,), 0 or more where the clearance is kept, and their gradients
-        (k + 1, n + 10) by q_i, n_W, p_WM, quaternion.
+        """Smooth margins (k + 1,) and their gradients (k + 1, n + 10) by q_i, n_W, p_WM, Q.
+
+        A margin is 0 or more where the clearance is kept.
         """
         n = q.shape[1]
         pose = self._workpiece_pose(n_W, p_WM, quaternion)
@@ -87,12 +103,12 @@ class PlacementCell:
             x = InitializeAutoDiff(np.concatenate([row, pose])[:, np.newaxis], gradient)[:, 0]
             value = self._constraint.Eval(x)
             margins[i] = self._upper - float(ExtractValue(value).item())
-            by = np.asarray(ExtractGradient(value))
-            gradients[i] = -by[0] if by.size else 0.0
+            gradient_row = np.asarray(ExtractGradient(value))
+            gradients[i] = -gradient_row[0] if gradient_row.size else 0.0
         return margins, gradients
 
-    def penalties(self, batch: PlacementBatch) -> tuple[Array, Array, Array]:
-        """Squared deficits of the margins, as `PlacementDescent` takes penalties."""
+    def penalties(self, batch: PlacementBatch) -> PathPenalty:
+        """Squared deficits of the margins, for `PlacementDescent`."""
         n = batch.q.shape[2]
         penalty = np.zeros(len(batch))
         by_q, by_path = np.zeros_like(batch.q), np.zeros((len(batch), 9))
@@ -109,30 +125,35 @@ class PlacementCell:
             by_path[i, 6:], by_path[i, 3:6] = shared[:3], shared[3:6]
             # A turn d of the tool, in W, moves its quaternion by (0, d) Q / 2.
             by_path[i, :3] = _left_matrix(Q).T @ shared[6:]
-        return penalty, by_q, by_path
+        return PathPenalty(penalty, by_q, by_path)
 
     def deficit(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> float:
-        """By how much the worst of postures q (N, n) misses the distance to keep, m; or 0."""
+        """Distance that the worst of postures q (N, n) lacks, m; or 0."""
         smallest = float(np.min(self.distances(q, n_W, p_WM, quaternion)))
         return max(0.0, self._config.distance - smallest)
 
     def distances(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
         """(N,) the smallest distance of any pair at each posture q (N, n), m; at most 1 m."""
         pose = self._workpiece_pose(n_W, p_WM, quaternion)
-        found = ((pair.distance for pair in self._shapes.pairs(row, 1.0, pose)) for row in q)
-        return np.array([min(distances, default=1.0) for distances in found])
+        smallest = []
+        for row in q:
+            distances = [pair.distance for pair in self._shapes.pairs(row, 1.0, pose)]
+            smallest.append(min(distances, default=1.0))
+        return np.array(smallest)
 
-    def closest(
-        self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
-    ) -> tuple[float, int, str, str]:
-        """Smallest distance, m, the index of its posture and the names of the two bodies."""
+    def closest(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> ClosestBodies:
+        """The two bodies that come nearest to each other along a path."""
         index = int(np.argmin(self.distances(q, n_W, p_WM, quaternion)))
         pairs = self._shapes.pairs(q[index], 1.0, self._workpiece_pose(n_W, p_WM, quaternion))
         if not pairs:
-            return 1.0, index, "", ""
+            return ClosestBodies(1.0, index, "", "")
         pair = min(pairs, key=lambda p: float(p.distance))
-        first, second = self._shapes.name(pair.id_A), self._shapes.name(pair.id_B)
-        return float(pair.distance), index, first, second
+        return ClosestBodies(
+            distance=float(pair.distance),
+            posture=index,
+            first=self._shapes.name(pair.id_A),
+            second=self._shapes.name(pair.id_B),
+        )
 
     def _workpiece_pose(self, n_W: Array, p_WM: Array, quaternion: Array) -> Array:
         if self._config.workpiece is None:
@@ -174,7 +195,7 @@ def _left_matrix(Q: Array) -> Array:
 
 
 def _turned_by(n_W: Array, Q: Array) -> tuple[Array, Array]:
-    """Gradient of the workpiece's quaternion by n_W (4, 3) and by Q (4, 4), Q any length."""
+    """Gradients of the workpiece's quaternion by n_W (4, 3) and by Q (4, 4) of any length."""
     R = workpiece_rotation(n_W, Q)
     _, y, z = R.T
     S = quaternion_from(R)
@@ -183,17 +204,17 @@ def _turned_by(n_W: Array, Q: Array) -> tuple[Array, Array]:
     # A turn d of the tool turns z by d x z; the workpiece by z x dz + (dx . y) z.
     by_turn_z = -_cross_matrix(z)
     # x follows z so as to stay perpendicular: dx . y = ((n . -) parts) / |n - (n.z) z|.
-    along = n_W - (n_W @ z) * z
-    length = float(np.linalg.norm(along))
+    n_across = n_W - (n_W @ z) * z
+    length = float(np.linalg.norm(n_across))
     dx_y_by_n = y / length
     dx_y_by_z = -(n_W @ z) * y / length
     turn_by_n = np.outer(z, dx_y_by_n)
     turn_by_z = _cross_matrix(z) + np.outer(z, dx_y_by_z)
-    left = _left_matrix(S)
-    by_n = left @ turn_by_n
+    Q_matrix = _left_matrix(S)
+    by_n = Q_matrix @ turn_by_n
     # dQ -> turn of the tool in W: d = 2 Im(dQ conj(Q)); _left_matrix(Q) is its inverse up to 4.
     turn_by_Q = 4.0 * _left_matrix(unit).T / size
-    by_Q = left @ turn_by_z @ by_turn_z @ turn_by_Q
+    by_Q = Q_matrix @ turn_by_z @ by_turn_z @ turn_by_Q
     return by_n, by_Q
 
 
@@ -202,64 +223,72 @@ def _cross_matrix(v: Array) -> Array:
 
 
 def _add_surroundings(plant: MultibodyPlant, config: ClearanceConfig) -> None:
-    world, nothing = plant.world_body(), ProximityProperties()
+    world, no_properties = plant.world_body(), ProximityProperties()
     for obstacle in config.obstacles:
         X_WO, shape = pose_of(obstacle.pose), Box(*obstacle.size)
-        plant.RegisterCollisionGeometry(world, X_WO, shape, obstacle.name, nothing)
+        plant.RegisterCollisionGeometry(world, X_WO, shape, obstacle.name, no_properties)
     if config.workpiece is not None:
         size = config.workpiece.size
         inertia = SpatialInertia(1.0, np.zeros(3), UnitInertia(1.0, 1.0, 1.0))
         body = plant.AddRigidBody("workpiece", plant.AddModelInstance("workpiece"), inertia)
         X_PG = RigidTransform([0.0, 0.0, -0.5 * size[2]])
-        plant.RegisterCollisionGeometry(body, X_PG, Box(*size), "workpiece", nothing)
+        plant.RegisterCollisionGeometry(body, X_PG, Box(*size), "workpiece", no_properties)
 
 
 def _filter(robot: Robot, config: ClearanceConfig, shapes: ArmShapes) -> list[str]:
-    """Leaves out the pairs that do not count; returns sentences about it."""
+    """Filters out the pairs that do not count; returns sentences for the user."""
     plant, level = shapes.plant, shapes.level
 
     def leave_out(first: Sequence[Any], second: Sequence[Any]) -> None:
         if first and second:
-            pair = GeometrySet(first), GeometrySet(second)
-            shapes.filters.Apply(CollisionFilterDeclaration().ExcludeBetween(*pair))
+            declaration = CollisionFilterDeclaration().ExcludeBetween(
+                GeometrySet(first), GeometrySet(second)
+            )
+            shapes.filters.Apply(declaration)
 
     notices = []
     bodies = [plant.get_body(i) for i in plant.GetBodyIndices(shapes.parts.model_instance)]
-    own = {body.name(): plant.GetCollisionGeometriesForBody(body) for body in bodies}
-    if not any(own.values()):
-        notices.append(f"{robot.name} has no collision shapes: only the tool's place is looked at")
+    shapes_of = {body.name(): plant.GetCollisionGeometriesForBody(body) for body in bodies}
+    if not any(shapes_of.values()):
+        notices.append(
+            f"{robot.name} has no collision shapes: collisions of its links are not checked"
+        )
     if robot.unusable_collisions:
         notices.append(
             "collision shapes cannot be used, so that no clearance is claimed: "
             + ", ".join(robot.unusable_collisions)
         )
     if config.workpiece is not None:
-        board = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("workpiece"))
+        workpiece_shapes = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("workpiece"))
         world = plant.world_body().index()
-        # The workpiece lies on a table or is held over it.
-        leave_out(board, [shape for shape, body in shapes.body.items() if body.index() == world])
-        leave_out(_working_shapes(shapes), board)
+        # The workpiece may lie on an obstacle, such as a table.
+        leave_out(
+            workpiece_shapes,
+            [shape for shape, body in shapes.body.items() if body.index() == world],
+        )
+        leave_out(_working_shapes(shapes), workpiece_shapes)
     floor = [shape for shape in shapes.body if shapes.name(shape) == FLOOR]
-    first = [shape for body in bodies if level[body.index()] == 1 for shape in own[body.name()]]
-    leave_out(floor, first)
-    at_home = ArmShapes(robot)
+    for body in bodies:
+        if level[body.index()] == 1:  # turns on the link that stands on the floor
+            leave_out(floor, shapes_of[body.name()])
+    bare_arm = ArmShapes(robot)
     near = {
-        frozenset((at_home.name(pair.id_A), at_home.name(pair.id_B)))
-        for pair in at_home.pairs(robot.home, max(config.distance, 1e-6))
+        frozenset((bare_arm.name(pair.id_A), bare_arm.name(pair.id_B)))
+        for pair in bare_arm.pairs(robot.home, max(config.distance, 1e-6))
     }
-    for one, other in combinations(bodies, 2):
-        apart = abs(level[one.index()] - level[other.index()])
-        names = one.name(), other.name()
-        if apart > 2 or not (own[names[0]] and own[names[1]]):
+    for first_body, second_body in combinations(bodies, 2):
+        num_joints_between = abs(level[first_body.index()] - level[second_body.index()])
+        first, second = first_body.name(), second_body.name()
+        if num_joints_between > 2 or not (shapes_of[first] and shapes_of[second]):
             continue
-        if apart == 2:
-            if frozenset(names) not in near:
+        if num_joints_between == 2:
+            if frozenset((first, second)) not in near:
                 continue
             notices.append(
-                f"{names[0]} and {names[1]} are nearer than {1e3 * config.distance:g} mm at home, "
-                "two joints apart: by construction, not looked at"
+                f"{first} and {second} are nearer than {1e3 * config.distance:g} mm at home, "
+                "two joints apart by construction: their distance is not checked"
             )
-        leave_out(own[names[0]], own[names[1]])
+        leave_out(shapes_of[first], shapes_of[second])
     return notices
 
 

@@ -1,4 +1,4 @@
-"""An arm that is drawn in postures it is given: kinematics only, nothing is simulated."""
+"""Pictures of an arm in given postures: kinematics only, nothing is simulated."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What stands in a cell around a placed path, as one mesh to draw."""
+"""The surroundings of a placed path as one mesh to draw."""
 
 import numpy as np
 

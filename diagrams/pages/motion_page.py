@@ -1,4 +1,4 @@
-"""A web page in which an arm makes a motion."""
+"""A web page of an arm's motion."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from wrenchsight.models.robot.robot import Robot
 def write_motion_page(
     robot: Robot, trajectory: JointTrajectory, path: Path, title: str, fps: float = 30.0
 ) -> None:
-    """Writes the motion as a page that needs nothing else, in its own time.
+    """Writes the motion as a page that needs nothing else, played in real time.
 
     Raises:
         InputError: the file cannot be written.

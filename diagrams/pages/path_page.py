@@ -58,8 +58,8 @@ def write_path_page(
     Raises:
         InputError: the file cannot be written.
     """
-    everything = np.concatenate([motion.measure for motion in motions])
-    low, high = float(np.min(everything)), float(np.quantile(everything, 0.99))
+    measures = np.concatenate([motion.measure for motion in motions])
+    low, high = float(np.min(measures)), float(np.quantile(measures, 0.99))
     high = max(high, 1.01 * low)
     tips = [robot.chain.pose(motion.q)[1] for motion in motions]
     meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
@@ -72,16 +72,18 @@ def write_path_page(
             Rgba(0.80, 0.82, 0.85, 1.0),
         )
     for motion, tip in zip(motions, tips, strict=True):
-        _draw_tube(meshcat, _place(motion), tip, colour_scale(motion.measure, low, high))
+        _draw_tube(meshcat, _meshcat_path(motion), tip, colour_scale(motion.measure, low, high))
     start_animation(meshcat, fps)
     start = 0.0
     for index, motion in enumerate(motions):
-        for other in motions:
-            meshcat.SetProperty(_place(other), "visible", other is motion, time_in_recording=start)
+        for shown in motions:
+            meshcat.SetProperty(
+                _meshcat_path(shown), "visible", shown is motion, time_in_recording=start
+            )
         frames = max(2, round(seconds * fps))
-        at = np.linspace(0.0, len(motion.q) - 1.0, frames)
+        indices = np.linspace(0.0, len(motion.q) - 1.0, frames)
         for frame in range(frames):
-            picture.show(_between(motion.q, float(at[frame])), start + frame / fps)
+            picture.show(_between(motion.q, float(indices[frame])), start + frame / fps)
         start += seconds + _PAUSE
         if index + 1 < len(motions):
             picture.show(motion.q[-1], start - 1.0 / fps)
@@ -89,22 +91,22 @@ def write_path_page(
     write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
 
 
-def _place(motion: PathMotion) -> str:
+def _meshcat_path(motion: PathMotion) -> str:
     return f"path/{motion.name.replace('/', ' ')}"
 
 
-def _between(q: Array, at: float) -> Array:
+def _between(q: Array, index: float) -> Array:
     """q (N, n) at a fractional index."""
-    i = min(int(at), len(q) - 2)
-    return np.asarray(q[i] + (at - i) * (q[i + 1] - q[i]))
+    i = min(int(index), len(q) - 2)
+    return np.asarray(q[i] + (index - i) * (q[i + 1] - q[i]))
 
 
-def _draw_tube(meshcat: Meshcat, place: str, points: Array, colours: Array) -> None:
+def _draw_tube(meshcat: Meshcat, meshcat_path: str, points: Array, colours: Array) -> None:
     """A tube of `_RADIUS` through points (N, 3), coloured at each (N, 3)."""
     along = np.gradient(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    other = np.eye(3)[int(np.argmin(np.sum(np.abs(along), axis=0)))]
-    first = np.cross(along, other)
+    axis = np.eye(3)[int(np.argmin(np.sum(np.abs(along), axis=0)))]
+    first = np.cross(along, axis)
     first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
     second = np.cross(along, first)
     angle = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)[:, np.newaxis, np.newaxis]
@@ -116,7 +118,7 @@ def _draw_tube(meshcat: Meshcat, place: str, points: Array, colours: Array) -> N
         [np.stack([a, c, b], axis=-1).reshape(-1, 3), np.stack([a, d, c], axis=-1).reshape(-1, 3)]
     )
     meshcat.SetTriangleColorMesh(
-        place,
+        meshcat_path,
         np.ascontiguousarray(rings.reshape(-1, 3).T),
         np.ascontiguousarray(triangles.T.astype(np.int32)),
         np.ascontiguousarray(np.tile(colours, (_AROUND, 1)).T),

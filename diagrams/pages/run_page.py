@@ -1,4 +1,4 @@
-"""A picture of a run: the robot and the forces at its tool, recorded by a headless Meshcat."""
+"""A web page of a run: the robot and the forces at its tool, recorded by a headless Meshcat."""
 
 import logging
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ FORCE_ARROWS: dict[str, ArrowStyle] = {
 }
 
 
-def make_meshcat(robot: Robot, p_WE: ArrayLike, away: ArrayLike | None = None) -> Meshcat:
+def make_meshcat(robot: Robot, p_WE: ArrayLike, view_direction: ArrayLike | None = None) -> Meshcat:
     """Starts Meshcat without a browser, on a white ground, looking at arm and tool from the side.
 
     Args:
         robot: sets the distance, by the size of its arm.
         p_WE: (3,) where the tool will be, m.
-        away: (3,) direction from the tool to the camera, in W; by default from ahead and to one
-            side of where the tool stands, a little above.
+        view_direction: (3,) from the tool to the camera, in W; by default from ahead of the tool
+            and to one side, a little above.
     """
     # Its greeting names a web address that is of no use here.
     log = logging.getLogger("drake")
@@ -46,12 +46,12 @@ def make_meshcat(robot: Robot, p_WE: ArrayLike, away: ArrayLike | None = None) -
     _, home = robot.chain.pose(robot.home)
     size = max(0.5, float(np.linalg.norm(home)), float(np.linalg.norm(tool)))
     target = np.array([0.45 * tool[0], 0.45 * tool[1], 0.5 * size])
-    if away is None:
+    if view_direction is None:
         azimuth = np.arctan2(tool[1], tool[0]) - 1.0
         direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.35])
     else:
-        direction = np.array(away, dtype=np.float64) / np.linalg.norm(away)
-    distance = 1.1 if away is None else 1.3
+        direction = np.array(view_direction, dtype=np.float64) / np.linalg.norm(view_direction)
+    distance = 1.1 if view_direction is None else 1.3
     meshcat.SetCameraPose(target + distance * size * direction, target)
     return meshcat
 
@@ -75,7 +75,7 @@ def add_wrench_arrows(
 
 
 def start_animation(meshcat: Meshcat, fps: float) -> None:
-    """From here on what is published to `meshcat` becomes part of its animation."""
+    """Starts the animation: whatever is published to `meshcat` becomes part of it."""
     meshcat.StartRecording(frames_per_second=fps, set_visualizations_while_recording=False)
 
 

@@ -43,7 +43,7 @@ _LEAST_LENGTH = 1e-6  # of an axis given by numbers
 
 @dataclass
 class ContactConfig:
-    """A contact whose direction is known: what is expected of it, and how the torque errs."""
+    """A contact whose direction is known: its expected forces, and the error of the torque."""
 
     axis: str = ""
     """Direction in which the tool presses: tool_x, tool_y or tool_z of E, with a minus sign for the
@@ -73,7 +73,7 @@ class ContactFrame(NamedTuple):
 
     Attributes:
         R: (3, 3) columns: the direction in which the tool presses, and two across it.
-        turns: whether they are those of E; else of W.
+        turns: whether R is in axes of E; else of W.
         point: (3,) m, the contact in axes of E.
     """
 
@@ -83,15 +83,15 @@ class ContactFrame(NamedTuple):
 
     @classmethod
     def of(cls, config: ContactConfig) -> "ContactFrame":
-        """From what the configuration says.
+        """The frame of a configuration.
 
         Raises:
             InputError: an axis or a point that is none.
         """
         point = np.array(config.point or [0.0, 0.0, 0.0], float)
         if point.shape != (3,) or not np.isfinite(point).all():
-            found = ",".join(f"{x:g}" for x in config.point)
-            problem = f"is {found}, expected three numbers"
+            stated = ",".join(f"{x:g}" for x in config.point)
+            problem = f"is {stated}, expected three numbers"
             raise InputError("estimate", "--contact-point", problem, "give m in axes of E: 0,0,0.1")
         name = config.axis.removeprefix("-")
         if name in TOOL_AXES:
@@ -108,13 +108,13 @@ class ContactFrame(NamedTuple):
             remedy = "give the direction in which the tool presses, such as tool_z or 0,0,-1"
             raise InputError("estimate", "--contact-axis", problem, remedy)
         axis = axis / length
-        across = np.eye(3)[np.argmin(np.abs(axis))]
-        across = across - axis * float(axis @ across)
-        across = across / np.linalg.norm(across)
-        return cls(np.stack([axis, across, np.cross(axis, across)], axis=1), False, point)
+        across_axis = np.eye(3)[np.argmin(np.abs(axis))]
+        across_axis = across_axis - axis * float(axis @ across_axis)
+        across_axis = across_axis / np.linalg.norm(across_axis)
+        return cls(np.stack([axis, across_axis, np.cross(axis, across_axis)], axis=1), False, point)
 
     def wrench_map(self, R_WE: Array) -> Array:
-        """(N, 6, 6): the wrench F_E_W, rotation first, of a unit of each component of F.
+        """(N, 6, 6) maps from F to the wrench F_E_W, rotation first.
 
         Args:
             R_WE: (N, 3, 3).
@@ -122,14 +122,14 @@ class ContactFrame(NamedTuple):
         R_WC = R_WE @ self.R if self.turns else np.broadcast_to(self.R, R_WE.shape)
         force = R_WC * np.array([-1.0, 1.0, 1.0])  # the workpiece pushes against the tool
         lever = np.einsum("kij,j->ki", R_WE, self.point)
-        moved = np.cross(lever[:, :, None], force, axis=1)
-        above = np.concatenate([moved, R_WC], axis=2)
-        below = np.concatenate([force, np.zeros_like(R_WC)], axis=2)
-        return np.concatenate([above, below], axis=1)
+        moment = np.cross(lever[:, :, None], force, axis=1)
+        moment_rows = np.concatenate([moment, R_WC], axis=2)
+        force_rows = np.concatenate([force, np.zeros_like(R_WC)], axis=2)
+        return np.concatenate([moment_rows, force_rows], axis=1)
 
 
 class Block(NamedTuple):
-    """What the filter sees of a block of samples of an arm with n joints.
+    """A block of samples of an arm with n joints, as the filter takes it.
 
     Attributes:
         tau_ext: (n,) N m, torque from outside, mean.
@@ -149,10 +149,10 @@ class Block(NamedTuple):
 
 
 class ContactFilter:
-    """State x = [F, e, o, past F] and its covariance P; o is considered only.
+    """The filter of this module: state x = [F, e, o, past F] and covariance P; o is considered.
 
     Args:
-        config: what is known beforehand.
+        config: of the contact.
         force_sd: N, of a force along the axis of which nothing is known.
         num_joints: n.
         period: s between blocks.
@@ -166,8 +166,8 @@ class ContactFilter:
         self.lag = round(config.lag / period)
         self._errors = slice(WRENCH, WRENCH + n)
         self._offsets = slice(WRENCH + n, WRENCH + 2 * n)
-        across, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
-        F = [force_sd, *across, *moments]
+        across_sds, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
+        F = [force_sd, *across_sds, *moments]
         sd = [*F, *np.zeros(n), *[config.offset_sd] * n, *F * self.lag]
         self._order = np.arange(len(sd))
         if self.lag:
@@ -180,11 +180,15 @@ class ContactFilter:
         self._misfit = 1.0
         self._unknown = 0.0  # s since the motion was known
 
-    def read(self, past: int) -> tuple[Array, Array]:
-        """F (6,) that many blocks ago, at most `lag`, and its covariance (6, 6)."""
-        first = 0 if past == 0 else self._offsets.stop + WRENCH * (past - 1)
-        own = slice(first, first + WRENCH)
-        return self._x[own].copy(), self._P[own, own] * max(self._misfit, 1.0)
+    def read(self, blocks_ago: int) -> tuple[Array, Array]:
+        """F (6,) of an earlier block and its covariance (6, 6).
+
+        Args:
+            blocks_ago: 0 to `lag`.
+        """
+        first = 0 if blocks_ago == 0 else self._offsets.stop + WRENCH * (blocks_ago - 1)
+        columns = slice(first, first + WRENCH)
+        return self._x[columns].copy(), self._P[columns, columns] * max(self._misfit, 1.0)
 
     def take(self, block: Block) -> None:
         """Takes the next block."""
@@ -201,15 +205,15 @@ class ContactFilter:
 
     def _predict(self, block: Block) -> None:
         config, T = self._config, self._period
-        stands = block.tool_speed < config.standing_speed
-        across_time = config.standing_across_time if stands else config.across_time
+        is_standing = block.tool_speed < config.standing_speed
+        across_time = config.standing_across_time if is_standing else config.across_time
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
         decay[1:WRENCH] = np.exp(-T / across_time)
-        variance[_ACROSS] = (config.standing_across_sd if stands else config.across_sd) ** 2
+        variance[_ACROSS] = (config.standing_across_sd if is_standing else config.across_sd) ** 2
         variance[_MOMENTS] = config.moment_sd**2
         errors = block.sd**2
-        before = errors if self._variance is None else self._variance
-        fall = np.sqrt(np.minimum(1.0, errors / np.maximum(before, 1e-12)))
+        previous_errors = errors if self._variance is None else self._variance
+        fall = np.sqrt(np.minimum(1.0, errors / np.maximum(previous_errors, 1e-12)))
         decay[self._errors] = np.exp(-T / config.error_time) * fall
         variance[self._errors] = errors
         if self._variance is None:

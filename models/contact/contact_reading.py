@@ -1,4 +1,4 @@
-"""The wrench at a contact of known direction, from what the estimator's observer reads.
+"""The wrench at a contact of known direction, from the estimator's reading of a log.
 
 The observer's reading is the external torque through K_0 / (s + K_0), exactly in discrete time
 (`models.observers.momentum_observer`). Undone, it is the mean of the external torque over each
@@ -6,7 +6,7 @@ period; means of these over blocks go to the filter of `models.contact.contact_f
 that the model states of each joint's torque.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,10 @@ from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
 class _Samples(NamedTuple):
-    """N samples that wait for the filter, or for what comes after them.
+    """N samples that wait for the filter, or for the blocks after them.
 
     Attributes:
-        batch: what the estimator read.
+        batch: of the estimator.
         wrench_map: (N, 6, 6) as `ContactFrame.wrench_map`.
         tau_ext: (N, n) N m, mean over the period before each sample.
         J: (N, 6, n).
@@ -58,34 +58,46 @@ class _Samples(NamedTuple):
         )
 
     def rows(self, rows: slice) -> "_Samples":
-        """Some of them."""
-        own: Any = (signal[rows] for signal in self[1:])
-        return _Samples(self.batch.rows(rows), *own)
+        """Some of the samples."""
+        return _Samples(
+            batch=self.batch.rows(rows),
+            wrench_map=self.wrench_map[rows],
+            tau_ext=self.tau_ext[rows],
+            J=self.J[rows],
+            speed=self.speed[rows],
+            known=self.known[rows],
+        )
 
-    def joined(self, after: "_Samples") -> "_Samples":
-        """These and the ones after."""
-        own: Any = (np.concatenate(pair) for pair in zip(self[1:], after[1:], strict=True))
-        return _Samples(EstimateBatch.joined([self.batch, after.batch]), *own)
+    def joined(self, later: "_Samples") -> "_Samples":
+        """These samples, then the later ones."""
+        return _Samples(
+            batch=EstimateBatch.joined([self.batch, later.batch]),
+            wrench_map=np.concatenate([self.wrench_map, later.wrench_map]),
+            tau_ext=np.concatenate([self.tau_ext, later.tau_ext]),
+            J=np.concatenate([self.J, later.J]),
+            speed=np.concatenate([self.speed, later.speed]),
+            known=np.concatenate([self.known, later.known]),
+        )
 
 
 class ContactReader:
-    """Reads a log that comes in parts; each sample some blocks later.
+    """Estimates the wrench at the contact from a log in parts; each sample some blocks later.
 
         reader = ContactReader(robot, K_0, time_step, config)
         for part in log:
-            ready = reader.take(q, v, known, batch)   # of samples before; may be none
-        rest = reader.finish()
+            batch = reader.take(q, v, tau_J, is_measured, batch)   # earlier samples; may be none
+        last_batch = reader.finish()
 
-    together are the log's samples, one by one. Of what a batch holds, wrench, covariance and valid
-    are those at the contact; a reading counts as valid where the motion is known and the sd along
-    the axis is at most `largest_sd`.
+    These batches together are the log's samples, one by one. Their wrench, covariance and valid are
+    those at the contact. A reading is valid where the motion is known and the sd along the axis is
+    at most `largest_sd`.
 
     Args:
         robot: with E, its payload and the friction that its joints keep at rest.
         K_0: (n,) 1/s, of the observer that read tau_ext; None for one without such a lag.
         time_step: s between samples.
-        config: what is known of the contact.
-        largest_sd: N; None: a third of that of a force of which nothing is known.
+        config: of the contact.
+        largest_sd: N; None: a third of the sd of a force of which nothing is known.
 
     Raises:
         InputError: an axis or a point that is none, an observer without a K_0.
@@ -104,103 +116,116 @@ class ContactReader:
             raise InputError("estimate", "--contact-axis", problem, "give --observer momentum")
         self._chain, self._frame = robot.chain, ContactFrame.of(config)
         self._pole = np.exp(-np.asarray(K_0, float) * time_step)
-        self._rest_speed, self._kept = config.rest_speed, robot.rest_friction_share
+        self._rest_speed, self._rest_share = config.rest_speed, robot.rest_friction_share
         self._friction = np.zeros(robot.num_joints)  # N m, as each joint last moved; 0: not known
         self._size = max(round(config.block / time_step), 1)
         period = self._size * time_step
         force_sd, _ = live_prior(robot.payload)
         self._filter = ContactFilter(config, force_sd, len(self._pole), period)
         self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
-        self._last: tuple[Array, bool] = (np.zeros(len(self._pole)), False)
+        self._last_tau_ext, self._last_is_measured = np.zeros(len(self._pole)), False
         self._waiting: _Samples | None = None  # samples that are not read yet
-        self._filtered = 0  # of them, how many the filter has
+        self._filtered = 0  # number of waiting samples that the filter has taken
 
     def take(
-        self, q: Array, v: Array, tau_J: Array, known: Flags, batch: EstimateBatch
+        self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
     ) -> EstimateBatch:
         """Takes N samples.
 
         Args:
             q, v: (N, n) rad, rad/s.
             tau_J: (N, n) N m, motor torque on the joint side.
-            known: (N,) False where the sample was not measured.
-            batch: what the estimator read of them.
+            is_measured: (N,) False where the sample was not measured.
+            batch: of the estimator.
         """
-        self._add(q, v, tau_J, known, batch)
-        return self._read(last=False)
+        self._add(q, v, tau_J, is_measured, batch)
+        return self._read(is_end=False)
 
     def finish(self) -> EstimateBatch:
-        """Returns the samples that are left."""
+        """Returns the remaining samples."""
         assert self._waiting is not None, "no sample was taken"
-        return self._read(last=True)
+        return self._read(is_end=True)
 
-    def _add(self, q: Array, v: Array, tau_J: Array, known: Flags, batch: EstimateBatch) -> None:
-        finite = np.asarray(np.isfinite(q + v).all(axis=1))
-        seen = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
-        known = known & finite & seen
-        tau_ext = np.where(known[:, None], batch.tau_ext, 0.0)
-        there: Flags = np.concatenate([[self._last[1]], known])
-        raw, both = undone_low_pass(
-            np.concatenate([self._last[0][None], tau_ext]), self._pole, there
+    def _add(
+        self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
+    ) -> None:
+        is_finite = np.asarray(np.isfinite(q + v).all(axis=1))
+        has_reading = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
+        is_measured = is_measured & is_finite & has_reading
+        tau_ext = np.where(is_measured[:, None], batch.tau_ext, 0.0)
+        is_measured_before: Flags = np.concatenate([[self._last_is_measured], is_measured])
+        tau_mean, is_pair = undone_low_pass(
+            np.concatenate([self._last_tau_ext[None], tau_ext]), self._pole, is_measured_before
         )
-        raw, pair = raw[1:], both[1:]
-        self._last = (tau_ext[-1], bool(known[-1])) if len(known) else self._last
+        tau_mean, is_period = tau_mean[1:], is_pair[1:]
+        if len(is_measured):
+            self._last_tau_ext, self._last_is_measured = tau_ext[-1], bool(is_measured[-1])
         # A joint at rest may carry any friction: a share of what it had as it moved is expected.
-        moves = np.abs(v) >= self._rest_speed
+        is_moving = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted
-        expected = self._kept * self._friction_before_rest(tau_f, moves, known)
-        raw = raw + np.where(pair[:, None] & ~moves, expected - tau_f, 0.0)
-        R_WE, _ = self._chain.pose(np.where(finite[:, None], q, 0.0))
-        J = np.where(pair[:, None, None], batch.J, 0.0)
-        speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(finite[:, None], v, 0.0))
-        new = _Samples(
-            batch, self._frame.wrench_map(R_WE), raw, J, np.linalg.norm(speed, axis=1), pair
+        expected = self._rest_share * self._friction_before_rest(tau_f, is_moving, is_measured)
+        tau_mean = tau_mean + np.where(is_period[:, None] & ~is_moving, expected - tau_f, 0.0)
+        R_WE, _ = self._chain.pose(np.where(is_finite[:, None], q, 0.0))
+        J = np.where(is_period[:, None, None], batch.J, 0.0)
+        speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(is_finite[:, None], v, 0.0))
+        samples = _Samples(
+            batch=batch,
+            wrench_map=self._frame.wrench_map(R_WE),
+            tau_ext=tau_mean,
+            J=J,
+            speed=np.linalg.norm(speed, axis=1),
+            known=is_period,
         )
-        self._waiting = new if self._waiting is None else self._waiting.joined(new)
+        self._waiting = samples if self._waiting is None else self._waiting.joined(samples)
 
-    def _friction_before_rest(self, tau_f: Array, moves: Flags, known: Flags) -> Array:
+    def _friction_before_rest(self, tau_f: Array, is_moving: Flags, is_measured: Flags) -> Array:
         """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
-        tau_f = np.where(known[:, None], tau_f, 0.0)
-        told = np.concatenate([self._friction[None], tau_f])
-        rows = np.arange(len(told))[:, None]
-        own = np.concatenate([np.ones_like(moves[:1]), moves | ~known[:, None]])
-        latest = np.maximum.accumulate(np.where(own, rows, 0), axis=0)
-        friction = np.take_along_axis(told, latest, axis=0)
+        tau_f = np.where(is_measured[:, None], tau_f, 0.0)
+        torques = np.concatenate([self._friction[None], tau_f])
+        rows = np.arange(len(torques))[:, None]
+        counts_here = np.concatenate(
+            [np.ones_like(is_moving[:1]), is_moving | ~is_measured[:, None]]
+        )
+        latest = np.maximum.accumulate(np.where(counts_here, rows, 0), axis=0)
+        friction = np.take_along_axis(torques, latest, axis=0)
         self._friction = friction[-1]
         return np.asarray(friction[1:])
 
-    def _read(self, last: bool) -> EstimateBatch:
-        """Filters all whole blocks, at the end a shorter one too, and returns what is read."""
+    def _read(self, is_end: bool) -> EstimateBatch:
+        """Filters all whole blocks, at the end a shorter one too; returns the finished samples."""
         samples, size, lag = self._waiting, self._size, self._filter.lag
         assert samples is not None
         N = len(samples.known)
-        stop = N if last else N - (N - self._filtered) % size
+        stop = N if is_end else N - (N - self._filtered) % size
         starts = np.arange(self._filtered, stop, size)
-        read: list[tuple[Array, Array]] = []
+        readings: list[tuple[Array, Array]] = []
         for start in starts:
             self._filter.take(samples.block(slice(start, min(start + size, stop))))
             if start // size >= lag:
-                read.append(self._filter.read(lag))
-        if last:
+                readings.append(self._filter.read(lag))
+        if is_end:
             total = -(-N // size)
-            read += [self._filter.read(past) for past in range(min(lag, total) - 1, -1, -1)]
+            readings += [
+                self._filter.read(blocks_ago) for blocks_ago in range(min(lag, total) - 1, -1, -1)
+            ]
         self._filtered = int(stop)
-        count = min(len(read) * size, N)
-        blocks = np.minimum(np.arange(count) // size, max(len(read) - 1, 0))
-        ready, left = samples.rows(slice(0, count)), samples.rows(slice(count, None))
-        self._waiting, self._filtered = left, self._filtered - count
-        return self._wrenches(ready, read, blocks)
+        count = min(len(readings) * size, N)
+        blocks = np.minimum(np.arange(count) // size, max(len(readings) - 1, 0))
+        finished, remaining = samples.rows(slice(0, count)), samples.rows(slice(count, None))
+        self._waiting, self._filtered = remaining, self._filtered - count
+        return self._wrenches(finished, readings, blocks)
 
     def _wrenches(
-        self, samples: "_Samples", read: list[tuple[Array, Array]], blocks: NDArray[np.intp]
+        self, samples: "_Samples", readings: list[tuple[Array, Array]], blocks: NDArray[np.intp]
     ) -> EstimateBatch:
-        F = np.array([x for x, _ in read]).reshape(-1, 6)[blocks]
-        P = np.array([P for _, P in read]).reshape(-1, 6, 6)[blocks]
+        """The batch of samples with the reading (F and its covariance) of each one's block."""
+        F = np.array([x for x, _ in readings]).reshape(-1, 6)[blocks]
+        P = np.array([P for _, P in readings]).reshape(-1, 6, 6)[blocks]
         A = samples.wrench_map
         covariance = A @ P @ A.transpose(0, 2, 1)
-        sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
+        is_sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
         return samples.batch._replace(
             wrench=np.einsum("kij,kj->ki", A, F),
             covariance=covariance,
-            valid=samples.known & sure,
+            valid=samples.known & is_sure,
         )

@@ -21,7 +21,7 @@ from wrenchsight.models.rigid_body.rotations import rotation_vector
 from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.views import copy_to, plain
 
-_NOTHING = np.zeros((6, 6))
+_NO_GAIN = np.zeros((6, 6))
 
 
 def impedance_law(
@@ -30,8 +30,8 @@ def impedance_law(
     friction: Array,
     time_step: float = 1e-3,
     in_E: bool = False,
-    stiffness: ArrayLike = _NOTHING,
-    damping: ArrayLike = _NOTHING,
+    stiffness: ArrayLike = _NO_GAIN,
+    damping: ArrayLike = _NO_GAIN,
     null_space_damping: float = 0.0,
     friction_velocity: float = 0.005,
     force_gains: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -39,7 +39,7 @@ def impedance_law(
     direction_in_E: bool = False,
     has_force: bool = False,
 ) -> Record:
-    """Returns what an impedance controller is, for the kernels of this module.
+    """Returns the constants of an impedance controller, for the kernels of this module.
 
     Args:
         effort_limit: (n,) N m.
@@ -74,7 +74,7 @@ def impedance_law(
 
 @kernel
 def _left_jacobian_inverse(e: Array, sign: float, out: Array) -> None:
-    # 1 - sign/2 [e]x + c [e]x^2; sign -1 gives the right Jacobian's inverse
+    """Writes 1 - sign/2 [e]x + c [e]x^2 (3, 3); sign -1 gives the right Jacobian's inverse."""
     theta2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
     if theta2 < 1e-8:
         c = 1.0 / 12.0 + theta2 / 720.0
@@ -157,7 +157,7 @@ def impedance_wrench(
         for j in range(3):
             spring[i] -= A[j, i] * Ke[j]
     if in_E:
-        # -[e_t]x^T K e_t: what keeps the spring passive as its axes turn with E
+        # -[e_t]x^T K e_t: it keeps the spring passive as its axes turn with E.
         spring[0] += e[4] * Ke[5] - e[5] * Ke[4]
         spring[1] += e[5] * Ke[3] - e[3] * Ke[5]
         spring[2] += e[3] * Ke[4] - e[4] * Ke[3]
@@ -187,12 +187,13 @@ def impedance_wrench(
 
 @kernel
 def _to_world(R_WE: Array, wrench: Array) -> None:
-    old = wrench.copy()
+    """Turns a wrench (6,) from axes of E into axes of W, in place."""
+    wrench_E = wrench.copy()
     for part in (0, 3):
         for i in range(3):
             wrench[part + i] = 0.0
             for k in range(3):
-                wrench[part + i] += R_WE[i, k] * old[part + k]
+                wrench[part + i] += R_WE[i, k] * wrench_E[part + k]
 
 
 @kernel
@@ -211,17 +212,23 @@ def impedance_torque(
         terms: of `terms_type`.
         reference: (3n,) q_d, v_d, vdot_d, of which v_d and vdot_d are fed forward.
     """
-    at, effort_limit = terms[0], law[0].effort_limit
-    n, friction = at.v.shape[0], plain(law[0].friction)
+    terms_row, effort_limit = terms[0], law[0].effort_limit
+    n, friction = terms_row.v.shape[0], plain(law[0].friction)
     friction_feedforward(friction, reference[n : 2 * n], law[0].friction_velocity, tau)
     for i in range(n):
-        tau[i] += at.Cv[i] + at.G[i]
+        tau[i] += terms_row.Cv[i] + terms_row.G[i]
         for k in range(6):
-            tau[i] += at.J[k, i] * wrench[k]
+            tau[i] += terms_row.J[k, i] * wrench[k]
         for j in range(n):
-            tau[i] += at.M[i, j] * reference[2 * n + j]
+            tau[i] += terms_row.M[i, j] * reference[2 * n + j]
     if n > 6 and law[0].null_space_damping > 0.0:
-        damp_null_space(law[0].null_space_damping, plain(at.M), plain(at.J), plain(at.v), tau)
+        damp_null_space(
+            law[0].null_space_damping,
+            plain(terms_row.M),
+            plain(terms_row.J),
+            plain(terms_row.v),
+            tau,
+        )
     for i in range(n):
         tau[i] = min(max(tau[i], -effort_limit[i]), effort_limit[i])
 
@@ -240,31 +247,31 @@ def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) ->
         tau: (n,) N m, changed.
     """
     n = v.shape[0]
-    L, by_M = np.empty((n, n)), np.empty((6, n))  # rows J M^-1
+    L, J_M_inverse = np.empty((n, n)), np.empty((6, n))  # rows J M^-1
     for i in range(n):
         for j in range(i + 1):
             L[i, j] = M[i, j]
     factorise_in_place(L, n, 0.0)
-    mobility, through = np.empty((6, 6)), np.empty(6)
+    mobility, lambda_v = np.empty((6, 6)), np.empty(6)
     for k in range(6):
-        copy_to(by_M[k], J[k])
-        solve_factorised(L, n, by_M[k])
-        through[k] = 0.0
+        copy_to(J_M_inverse[k], J[k])
+        solve_factorised(L, n, J_M_inverse[k])
+        lambda_v[k] = 0.0
         for i in range(n):
-            through[k] -= damping * by_M[k, i] * v[i]
+            lambda_v[k] -= damping * J_M_inverse[k, i] * v[i]
     for k in range(6):
         for m in range(k + 1):
             mobility[k, m] = 0.0
             for i in range(n):
-                mobility[k, m] += J[k, i] * by_M[m, i]
+                mobility[k, m] += J[k, i] * J_M_inverse[m, i]
         # A small share of the identity keeps it solvable where J loses rank.
         mobility[k, k] += 1e-9 * (1.0 + mobility[k, k])
     factorise_in_place(mobility, 6, 0.0)
-    solve_factorised(mobility, 6, through)
+    solve_factorised(mobility, 6, lambda_v)
     for i in range(n):
         tau[i] -= damping * v[i]
         for k in range(6):
-            tau[i] -= J[k, i] * through[k]
+            tau[i] -= J[k, i] * lambda_v[k]
 
 
 @kernel
@@ -280,24 +287,24 @@ def impedance_action(
     integral: float,
     action: Array,
 ) -> None:
-    """Writes what ImpedanceController does in a tick: torque (n,), pose error (6,), integral (1,).
+    """Writes the action of ImpedanceController: torque (n,), pose error (6,), integral (1,).
 
     Args:
         law: of `impedance_law`; without has_force the integral stays.
         terms: of `terms_type`.
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
         presses: whether force is controlled now.
-        feedback_valid: whether by the feedback; else the press is the set-point and the integral.
-        setpoint: N; while force is not controlled, that which is there already.
+        feedback_valid: whether the feedback counts; else the press is set-point and integral.
+        setpoint: N; while force is not controlled, the set-point that it will start with.
         wrench: (6,) F_E_W of the feedback.
-        integral: N s, of the force error so far; that at the end of the tick is written.
+        integral: N s, of the force error so far; its value at the end of the tick is written.
         others: as in impedance_torque.
     """
     n = terms[0].v.shape[0]
     R_WE, p_WE, effort_limit = plain(terms[0].R_WE), plain(terms[0].p_WE), law[0].effort_limit
     R_WD = pose_reference[:9].reshape(3, 3)
     p_WD, V_WD = pose_reference[9:12], pose_reference[12:]
-    d_W, nowhere, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)
+    d_W, no_direction, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)
     if law[0].direction_in_E == 1.0:
         for i in range(3):
             d_W[i] = 0.0
@@ -306,8 +313,8 @@ def impedance_action(
     push = 0.0
     for k in range(3):
         push += d_W[k] * wrench[3 + k]
-    free = d_W if presses else nowhere
-    impedance_wrench(law, terms, R_WD, p_WD, V_WD, free, commanded)
+    free_direction = d_W if presses else no_direction
+    impedance_wrench(law, terms, R_WD, p_WD, V_WD, free_direction, commanded)
     error = setpoint - push if feedback_valid else 0.0
     ki, limit = law[0].integral, law[0].integral_limit
     bound = limit / ki if ki > 0.0 else 0.0
@@ -327,10 +334,10 @@ def impedance_action(
             integral += law[0].time_step * error
     elif has_force and ki > 0.0:
         # The push of the spring, less the set-point with which force control will begin.
-        blind = np.empty(6)
-        impedance_wrench(law, terms, R_WD, p_WD, V_WD, d_W, blind)
+        free_wrench = np.empty(6)
+        impedance_wrench(law, terms, R_WD, p_WD, V_WD, d_W, free_wrench)
         spring = 0.0
         for k in range(3):
-            spring += d_W[k] * (commanded[3 + k] - blind[3 + k])
+            spring += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])
         integral = (-spring - setpoint) / ki
     action[n + 6] = min(max(integral, -bound), bound) if has_force else integral

@@ -15,7 +15,7 @@ def impedance_tick(
     action: Array,
     pose: Array,
 ) -> None:
-    """`impedance_action` along the plan of a pass, and the pose where it was worked out.
+    """Writes `impedance_action` along the plan of a pass, and the pose of E.
 
     Args:
         plan: (18 + 3n + 7,) of `machining_reference`: its references, then its switches.
@@ -26,8 +26,16 @@ def impedance_tick(
     presses: bool = law[0].has_force == 1.0 and plan[-6] > 0.5
     feedback_valid: bool = plan[-1] > 0.5
     impedance_action(
-        *(law, terms, plan[:18], plan[18 : 18 + 3 * n], presses, feedback_valid, plan[-7]),
-        *(wrench, integral, action),
+        law,
+        terms,
+        plan[:18],
+        plan[18 : 18 + 3 * n],
+        presses,
+        feedback_valid,
+        plan[-7],
+        wrench,
+        integral,
+        action,
     )
     R_WE = terms[0].R_WE
     for i in range(9):

@@ -9,8 +9,8 @@ from wrenchsight.models.views import plain, read_only
 
 
 @kernel
-def friction_feedforward(table: Array, v_d: Array, velocity: float, out: Array) -> None:
-    """Writes the friction torque (n,) of a motion at v_d (n,): the law, faded out around rest.
+def friction_feedforward(table: Array, v_d: Array, velocity: float, tau_f: Array) -> None:
+    """Writes the friction torque (n,) of a motion at v_d (n,): the law, faded out near rest.
 
     The law jumps at zero velocity; within a few times `velocity` (rad/s) of it the torque goes
     smoothly from one side's to the other's, so that a reference at rest does not rattle.
@@ -18,9 +18,9 @@ def friction_feedforward(table: Array, v_d: Array, velocity: float, out: Array) 
     Args:
         table: of SemiParametricFriction.
     """
-    friction_torque(table, v_d, out)
+    friction_torque(table, v_d, tau_f)
     for i in range(v_d.shape[0]):
-        out[i] *= abs(v_d[i]) / np.sqrt(v_d[i] * v_d[i] + velocity * velocity)
+        tau_f[i] *= abs(v_d[i]) / np.sqrt(v_d[i] * v_d[i] + velocity * velocity)
 
 
 def tracking_law(
@@ -32,11 +32,11 @@ def tracking_law(
     friction_velocity: float,
     time_step: float,
 ) -> Record:
-    """Returns what a joint tracking controller is, for the kernels of this module.
+    """Returns the constants of a joint tracking controller, for the kernels of this module.
 
     Args:
         computed: True for computed torque, False for feed-forward with PD.
-        gains: (4, n) kp, kd, ki, and the largest ki integral that is let through.
+        gains: (4, n) kp, kd, ki, and the bound of ki times the integral.
         effort_limit: (n,) N m.
         friction: table of SemiParametricFriction.
         friction_velocity: rad/s, see friction_feedforward.
@@ -101,11 +101,18 @@ def tracking_torque(
 def tracking_torque_of(
     law: Record, terms: Record, reference: Array, integral: Array, tau: Array
 ) -> None:
-    """`tracking_torque` at the terms of RigidBodyTerms."""
-    at = terms[0]
+    """Writes `tracking_torque` for the record of RigidBodyTerms."""
+    terms_row = terms[0]
     tracking_torque(
-        *(law, plain(at.M), plain(at.Cv), plain(at.G), plain(at.q), plain(at.v)),
-        *(reference, read_only(integral), tau),
+        law,
+        plain(terms_row.M),
+        plain(terms_row.Cv),
+        plain(terms_row.G),
+        plain(terms_row.q),
+        plain(terms_row.v),
+        reference,
+        read_only(integral),
+        tau,
     )
 
 
@@ -113,8 +120,8 @@ def tracking_torque_of(
 def advance_integral(law: Record, q: Array, q_d: Array, tau: Array, integral: Array) -> None:
     """Advances the integral (n,) in place by one tick, with anti-windup.
 
-    It stands still where the drive is at its limit and the error would push further, and never
-    grows beyond what the limit lets through.
+    It stands still where the drive is at its limit and the error would push further. ki times the
+    integral never exceeds its bound.
     """
     ki, limit = law[0].ki, law[0].integral_limit
     for i in range(q.shape[0]):

@@ -1,7 +1,7 @@
-"""A wrench as a function of time, written down as a list of steps, ramps, sines and hand pushes.
+"""A wrench as a function of time: a list of steps, ramps, sines and hand pushes.
 
-Kept out of the blocks so that a scenario's wrench can be evaluated without simulating it. In the
-script a person writes `force` and `moment`; in arrays the wrench is rotation first.
+A scenario's wrench can so be evaluated without simulating it. A script states `force` and `moment`;
+in arrays the wrench is rotation first.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ def _zero() -> list[float]:
 
 @dataclass
 class WrenchStep:
-    """Jumps to (force, moment) at `start`, and back to nothing after `duration`."""
+    """Jumps to (force, moment) at `start`, and back to zero after `duration`."""
 
     start: float = 0.0  # s
     duration: float = _FOREVER  # s
@@ -35,7 +35,7 @@ class WrenchStep:
 
 @dataclass
 class WrenchRamp:
-    """Grows linearly from nothing at `start` over `rise`, holds, and vanishes after `duration`."""
+    """Grows linearly from zero at `start` over `rise`, holds, and vanishes after `duration`."""
 
     start: float = 0.0  # s
     rise: float = 1.0  # s
@@ -58,11 +58,11 @@ class WrenchSine:
 
 @dataclass
 class HandPush:
-    """A random push with nothing above `bandwidth`, as a hand gives: smooth, and never the same.
+    """A random push of limited bandwidth, as of a hand: smooth, and never the same.
 
-    A sum of sines of random frequency and phase, drawn once from the seed, so that it is a function
-    of time and can be repeated; faded in and out by a raised cosine. With `each` it comes and
-    goes: pushes of that length, with a pause after each.
+    It is a sum of sines of random frequency and phase, drawn once from the seed, so that it can be
+    repeated. It is faded in and out by a raised cosine. With `each` it comes and goes: pushes of
+    that length, with a pause after each.
     """
 
     start: float = 0.0  # s
@@ -80,23 +80,28 @@ WrenchSegment = Union[WrenchStep, WrenchRamp, WrenchSine, HandPush]  # noqa: UP0
 
 
 @kernel
-def sample_script(table: Array, tones: Array, t: float, out: Array) -> None:
-    """The wrench (6,) of a script's `table` and `tones` at time t, into `out`."""
-    # table rows: kind, start, end, rise or frequency or fade, phase or first tone, 6 amplitudes,
-    # length of one push, time from one to the next
-    # tones: (pushes, 6 axes, tones, 2) angular frequency and phase
-    out[:] = 0.0
+def sample_script(table: Array, tones: Array, t: float, wrench: Array) -> None:
+    """Writes the wrench (6,) of a script at time t, s; rotation first, N m, N.
+
+    Args:
+        table: (segments, 13) kind, start, end, rise or frequency or fade, phase or first tone, 6
+            amplitudes, length of one push, time from one to the next.
+        tones: (pushes, 6 axes, tones, 2) angular frequency and phase.
+        t: s.
+        wrench: written.
+    """
+    wrench[:] = 0.0
     for i in range(table.shape[0]):
         start, end = table[i, 1], table[i, 2]
         if t < start or t >= end:
             continue
         kind = table[i, 0]
-        since = t - start
+        elapsed = t - start
         if kind == _PUSH:
             push = int(table[i, 4])
             fade = table[i, 3]
-            within = since % table[i, 12]
-            edge = min(within, table[i, 11] - within, end - t)
+            push_time = elapsed % table[i, 12]
+            edge = min(push_time, table[i, 11] - push_time, end - t)
             if edge < 0.0:
                 continue
             window = 1.0
@@ -106,29 +111,32 @@ def sample_script(table: Array, tones: Array, t: float, out: Array) -> None:
                 if table[i, 5 + axis] != 0.0:
                     value = 0.0
                     for k in range(tones.shape[2]):
-                        value += np.sin(tones[push, axis, k, 0] * since + tones[push, axis, k, 1])
-                    out[axis] += window * table[i, 5 + axis] * value * np.sqrt(2.0 / tones.shape[2])
+                        value += np.sin(tones[push, axis, k, 0] * elapsed + tones[push, axis, k, 1])
+                    wrench[axis] += (
+                        window * table[i, 5 + axis] * value * np.sqrt(2.0 / tones.shape[2])
+                    )
             continue
         if kind == _STEP:
             gain = 1.0
         elif kind == _RAMP:
-            gain = min(since / table[i, 3], 1.0)
+            gain = min(elapsed / table[i, 3], 1.0)
         else:
-            gain = np.sin(2.0 * np.pi * table[i, 3] * since + table[i, 4])
+            gain = np.sin(2.0 * np.pi * table[i, 3] * elapsed + table[i, 4])
         for axis in range(6):
-            out[axis] += gain * table[i, 5 + axis]
+            wrench[axis] += gain * table[i, 5 + axis]
 
 
 class WrenchScript:
     """The sum of the segments, as a function of time.
 
     Args:
-        segments: what acts, each over its own time; they add up. A segment acts in
-            start <= t < start + duration.
-        seed: added to each HandPush's own seed.
-        source: what an error names: the file that the segments come from.
+        segments: they add up; each acts in start <= t < start + duration.
+        seed: added to the seed of each HandPush.
+        source: the file that the segments come from, for error lines.
 
-    `table` and `tones` are what `sample_script` reads.
+    Attributes:
+        segments: as given.
+        table, tones: of `sample_script`.
 
     Raises:
         InputError: a time, frequency, force or moment that is not finite, negative where that has
@@ -143,7 +151,7 @@ class WrenchScript:
         tones: list[Array] = []
         for i, segment in enumerate(segments):
             _check(segment, i, source)
-            shape, phase, each, every = 0.0, 0.0, 0.0, 1.0
+            shape, phase, push_length, push_period = 0.0, 0.0, 0.0, 1.0
             if isinstance(segment, WrenchStep):
                 kind = _STEP
             elif isinstance(segment, WrenchRamp):
@@ -152,8 +160,8 @@ class WrenchScript:
                 kind, shape, phase = _SINE, segment.frequency, segment.phase
             else:
                 kind, shape, phase = _PUSH, segment.fade, float(len(tones))
-                each = segment.each if segment.each > 0.0 else segment.duration
-                every = each + segment.pause
+                push_length = segment.each if segment.each > 0.0 else segment.duration
+                push_period = push_length + segment.pause
                 random = np.random.default_rng([seed, segment.seed, i])
                 tone = np.empty((6, _NUM_TONES, 2))
                 tone[..., 0] = 2 * np.pi * segment.bandwidth * random.random((6, _NUM_TONES))
@@ -161,24 +169,25 @@ class WrenchScript:
                 tones.append(tone)
             end = segment.start + segment.duration
             wrench = (*segment.moment, *segment.force)
-            rows.append([kind, segment.start, end, shape, phase, *wrench, each, every])
+            rows.append([kind, segment.start, end, shape, phase, *wrench, push_length, push_period])
         self.table = np.array(rows, dtype=np.float64).reshape(-1, 13)
         self.tones = np.array(tones, dtype=np.float64).reshape(-1, 6, _NUM_TONES, 2)
 
     def sample(self, t: float) -> Array:
         """The wrench (6,) at time t, rotation first: [moment N m; force N]."""
-        out = np.empty(6)
-        sample_script(self.table, self.tones, t, out)
-        return out
+        wrench = np.empty(6)
+        sample_script(self.table, self.tones, t, wrench)
+        return wrench
 
 
 def _check(segment: WrenchSegment, index: int, source: str) -> None:
-    place = f"wrench segment {index + 1} ({type(segment).__name__})"
+    """Raises InputError where a number of a segment is out of range."""
+    location = f"wrench segment {index + 1} ({type(segment).__name__})"
     for name in ("force", "moment"):
         value = getattr(segment, name)
         if len(value) != 3 or not np.all(np.isfinite(value)):
             raise InputError(
-                source, place, f"{name} is {value}, expected three finite numbers", "correct it"
+                source, location, f"{name} is {value}, expected three finite numbers", "correct it"
             )
     positive = ["duration"]
     if isinstance(segment, WrenchRamp):
@@ -191,12 +200,12 @@ def _check(segment: WrenchSegment, index: int, source: str) -> None:
             np.isfinite(segment.each + segment.pause) and min(segment.each, segment.pause) >= 0
         ):
             times = f"each is {segment.each}, pause {segment.pause}"
-            raise InputError(source, place, f"{times}, expected zero or more", "correct it")
+            raise InputError(source, location, f"{times}, expected zero or more", "correct it")
     for name in positive:
         value = getattr(segment, name)
         if not (np.isfinite(value) and value > 0):
             raise InputError(
-                source, place, f"{name} is {value}, expected a positive number", "correct it"
+                source, location, f"{name} is {value}, expected a positive number", "correct it"
             )
     if not np.isfinite(segment.start):
-        raise InputError(source, place, f"start is {segment.start}", "give a time in s")
+        raise InputError(source, location, f"start is {segment.start}", "give a time in s")

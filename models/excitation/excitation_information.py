@@ -1,4 +1,4 @@
-"""How much a motion tells about an arm's parameters, and the gradient of that by the motion.
+"""The information of a motion about an arm's parameters, and its gradient by the motion.
 
 The torque is linear in the base parameters, weight * tau = W x
 (`models.identification.torque_regression`), each joint's rows weighted with one over the size of
@@ -67,9 +67,11 @@ class ExcitationInformation:
         """Finds the parameters that a general motion of the chain determines."""
         n = chain.num_joints
         rng = np.random.default_rng(0)  # any motion in general position has the same rank
-        motion = [rng.uniform(-2.0, 2.0, (400, n)) for _ in range(3)]
+        q = rng.uniform(-2.0, 2.0, (400, n))
+        v = rng.uniform(-2.0, 2.0, (400, n))
+        vdot = rng.uniform(-2.0, 2.0, (400, n))
         measure = cls(chain, np.asarray(weight, float), np.arange(14 * n), (), 0.0)
-        base = measure.base_parameters(*motion)
+        base = measure.base_parameters(q, v, vdot)
         return cls(chain, measure.weight, base.independent, base.names, friction_velocity)
 
     def regressor(self, q: Array, v: Array, vdot: Array) -> Array:
@@ -79,27 +81,27 @@ class ExcitationInformation:
         W[:, :, : 10 * n] = self.chain.regressor(q, v, vdot)
         sign = np.tanh(v / self.friction_velocity) if self.friction_velocity > 0 else np.sign(v)
         joint = np.arange(n)
-        own = 10 * n + 4 * joint
-        W[:, joint, own], W[:, joint, own + 1] = vdot, sign
-        W[:, joint, own + 2], W[:, joint, own + 3] = v, 1.0
+        inertia_column = 10 * n + 4 * joint
+        W[:, joint, inertia_column], W[:, joint, inertia_column + 1] = vdot, sign
+        W[:, joint, inertia_column + 2], W[:, joint, inertia_column + 3] = v, 1.0
         W *= self.weight[:, None]
         return W.reshape(-1, 14 * n)
 
     def base_parameters(self, q: Array, v: Array, vdot: Array) -> BaseParameters:
-        """What this motion determines, as `identify` will find it."""
+        """The parameters that this motion determines, as `identify` will find them."""
         return find_base_parameters(
             self.regressor(q, v, vdot), parameter_names(self.chain.joint_names)
         )
 
     def undetermined(self, q: Array, v: Array, vdot: Array, tolerance: float = 1e-5) -> list[str]:
-        """Names of base parameters of a general motion that this motion cannot tell."""
+        """Names of the base parameters that this motion does not determine."""
         W = self.regressor(q, v, vdot)[:, self.columns]
-        found = find_base_parameters(W, self.names, tolerance)
-        missing = np.setdiff1d(np.arange(len(self.columns)), found.independent)
+        determined = find_base_parameters(W, self.names, tolerance)
+        missing = np.setdiff1d(np.arange(len(self.columns)), determined.independent)
         return [self.names[i] for i in missing]
 
     def condition_number(self, q: Array, v: Array, vdot: Array) -> float:
-        """Of the columns of the base parameters, scaled to unit length; inf if one is zero."""
+        """Condition number of the base parameters' columns, scaled to length 1; inf if one is 0."""
         W = self.regressor(q, v, vdot)[:, self.columns]
         length = np.linalg.norm(W, axis=0)
         if not (length > 0.0).all():
@@ -113,25 +115,27 @@ class ExcitationInformation:
         """The measure to minimise, and its gradients (N, n) by q, v and vdot (N, n)."""
         n, b = self.chain.num_joints, len(self.columns)
         W = self.regressor(q, v, vdot)[:, self.columns]
-        length = np.maximum(np.linalg.norm(W, axis=0), 1e-12)
-        A = W / length
+        lengths = np.maximum(np.linalg.norm(W, axis=0), 1e-12)
+        A = W / lengths
         gram = A.T @ A
         eigenvalues, V = np.linalg.eigh(gram)
         # A motion that leaves something undetermined has a large cost, not an infinite one.
         eigenvalues = np.maximum(eigenvalues, 1e-13)
         if measure == "condition_number":
-            up, down = _log_sum(eigenvalues, _POWER), _log_sum(eigenvalues, -_POWER)
-            value = 0.5 * (up[0] + down[0])
-            by_eigenvalue = 0.5 * (up[1] - down[1])
+            largest, by_largest = _log_sum(eigenvalues, _POWER)
+            smallest, by_smallest = _log_sum(eigenvalues, -_POWER)
+            value = 0.5 * (largest + smallest)
+            by_eigenvalue = 0.5 * (by_largest - by_smallest)
             by_A = 2.0 * A @ ((V * by_eigenvalue) @ V.T)
-            by_W = (by_A - A * (A * by_A).sum(axis=0)) / length
+            by_W = (by_A - A * (A * by_A).sum(axis=0)) / lengths
         else:
-            value = -float(0.5 * np.log(eigenvalues).sum() + np.log(length).sum()) / b
-            by_W = -(A @ ((V / eigenvalues) @ V.T)) / length / b
+            value = -float(0.5 * np.log(eigenvalues).sum() + np.log(lengths).sum()) / b
+            by_W = -(A @ ((V / eigenvalues) @ V.T)) / lengths / b
         weights = np.zeros((len(q), n, 14 * n))
         weights.reshape(-1, 14 * n)[:, self.columns] = by_W
         weights *= self.weight[:, None]
-        return float(value), *self._pull_back(weights, q, v, vdot)
+        by_q, by_v, by_vdot = self._pull_back(weights, q, v, vdot)
+        return float(value), by_q, by_v, by_vdot
 
     def _pull_back(
         self, weights: Array, q: Array, v: Array, vdot: Array
@@ -139,12 +143,12 @@ class ExcitationInformation:
         n = self.chain.num_joints
         by_q, by_v, by_vdot = regressor_pull_back(self.chain, weights[:, :, : 10 * n], q, v, vdot)
         joint = np.arange(n)
-        own = 10 * n + 4 * joint
-        by_vdot += weights[:, joint, own]
-        by_v += weights[:, joint, own + 2]
+        inertia_column = 10 * n + 4 * joint
+        by_vdot += weights[:, joint, inertia_column]
+        by_v += weights[:, joint, inertia_column + 2]
         if self.friction_velocity > 0.0:
             steep = (1.0 - np.tanh(v / self.friction_velocity) ** 2) / self.friction_velocity
-            by_v += weights[:, joint, own + 1] * steep
+            by_v += weights[:, joint, inertia_column + 1] * steep
         return by_q, by_v, by_vdot
 
 
@@ -156,8 +160,8 @@ def regressor_pull_back(
     steps = [_STEP] * n + [1.0] * (2 * n)
     stacked = np.concatenate([q, v, vdot], axis=1)  # (N, 3 n)
     shift = np.diag(steps)
-    moved = np.concatenate([stacked[:, None] + shift, stacked[:, None] - shift], axis=1)
-    rows = moved.reshape(-1, 3 * n)
+    shifted = np.concatenate([stacked[:, None] + shift, stacked[:, None] - shift], axis=1)
+    rows = shifted.reshape(-1, 3 * n)
     Y = chain.regressor(rows[:, :n].copy(), rows[:, n : 2 * n].copy(), rows[:, 2 * n :].copy())
     values = np.einsum("kmp,kp->km", Y.reshape(len(q), 6 * n, -1), weights.reshape(len(q), -1))
     gradient = (values[:, : 3 * n] - values[:, 3 * n :]) / (2.0 * np.array(steps))

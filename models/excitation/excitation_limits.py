@@ -1,11 +1,11 @@
-"""What an excitation must keep: margins from the robot's limits and from its surroundings."""
+"""The limits of an excitation: margins from the robot's limits and from its surroundings."""
 
 from dataclasses import dataclass, field
 
 
 @dataclass
 class ExcitationLimits:
-    """What an excitation must keep; of the lists one number for all joints, or one each."""
+    """The limits of an excitation; of the lists one number for all joints, or one each."""
 
     position_margin: float = 0.05  # rad (m), distance kept from the joints' position limits
     velocity_share: float = 0.5  # share of the velocity limits that may be used

@@ -1,6 +1,6 @@
 """The choice of an excitation motion as a MathematicalProgram.
 
-    minimise    a measure of what the motion tells (models.excitation.excitation_information)
+    minimise    a measure of the motion (models.excitation.excitation_information)
     over        the coefficients of a Fourier series: centre, sines and cosines of every joint
     subject to  v = vdot = 0 at the start, and so at the end
                 position, velocity, acceleration within their limits at every time
@@ -44,7 +44,7 @@ UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
 
 @dataclass(frozen=True, eq=False)
 class MotionBounds:
-    """The limits in numbers, each (n,)."""
+    """The limits of a motion, (n,) each: rad, rad/s, rad/s^2 (m for prismatic joints) and N m."""
 
     position_lower: Array
     position_upper: Array
@@ -67,7 +67,7 @@ class MotionBounds:
                     raise InputError(
                         "excite",
                         name,
-                        f"{joint} is left {value:.3g} {unit}: no trajectory keeps that",
+                        f"leaves {joint} {value:.3g} {unit}, expected more than 0",
                         "widen the limit",
                     )
             return values
@@ -81,23 +81,24 @@ class MotionBounds:
         lower = np.maximum(robot.position_lower, -2.0 * np.pi) + limits.position_margin
         upper = np.minimum(robot.position_upper, 2.0 * np.pi) - limits.position_margin
         positive("position_margin", upper - lower, "rad of travel")
+        acceleration = np.broadcast_to(acceleration, n).copy()
         return cls(
-            lower,
-            upper,
-            positive("velocity_share", limits.velocity_share * speed, "rad/s"),
-            positive("acceleration", np.broadcast_to(acceleration, n).copy(), "rad/s^2"),
-            positive("torque_share", limits.torque_share * robot.effort_limit, "N m"),
+            position_lower=lower,
+            position_upper=upper,
+            velocity=positive("velocity_share", limits.velocity_share * speed, "rad/s"),
+            acceleration=positive("acceleration", acceleration, "rad/s^2"),
+            torque=positive("torque_share", limits.torque_share * robot.effort_limit, "N m"),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class ExcitationSolution:
-    """What the solver found.
+    """The solution of the program from one start.
 
     Attributes:
-        trajectory: start and end at rest.
-        cost: of the smooth measure.
-        status: the solver's own word for it.
+        trajectory: starts and ends at rest.
+        cost: the smooth measure.
+        status: as the solver states it.
         evaluations: of the cost with its gradient.
     """
 
@@ -113,15 +114,15 @@ class ExcitationProgram:
     Args:
         chain: of the robot whose torque is limited.
         bounds: of the motion.
-        information: what is measured.
+        information: of the motion about the parameters.
         measure: "condition_number" or "log_det".
         base_frequency: Hz.
         num_harmonics: H.
         slack: of a posture; None where nothing can touch.
         num_samples: of a period, for measure, linear limits, torque.
         num_postures: of a period, at which the slack is held.
-        reserve: m of slack and share of the torque limit, kept back at the samples for what happens
-            between them.
+        reserve: m of slack, and share of the torque limit, to spare at the samples, because both
+            change between them.
     """
 
     def __init__(
@@ -138,14 +139,11 @@ class ExcitationProgram:
         reserve: tuple[float, float] = (0.004, 0.02),
     ) -> None:
         self.chain, self.bounds, self.information = chain, bounds, information
-        self.measure, self.base_frequency, self.num_harmonics = (
-            measure,
-            base_frequency,
-            num_harmonics,
-        )
+        self.measure = measure
+        self.base_frequency, self.num_harmonics = base_frequency, num_harmonics
         self._slack = slack
         self._reserve = reserve
-        self._watch: Callable[[int, float], None] = lambda evaluations, cost: None
+        self._on_evaluation: Callable[[int, float], None] = lambda evaluations, cost: None
         self._evaluations = 0
         H = num_harmonics
         period = 1.0 / base_frequency
@@ -171,10 +169,10 @@ class ExcitationProgram:
         """
         n, H = self.chain.num_joints, self.num_harmonics
         low, high = self.bounds.position_lower, self.bounds.position_upper
-        refused = {"torque": 0, "clearance": 0}
-        tried = 0
+        num_broken = {"torque": 0, "clearance": 0}
+        num_tried = 0
         for _ in range(_MOST_POSTURES):
-            if tried == 2 * num_draws:
+            if num_tried == 2 * num_draws:
                 break
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
             centre = middle + rng.uniform(-0.5, 0.5, n) * np.minimum(half, np.pi)
@@ -195,22 +193,22 @@ class ExcitationProgram:
             )
             x *= 0.999 * size[:, None]
             x[:, 0] = centre
-            patient = tried >= num_draws
-            if patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
+            is_patient = num_tried >= num_draws
+            if is_patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
                 continue
-            tried += 1
-            for _ in range(_MORE_SHRINKS if patient else _SHRINKS):
+            num_tried += 1
+            for _ in range(_MORE_SHRINKS if is_patient else _SHRINKS):
                 broken = self._broken(x)
                 if not broken:
                     return self._trajectory(x)
                 x[:, 1:] *= 0.6
-            refused[broken] += 1
-        worst = max(refused, key=lambda name: refused[name])
+            num_broken[broken] += 1
+        worst = max(num_broken, key=lambda name: num_broken[name])
         remedy = {"torque": "raise torque_share", "clearance": "lower clearance or the floor"}
         raise InputError(
             "excite",
             worst,
-            f"no trajectory found: {tried} random ones all break this limit, also small ones",
+            f"no trajectory found: all {num_tried} random ones break this limit, also small ones",
             remedy[worst],
         )
 
@@ -225,9 +223,9 @@ class ExcitationProgram:
         Args:
             start: of the same harmonics.
             iterations: major ones of SNOPT.
-            watch: told the number of evaluations and the cost at each.
+            watch: called with the number of evaluations and the cost at each.
         """
-        self._watch, self._evaluations = watch, 0
+        self._on_evaluation, self._evaluations = watch, 0
         settings = SolverOptions()
         solver = SnoptSolver()
         for name, value in {
@@ -279,34 +277,36 @@ class ExcitationProgram:
         middle = 0.5 * (bounds.position_lower + bounds.position_upper)
         half = 0.5 * (bounds.position_upper - bounds.position_lower)
         for j in range(self.chain.num_joints):
-            own = x[j]
-            program.AddLinearEqualityConstraint(np.ones((1, H)), [0.0], own[1 : 1 + H])
-            program.AddLinearEqualityConstraint(k[None], [0.0], own[1 + H :])
+            joint_x = x[j]
+            program.AddLinearEqualityConstraint(np.ones((1, H)), [0.0], joint_x[1 : 1 + H])
+            program.AddLinearEqualityConstraint(k[None], [0.0], joint_x[1 + H :])
             reach = np.full(len(self._basis[0]), share * half[j])
-            program.AddLinearConstraint(self._basis[0], middle[j] - reach, middle[j] + reach, own)
+            program.AddLinearConstraint(
+                self._basis[0], middle[j] - reach, middle[j] + reach, joint_x
+            )
             for basis, limit in zip(
                 self._basis[1:], (bounds.velocity, bounds.acceleration), strict=True
             ):
-                most = np.full(len(basis), share * limit[j])
-                program.AddLinearConstraint(basis, -most, most, own)
-        everything = x.ravel()
-        most = np.full(self.chain.num_joints * len(self._basis[0][self._torque_rows]), 1.0)
-        most -= self._reserve[1]
-        program.AddConstraint(differentiable(self._torque), -most, most, everything)
+                upper = np.full(len(basis), share * limit[j])
+                program.AddLinearConstraint(basis, -upper, upper, joint_x)
+        all_x = x.ravel()
+        upper = np.full(self.chain.num_joints * len(self._basis[0][self._torque_rows]), 1.0)
+        upper -= self._reserve[1]
+        program.AddConstraint(differentiable(self._torque), -upper, upper, all_x)
         if self._slack is not None:
             count = len(self._basis[0][self._coarse])
-            least = np.full(count, self._reserve[0])
-            most = np.full(count, np.inf)
-            program.AddConstraint(differentiable(self._slacks), least, most, everything)
+            lower = np.full(count, self._reserve[0])
+            upper = np.full(count, np.inf)
+            program.AddConstraint(differentiable(self._slacks), lower, upper, all_x)
         cost = differentiable(self._cost)
-        program.AddCost(lambda x: cost(x)[0], vars=everything)
+        program.AddCost(lambda x: cost(x)[0], vars=all_x)
 
     def _cost(self, x: Array) -> tuple[Array, Array]:
         x = x.reshape(self._x.shape)
         motion = [basis @ x.T for basis in self._basis]
         value, *by_motion = self.information.cost(self.measure, *motion)
         self._evaluations += 1
-        self._watch(self._evaluations, value)
+        self._on_evaluation(self._evaluations, value)
         gradient = sum(by.T @ basis for by, basis in zip(by_motion, self._basis, strict=True))
         return np.array([value]), np.asarray(gradient).reshape(1, -1)
 
@@ -316,9 +316,9 @@ class ExcitationProgram:
         q, v, vdot = (basis @ x.reshape(self._x.shape).T for basis in bases)
         tau = self.chain.inverse_dynamics(q, v, vdot) / self.bounds.torque
         n = self.chain.num_joints
-        by = torque_gradients(self.chain, q, v, vdot)  # (N, n, 3 n)
+        by_motion = torque_gradients(self.chain, q, v, vdot)  # (N, n, 3 n)
         gradient = sum(
-            by[:, :, i * n : (i + 1) * n, None] * basis[:, None, None, :]
+            by_motion[:, :, i * n : (i + 1) * n, None] * basis[:, None, None, :]
             for i, basis in enumerate(bases)
         )
         gradient = np.asarray(gradient) / self.bounds.torque[:, None, None]
@@ -327,10 +327,13 @@ class ExcitationProgram:
     def _slacks(self, x: Array) -> tuple[Array, Array]:
         basis = self._basis[0][self._coarse]
         assert self._slack is not None
-        found = [self._slack(q) for q in basis @ x.reshape(self._x.shape).T]
-        by_q = np.array([gradient for _, gradient in found])
-        gradient = by_q[:, :, None] * basis[:, None, :]
-        return np.array([value for value, _ in found]), gradient.reshape(len(found), -1)
+        slacks, gradients = [], []
+        for q in basis @ x.reshape(self._x.shape).T:
+            slack, by_q = self._slack(q)
+            slacks.append(slack)
+            gradients.append(by_q)
+        gradient = np.array(gradients)[:, :, None] * basis[:, None, :]
+        return np.array(slacks), gradient.reshape(len(slacks), -1)
 
 
 def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Array:
@@ -341,8 +344,8 @@ def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Arr
     n = chain.num_joints
     steps = np.array([_STEP] * n + [1.0] * (2 * n))
     stacked = np.concatenate([q, v, vdot], axis=1)[:, None]
-    moved = np.concatenate([stacked + np.diag(steps), stacked - np.diag(steps)], axis=1)
-    rows = moved.reshape(-1, 3 * n)
+    shifted = np.concatenate([stacked + np.diag(steps), stacked - np.diag(steps)], axis=1)
+    rows = shifted.reshape(-1, 3 * n)
     tau = chain.inverse_dynamics(
         rows[:, :n].copy(), rows[:, n : 2 * n].copy(), rows[:, 2 * n :].copy()
     ).reshape(len(q), 6 * n, n)

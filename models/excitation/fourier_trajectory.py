@@ -20,7 +20,7 @@ from wrenchsight.models.motion.paths import JointTrajectory
 
 @dataclass
 class FourierCoefficients:
-    """What a YAML file of coefficients holds; lists per joint, base first."""
+    """A YAML file of coefficients; lists per joint, base first."""
 
     robot: str = ""  # that it was made for; left empty it is not checked
     base_frequency: float = field(default=0.1, metadata=REQUIRED)  # Hz
@@ -62,17 +62,17 @@ class FourierTrajectory:
 
     @property
     def num_joints(self) -> int:
-        """n."""
+        """Number of joints, n."""
         return int(self.sine.shape[0])
 
     @property
     def num_harmonics(self) -> int:
-        """H; 5 in the article."""
+        """Number of harmonics, H; 5 in the article."""
         return int(self.sine.shape[1])
 
     @property
     def period(self) -> float:
-        """s."""
+        """Period of the base frequency, s."""
         return 1.0 / self.base_frequency
 
     def sample(self, t: ArrayLike) -> tuple[Array, Array, Array]:
@@ -82,10 +82,11 @@ class FourierTrajectory:
         return value @ coefficients, slope @ coefficients, bend @ coefficients
 
     def joint_trajectory(self, num_periods: int = 1, time_step: float = 0.01) -> JointTrajectory:
-        """The motion over whole periods, as what a reference follows; it stays at rest after."""
+        """The motion over whole periods; the arm rests after it."""
         count = max(2, round(num_periods * self.period / time_step) + 1)
         t = np.linspace(0.0, num_periods * self.period, count)
-        return JointTrajectory(t, *self.sample(t))
+        q, v, vdot = self.sample(t)
+        return JointTrajectory(t, q, v, vdot)
 
     def coefficients(self, robot: str = "", provenance: str = "") -> FourierCoefficients:
         """The form for a YAML file."""
@@ -100,19 +101,20 @@ class FourierTrajectory:
 
     @classmethod
     def from_coefficients(
-        cls, plain: FourierCoefficients, source: str | Path = "Fourier trajectory"
+        cls, coefficients: FourierCoefficients, source: str | Path = "Fourier trajectory"
     ) -> "FourierTrajectory":
-        """Takes coefficients as a file has them.
+        """The trajectory of coefficients from a file.
 
         Raises:
             InputError: lists of different lengths, or a number that is not finite.
         """
         try:
-            centre, sine, cosine = (
-                np.array(values, dtype=np.float64)
-                for values in (plain.centre, plain.sine, plain.cosine)
+            return cls(
+                base_frequency=coefficients.base_frequency,
+                centre=np.array(coefficients.centre, dtype=np.float64),
+                sine=np.array(coefficients.sine, dtype=np.float64),
+                cosine=np.array(coefficients.cosine, dtype=np.float64),
             )
-            return cls(plain.base_frequency, centre, sine, cosine)
         except ValueError as error:
             remedy = "centre takes n numbers, sine and cosine n lists of one length"
             raise InputError(source, "", str(error).replace("\n", " "), remedy) from None
@@ -128,10 +130,10 @@ class FourierTrajectory:
         Raises:
             InputError: missing or damaged file, or one made for another robot.
         """
-        plain = load_configuration(path, FourierCoefficients)
-        if robot and plain.robot and plain.robot != robot:
-            raise InputError(path, "robot", f"made for '{plain.robot}', not for '{robot}'")
-        return cls.from_coefficients(plain, path)
+        coefficients = load_configuration(path, FourierCoefficients)
+        if robot and coefficients.robot and coefficients.robot != robot:
+            raise InputError(path, "robot", f"made for '{coefficients.robot}', not for '{robot}'")
+        return cls.from_coefficients(coefficients, path)
 
 
 def fourier_basis(
@@ -141,11 +143,11 @@ def fourier_basis(
     t = np.asarray(t, dtype=np.float64)
     omega = 2.0 * np.pi * base_frequency * np.arange(1, num_harmonics + 1)
     s, c = np.sin(t[..., None] * omega), np.cos(t[..., None] * omega)
-    one, zero = np.ones((*t.shape, 1)), np.zeros((*t.shape, 1))
+    ones, zeros = np.ones((*t.shape, 1)), np.zeros((*t.shape, 1))
     return (
-        np.concatenate([one, s, c], axis=-1),
-        np.concatenate([zero, omega * c, -omega * s], axis=-1),
-        np.concatenate([zero, -(omega**2) * s, -(omega**2) * c], axis=-1),
+        np.concatenate([ones, s, c], axis=-1),
+        np.concatenate([zeros, omega * c, -omega * s], axis=-1),
+        np.concatenate([zeros, -(omega**2) * s, -(omega**2) * c], axis=-1),
     )
 
 

@@ -1,7 +1,7 @@
-"""Friction out of motor torque without a torque sensor, by reversal (Lu et al., eqs. 13-19).
+"""Friction from motor torque without a torque sensor, by reversal (Lu et al., eqs. 13-19).
 
 Where an arm passes the same posture twice with opposite velocity, Coriolis torque and gravity are
-alike (eq. 14) and friction is opposite as far as it is odd (eq. 15), so that
+equal (eq. 14) and friction is opposite as far as it is odd (eq. 15), so that
 
     tau_f = (tau_J1 - tau_J2) / 2 - M (vdot_1 - vdot_2) / 2
 
@@ -32,7 +32,7 @@ from wrenchsight.models.robot.robot import Robot
 TIME_STEP = 1e-3  # s, of the trajectory
 LEAST_POINTS = 4  # samples of a pass
 OTHER_JOINTS = 0.05  # rad, by which the others may differ between the two passes
-SPEEDS_ALIKE = 0.2  # of the speed, by which the two passes may differ in it
+SPEED_TOLERANCE = 0.2  # of the speed, by which the two passes may differ in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +83,17 @@ def reversal_motion(
     Raises:
         InputError: a posture or motion beyond the joint's limits, or a speed that is not positive.
     """
-    posture, way = np.asarray(posture, np.float64), np.asarray(direction, np.float64)
+    posture, joint_shares = np.asarray(posture, np.float64), np.asarray(direction, np.float64)
     levels = np.atleast_1d(np.asarray(speeds, np.float64))
-    if posture.shape != (robot.num_joints,) or way.shape != posture.shape or not len(levels):
+    if (
+        posture.shape != (robot.num_joints,)
+        or joint_shares.shape != posture.shape
+        or not len(levels)
+    ):
         problem = f"expected a posture and a direction of {robot.num_joints} joints, and a speed"
         raise InputError("reversal", "", problem)
     if not np.all(np.isfinite(levels) & (levels > 0.0)):
-        name = ", ".join(robot.joint_names[j] for j in np.flatnonzero(way))
+        name = ", ".join(robot.joint_names[j] for j in np.flatnonzero(joint_shares))
         raise InputError("reversal", name, "speeds must be positive")
     omega = 2.0 * np.pi / period
     # Amplitudes at the end of each period; the motion starts and ends at rest.
@@ -106,19 +110,19 @@ def reversal_motion(
     s, c = np.sin(omega * t), omega * np.cos(omega * t)
     p, dp = size * s, rate * s + size * c
     d2p = bend * s + 2.0 * rate * c + size * (-(omega**2) * s)
-    q, v, vdot = (np.asarray(np.outer(x, way), dtype=np.float64) for x in (p, dp, d2p))
-    q += posture
-    for values, low, high, what in (
+    q = np.outer(p, joint_shares) + posture
+    v, vdot = np.outer(dp, joint_shares), np.outer(d2p, joint_shares)
+    for values, low, high, quantity in (
         (q, robot.position_lower, robot.position_upper, "position"),
         (v, -robot.velocity_limit, robot.velocity_limit, "velocity"),
     ):
-        beyond = (values.min(axis=0) < low) | (values.max(axis=0) > high)
-        if beyond.any():
-            j = int(np.argmax(beyond))
+        is_beyond = (values.min(axis=0) < low) | (values.max(axis=0) > high)
+        if is_beyond.any():
+            j = int(np.argmax(is_beyond))
             raise InputError(
                 "reversal",
                 robot.joint_names[j],
-                f"{what} {values[:, j].min():.3g} to {values[:, j].max():.3g}, the limits are "
+                f"{quantity} {values[:, j].min():.3g} to {values[:, j].max():.3g}, the limits are "
                 f"{low[j]:.3g} and {high[j]:.3g}",
                 "choose a posture farther inside, lower speeds or a shorter period",
             )
@@ -162,24 +166,31 @@ def separate(
     for first, second in pairwise(passes):
         rows += _pair(signals, n, joint, first, second, spacing)
     if not rows:
-        return ReversalSamples(joint, *(np.zeros(0) for _ in range(5)))
-    both = np.stack(rows)  # (K, 2, 4 n): q, v, vdot, tau of the pass upwards, then downwards
-    middle = both[:, :, :n].mean(axis=1)
+        return ReversalSamples(
+            joint=joint,
+            position=np.zeros(0),
+            speed=np.zeros(0),
+            acceleration=np.zeros(0),
+            symmetric=np.zeros(0),
+            asymmetric=np.zeros(0),
+        )
+    pairs = np.stack(rows)  # (K, 2, 4 n): q, v, vdot, tau of the pass upwards, then downwards
+    middle = pairs[:, :, :n].mean(axis=1)
     rigid = [
         chain.inverse_dynamics(
-            middle, both[:, k, n : 2 * n].copy(), both[:, k, 2 * n : 3 * n].copy()
+            middle, pairs[:, k, n : 2 * n].copy(), pairs[:, k, 2 * n : 3 * n].copy()
         )
         for k in range(2)
     ]
-    left = np.stack([both[:, k, 3 * n + joint] - rigid[k][:, joint] for k in range(2)])
-    speeds, bends = both[:, :, n + joint], both[:, :, 2 * n + joint]
+    torque_left = np.stack([pairs[:, k, 3 * n + joint] - rigid[k][:, joint] for k in range(2)])
+    speeds, accelerations = pairs[:, :, n + joint], pairs[:, :, 2 * n + joint]
     return ReversalSamples(
         joint=joint,
         position=middle[:, joint],
         speed=0.5 * (speeds[:, 0] - speeds[:, 1]),
-        acceleration=0.5 * (bends[:, 0] - bends[:, 1]),
-        symmetric=0.5 * (left[0] - left[1]),
-        asymmetric=0.5 * (left[0] + left[1]),
+        acceleration=0.5 * (accelerations[:, 0] - accelerations[:, 1]),
+        symmetric=0.5 * (torque_left[0] - torque_left[1]),
+        asymmetric=0.5 * (torque_left[0] + torque_left[1]),
     )
 
 
@@ -191,16 +202,16 @@ def _passes(t: Array, v: Array, rest: float, settle: float) -> list[slice]:
     passes = []
     for a, b in pairwise(bounds):
         first = int(np.searchsorted(t, t[a] + settle, "left"))
-        last = int(np.searchsorted(t, t[b - 1] - settle, "right"))
-        if direction[a] != 0.0 and last - first >= LEAST_POINTS:
-            passes.append(slice(first, last))
+        end = int(np.searchsorted(t, t[b - 1] - settle, "right"))
+        if direction[a] != 0.0 and end - first >= LEAST_POINTS:
+            passes.append(slice(first, end))
     return passes
 
 
 def _pair(
     signals: Array, n: int, joint: int, first: slice, second: slice, spacing: float
 ) -> Sequence[Array]:
-    """Rows (2, 4 n) of signals (T, 4 n), upwards first, wherever two opposite passes agree."""
+    """Rows (2, 4 n) of signals (T, 4 n), upwards first, where two opposite passes agree."""
     q, v = signals[:, :n], signals[:, n : 2 * n]
     if v[first, joint][0] * v[second, joint][0] > 0.0:
         return []
@@ -213,11 +224,15 @@ def _pair(
     sides = []
     for part in (up, down):
         order = np.argsort(q[part, joint], kind="stable")
-        where = q[part, joint][order]
+        positions_of_part = q[part, joint][order]
         values = signals[part][order]
-        sides.append(np.stack([np.interp(positions, where, column) for column in values.T], axis=1))
-    both = np.stack(sides, axis=1)
-    speeds = both[:, :, n + joint]
-    alike = np.abs(speeds.sum(axis=1)) <= SPEEDS_ALIKE * np.abs(speeds).min(axis=1)
-    apart = np.abs(both[:, 0, :n] - both[:, 1, :n]).max(axis=1)
-    return list(both[alike & (apart <= OTHER_JOINTS)])
+        sides.append(
+            np.stack(
+                [np.interp(positions, positions_of_part, column) for column in values.T], axis=1
+            )
+        )
+    rows = np.stack(sides, axis=1)
+    speeds = rows[:, :, n + joint]
+    is_speed_equal = np.abs(speeds.sum(axis=1)) <= SPEED_TOLERANCE * np.abs(speeds).min(axis=1)
+    joint_distance = np.abs(rows[:, 0, :n] - rows[:, 1, :n]).max(axis=1)
+    return list(rows[is_speed_equal & (joint_distance <= OTHER_JOINTS)])

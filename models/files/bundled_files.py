@@ -1,4 +1,4 @@
-"""Files by name: those that come with the package, or the user's own."""
+"""Files by name: those that come with the package, or the user's."""
 
 from importlib import resources
 from pathlib import Path
@@ -13,18 +13,18 @@ def bundled_files(folder: str) -> dict[str, Path]:
     Returns:
         By name, in alphabetical order: of the file without its ending, or of the robot's folder.
     """
-    place = Path(str(resources.files("wrenchsight.models"))) / folder
-    found = {path.stem: path for path in place.glob("*.yaml")}
-    found |= {path.parent.name: path for path in place.glob("*/robot.yaml")}
-    return dict(sorted(found.items()))
+    directory = Path(str(resources.files("wrenchsight.models"))) / folder
+    files = {path.stem: path for path in directory.glob("*.yaml")}
+    files |= {path.parent.name: path for path in directory.glob("*/robot.yaml")}
+    return dict(sorted(files.items()))
 
 
-def named_file(name_or_path: str | Path, folder: str, what: str) -> Path:
+def named_file(name_or_path: str | Path, folder: str, description: str) -> Path:
     """Returns the file of a bundled name, or the path as it is.
 
     Args:
         folder: as `bundled_files`.
-        what: for error lines: "task".
+        description: of the file, for error lines: "task".
 
     Raises:
         InputError: neither a bundled name nor the path of a YAML file.
@@ -33,11 +33,11 @@ def named_file(name_or_path: str | Path, folder: str, what: str) -> Path:
     if text in bundled:
         return bundled[text]
     if not path.exists() and path.suffix.lower() not in (".yaml", ".yml"):
-        known = f"give the path of a YAML file or one of {', '.join(bundled)}"
-        raise InputError(text, "", f"no such {what}", nearest(text, bundled) or known)
+        choices = f"give the path of a YAML file or one of {', '.join(bundled)}"
+        raise InputError(text, "", f"no such {description}", nearest(text, bundled) or choices)
     return path
 
 
 def task_file(name_or_path: str | Path, kind: str) -> Path:
-    """As `named_file`, of the tasks of one kind: "placement" or "redundancy"."""
+    """Returns the file of a task, as `named_file`; its kind is "placement" or "redundancy"."""
     return named_file(name_or_path, f"tasks/{kind}", "task")

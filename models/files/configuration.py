@@ -56,21 +56,23 @@ def load_configuration(path: str | Path, schema: type[T]) -> T:
             has the wrong type. The line names the file and the line in it.
     """
     path = Path(path)
-    # PyYAML takes a tenth of a second for what experiments ask for again and again.
+    # PyYAML takes a tenth of a second for files that experiments read again and again.
     kind: Any = schema
     return typing.cast("T", copy.deepcopy(_loaded(path, _read_text(path), kind)))
 
 
 @functools.lru_cache(maxsize=16)
 def _loaded(path: Path, text: str, schema: Any) -> Any:
-    """What a file's text says; see `load_configuration`."""
+    """The content of a file's text; see `load_configuration`."""
     try:
         loader = yaml.SafeLoader(text)
         node = loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = f"line {mark.line + 1}" if mark else ""
-        raise InputError(path, place, f"no valid YAML: {error.problem or error.context}") from error
+        location = f"line {mark.line + 1}" if mark else ""
+        raise InputError(
+            path, location, f"no valid YAML: {error.problem or error.context}"
+        ) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(path, "", f"no valid YAML: {error}") from error
     if node is None:
@@ -112,16 +114,16 @@ def save_configuration(configuration: Any, path: str | Path) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def nearest(word: str, known: typing.Iterable[str]) -> str:
-    """The known word most like `word`, as a remedy: 'did you mean "home"?'; '' if none is."""
-    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+def nearest(word: str, choices: typing.Iterable[str]) -> str:
+    """The choice most like `word`, as a remedy: 'did you mean "home"?'; '' where none is."""
+    match = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.6)
     return f'did you mean "{match[0]}"?' if match else ""
 
 
 def _read_text(path: Path) -> str:
     if path.is_dir():
-        inside = sorted(path.glob("*.yaml"))[:3]
-        remedy = f"name a file in it: {', '.join(map(str, inside))}" if inside else ""
+        candidates = sorted(path.glob("*.yaml"))[:3]
+        remedy = f"name a file in it: {', '.join(map(str, candidates))}" if candidates else ""
         raise InputError(path, "", "is a directory, expected a YAML file", remedy)
     try:
         return read_limited(path, LARGEST_FILE, "a YAML file").decode("utf-8")
@@ -146,7 +148,7 @@ def _fields(schema: Any) -> dict[str, Any] | None:
 
 
 class _Check:
-    """Holds a YAML node tree against a schema, and names the line of what does not fit."""
+    """Checks a YAML node tree against a schema, and names the line of an error."""
 
     def __init__(self, path: Path, loader: Any) -> None:
         self._path = path
@@ -170,7 +172,7 @@ class _Check:
         elif origin is list:
             (item_schema,) = typing.get_args(schema)
             if not isinstance(node, yaml.SequenceNode):
-                raise self._error(node, name, f"expected a list, found {self._found(node)}")
+                raise self._error(node, name, f"expected a list, found {self._describe(node)}")
             for index, item in enumerate(node.value):
                 self.value(item, item_schema, f"{name}[{index}]")
         elif origin is dict:
@@ -186,16 +188,17 @@ class _Check:
             return
         options = tuple(option for option in options if option is not type(None))
         if node.tag.startswith("!") and not node.tag.startswith("!!"):
-            named = {pretty_class_name(option).split("[")[0]: option for option in options}
+            options_by_tag = {pretty_class_name(option).split("[")[0]: option for option in options}
             tag = node.tag[1:]
-            if tag not in named:
+            if tag not in options_by_tag:
                 raise self._error(
                     node,
                     name,
-                    f"unknown kind !{tag}, expected " + " or ".join(f"!{key}" for key in named),
-                    nearest(tag, named),
+                    f"unknown kind !{tag}, expected "
+                    + " or ".join(f"!{key}" for key in options_by_tag),
+                    nearest(tag, options_by_tag),
                 )
-            self.value(node, named[tag], name)
+            self.value(node, options_by_tag[tag], name)
             return
         if isinstance(node, yaml.ScalarNode) and len(options) > 1:
             for option in options:
@@ -205,12 +208,14 @@ class _Check:
                     continue
                 return
             expected = " or ".join(_name(option) for option in options)
-            raise self._error(node, name, f"expected {expected}, found {self._found(node)}")
+            raise self._error(node, name, f"expected {expected}, found {self._describe(node)}")
         self.value(node, options[0], name)
 
     def _scalar(self, node: Any, schema: Any, name: str) -> None:
         if not isinstance(node, yaml.ScalarNode) or not self._fits(node, schema):
-            raise self._error(node, name, f"expected {_KINDS[schema]}, found {self._found(node)}")
+            raise self._error(
+                node, name, f"expected {_KINDS[schema]}, found {self._describe(node)}"
+            )
         is_seed = schema is int and name.rpartition(".")[2] == "seed"
         if is_seed and float(self._loader.construct_object(node)) < 0.0:
             raise self._error(node, name, f"{node.value}, expected 0 or more")
@@ -234,7 +239,9 @@ class _Check:
 
     def _array(self, node: Any, name: str) -> None:
         if not isinstance(node, yaml.SequenceNode):
-            raise self._error(node, name, f"expected a list of numbers, found {self._found(node)}")
+            raise self._error(
+                node, name, f"expected a list of numbers, found {self._describe(node)}"
+            )
         for index, item in enumerate(node.value):
             if isinstance(item, yaml.SequenceNode):
                 self._array(item, f"{name}[{index}]")
@@ -250,29 +257,31 @@ class _Check:
         items = self._items(node, name, is_root)
         for key, (key_node, item) in items.items():
             if key not in fields:
-                where = f' of "{name}"' if name else ""
+                owner = f' of "{name}"' if name else ""
                 remedy = nearest(key, fields) or "known keys: " + ", ".join(fields)
-                raise self._error(key_node, "", f'unknown key "{key}"{where}', remedy)
+                raise self._error(key_node, "", f'unknown key "{key}"{owner}', remedy)
             self.value(item, fields[key], f"{name}.{key}" if name else key)
         if not dataclasses.is_dataclass(schema):
             return
         for field in dataclasses.fields(schema):
             if field.metadata.get("required") and field.name not in items:
-                where = f'"{name}"' if name else "the file"
+                owner = f'"{name}"' if name else "the file"
                 raise self._error(
-                    node, "", f'{where} lacks the key "{field.name}" ({_name(field.type)})'
+                    node, "", f'{owner} lacks the key "{field.name}" ({_name(field.type)})'
                 )
 
     def _items(self, node: Any, name: str, is_root: bool = False) -> dict[str, tuple[Any, Any]]:
         if not isinstance(node, yaml.MappingNode):
-            raise self._error(node, name, f"expected keys with values, found {self._found(node)}")
+            raise self._error(
+                node, name, f"expected keys with values, found {self._describe(node)}"
+            )
         if id(node) not in self._flat:
-            # Once only: afterwards a key that overrides a merged one stands there twice, rightly.
-            seen: set[str] = set()
+            # Once only: afterwards a key that overrides a merged one is present twice, rightly.
+            keys: set[str] = set()
             for key, _ in node.value:
-                if key.value in seen:
+                if key.value in keys:
                     raise self._error(key, "", f'the key "{key.value}" is given twice')
-                seen.add(key.value)
+                keys.add(key.value)
             self._loader.flatten_mapping(node)
             self._flat.add(id(node))
         # A root key with a leading underscore is a template for YAML anchors, as in Drake.
@@ -282,7 +291,7 @@ class _Check:
             if not (is_root and str(key.value).startswith("_"))
         }
 
-    def _found(self, node: Any) -> str:
+    def _describe(self, node: Any) -> str:
         if isinstance(node, yaml.MappingNode):
             return "keys with values"
         if isinstance(node, yaml.SequenceNode):
@@ -292,5 +301,5 @@ class _Check:
         return f'"{node.value}"'
 
     def _error(self, node: Any, name: str, problem: str, remedy: str = "") -> InputError:
-        place = f"line {node.start_mark.line + 1}" + (f", {name}" if name else "")
-        return InputError(self._path, place, problem, remedy)
+        location = f"line {node.start_mark.line + 1}" + (f", {name}" if name else "")
+        return InputError(self._path, location, problem, remedy)

@@ -1,6 +1,6 @@
-"""What the source says of a dataclass's fields: the words of the docs and of the command line.
+"""The description of a dataclass's fields in the source: for the docs and the command line.
 
-The words of a field are the comment on its line, below or above it, or a string below it.
+The description of a field is the comment on its line, below or above it, or a string below it.
 """
 
 import ast
@@ -17,15 +17,15 @@ def schemas_in(hint: Any) -> list[type]:
     """The dataclasses in a type: itself, or those inside a union, a list or a dict."""
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
         return [hint]
-    return [found for part in typing.get_args(hint) for found in schemas_in(part)]
+    return [schema for part in typing.get_args(hint) for schema in schemas_in(part)]
 
 
 @cache
 def field_words(cls: type) -> dict[str, str]:
-    """What the source says of each field.
+    """The description of each field, by its name.
 
     Raises:
-        ValueError: a field without words, named: nothing stays undocumented.
+        ValueError: fields without a description, named: nothing stays undocumented.
     """
     words: dict[str, str] = {}
     for base in reversed(cls.__mro__):
@@ -33,9 +33,9 @@ def field_words(cls: type) -> dict[str, str]:
             words |= _words_of(base)
     hints = typing.get_type_hints(cls)
     for f in dataclasses.fields(cls):
-        inside = schemas_in(hints[f.name])
-        if not words.get(f.name) and inside:  # what the class inside says of itself
-            words[f.name] = (inside[0].__doc__ or "").strip().splitlines()[0]
+        inner_schemas = schemas_in(hints[f.name])
+        if not words.get(f.name) and inner_schemas:  # the first line of that class's docstring
+            words[f.name] = (inner_schemas[0].__doc__ or "").strip().splitlines()[0]
     missing = [f.name for f in dataclasses.fields(cls) if not words.get(f.name)]
     if missing:
         raise ValueError(f"{cls.__module__}.{cls.__name__}: no words for {', '.join(missing)}")
@@ -54,40 +54,40 @@ def _words_of(cls: type) -> dict[str, str]:
     )
     attributes = _attributes_of(cls.__doc__ or "")
     words: dict[str, str] = {}
-    for node, after in zip(body, [*body[1:], None], strict=True):
+    for node, next_node in zip(body, [*body[1:], None], strict=True):
         if not (isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)):
             continue
-        last = node.end_lineno or node.lineno
-        said = [_comment(line) for line in lines[node.lineno - 1 : last]]
-        for line in lines[last:] if not any(said) else []:  # else they speak of the next field
+        end = node.end_lineno or node.lineno
+        comments = [_comment(line) for line in lines[node.lineno - 1 : end]]
+        for line in lines[end:] if not any(comments) else []:  # else they speak of the next field
             if not line.strip().startswith("#"):
                 break
-            said.append(_comment(line))
-        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            said.append(" ".join(str(after.value.value).split()))
-        text = " ".join(part for part in said if part) or _comment_above(lines, node.lineno - 1)
+            comments.append(_comment(line))
+        if isinstance(next_node, ast.Expr) and isinstance(next_node.value, ast.Constant):
+            comments.append(" ".join(str(next_node.value.value).split()))
+        text = " ".join(part for part in comments if part) or _comment_above(lines, node.lineno - 1)
         words[node.target.id] = text or attributes.get(node.target.id, "")
     return words
 
 
 def _comment_above(lines: list[str], index: int) -> str:
     """The lines of comment right above a line."""
-    said: list[str] = []
+    comments: list[str] = []
     while index > 0 and lines[index - 1].strip().startswith("#"):
         index -= 1
-        said.insert(0, _comment(lines[index]))
-    return " ".join(said)
+        comments.insert(0, _comment(lines[index]))
+    return " ".join(comments)
 
 
 def _comment(line: str) -> str:
     """The comment at the end of a line of code; a '#' inside quotes is none."""
-    found = re.match(r"""(?:[^"'#]|"[^"]*"|'[^']*')*#\s?(.*)""", line)
-    text = found.group(1).strip() if found else ""
+    match = re.match(r"""(?:[^"'#]|"[^"]*"|'[^']*')*#\s?(.*)""", line)
+    text = match.group(1).strip() if match else ""
     return "" if text.startswith(("noqa", "type:")) else text
 
 
 def _attributes_of(docstring: str) -> dict[str, str]:
     """Name -> words of the section "Attributes:" of a docstring."""
     _, _, section = docstring.partition("Attributes:")
-    found = re.findall(r"^\s+(\w+): (.+(?:\n\s{12,}.+)*)", section, re.MULTILINE)
-    return {name: " ".join(text.split()) for name, text in found}
+    entries = re.findall(r"^\s+(\w+): (.+(?:\n\s{12,}.+)*)", section, re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in entries}

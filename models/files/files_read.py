@@ -1,8 +1,8 @@
-"""Which of the user's files are being read.
+"""The user's files that are read, announced before they are.
 
 Code that opens one announces it with `about_to_read`. A command that writes into a folder listens
-(`told_of_files_read`) and refuses in time to read what it would replace. A pipe is refused: it can
-be read but once, and opening one that nobody writes to would wait for ever.
+(`told_of_files_read`), and refuses in time to read files that it would replace. A pipe is refused:
+it can be read only once, and opening one that nobody writes to would wait for ever.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,10 +17,10 @@ _remembered: ContextVar[list[Path] | None] = ContextVar("files read", default=No
 
 
 def about_to_read(path: str | Path) -> None:
-    """Tells the listener, if there is one, that a file is going to be read.
+    """Announces to the listener, if any, that a file is going to be read.
 
     Raises:
-        InputError: it is a pipe; or it must not be, see `told_of_files_read`.
+        InputError: it is a pipe; or it must not be read, see `told_of_files_read`.
     """
     try:
         pipe = Path(path).is_fifo()

@@ -1,4 +1,4 @@
-"""The one exception for what a user can get wrong."""
+"""The exception for errors in a user's input."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,19 +15,23 @@ class InputError(ValueError):
     Args:
         source: the file, folder or option that is wrong.
         place: line, row, column, key or joint inside it; empty where there is none.
-        problem: what was found, and what was expected instead.
+        problem: the wrong content, and what was expected instead.
         remedy: what to do about it.
     """
 
-    def __init__(self, source: str | Path, place: str, problem: str, remedy: str = "") -> None:
-        where = f"{source}: {place}" if place else str(source)
-        line = f"{where}: {problem}" + (f"; {remedy}" if remedy else "")
+    def __init__(self, source: str | Path, location: str, problem: str, remedy: str = "") -> None:
+        subject = f"{source}: {location}" if location else str(source)
+        line = f"{subject}: {problem}" + (f"; {remedy}" if remedy else "")
         super().__init__(one_line(line))
 
 
 @contextmanager
-def needing_extra(extra: str, what: str) -> Iterator[None]:
-    """What is imported within belongs to an extra of this package.
+def needing_extra(extra: str, source: str) -> Iterator[None]:
+    """Within the block, packages are imported that an extra of this package installs.
+
+    Args:
+        extra: its name.
+        source: the option or file that needs it, for the error line.
 
     Raises:
         InputError: it is not installed.
@@ -36,10 +40,10 @@ def needing_extra(extra: str, what: str) -> Iterator[None]:
         yield
     except ImportError as error:
         problem = f"needs a package that is not installed ({error.name})"
-        raise InputError(what, "", problem, f"pip install 'wrenchsight[{extra}]'") from None
+        raise InputError(source, "", problem, f"pip install 'wrenchsight[{extra}]'") from None
 
 
-LONGEST_LINE: Final = 1000  # characters that an error line has at most
+LONGEST_LINE: Final = 1000  # characters, of an error line
 
 
 def one_line(text: str) -> str:
@@ -52,7 +56,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    """`text` with whatever a terminal would obey, or could not show, written as `\\x1b` and so on.
+    """`text` with control characters, and others that a terminal cannot show, as `\\x1b` and so on.
 
     A cell of a log or the name of a file may hold escape sequences, or bytes that are no UTF-8.
     """

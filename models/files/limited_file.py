@@ -1,6 +1,6 @@
 """Files that are opened or read whole, up to a largest size: a device such as /dev/zero never ends.
 
-What cannot be read is one line.
+A file that cannot be read is reported in one line.
 """
 
 from pathlib import Path
@@ -25,11 +25,11 @@ def opened(path: Path, expected: str, remedy: str = "check the path") -> BinaryI
         raise _unreadable(path, error, expected, remedy) from error
 
 
-def read_limited(path: Path, most: int, expected: str, remedy: str = "check the path") -> bytes:
+def read_limited(path: Path, limit: int, expected: str, remedy: str = "check the path") -> bytes:
     """Returns the content of a file.
 
     Args:
-        most: bytes that a file of this kind has at most.
+        limit: bytes, largest size of a file of this kind.
         expected: as `opened`.
 
     Raises:
@@ -38,11 +38,11 @@ def read_limited(path: Path, most: int, expected: str, remedy: str = "check the 
     about_to_read(path)
     try:
         with path.open("rb") as file:
-            content = file.read(most + 1)
+            content = file.read(limit + 1)
     except (OSError, ValueError) as error:
         raise _unreadable(path, error, expected, remedy) from error
-    if len(content) > most:
-        problem = f"is larger than {most >> 20} MB, expected {expected}"
+    if len(content) > limit:
+        problem = f"is larger than {limit >> 20} MB, expected {expected}"
         raise InputError(path, "", problem, remedy)
     return content
 

@@ -18,9 +18,9 @@ def check_numbers(
     """Checks every number in a dataclass, and in all that it contains, against limits.
 
     Args:
-        source: whose numbers these are, for error lines.
-        limits: least and most by a field's name, at any depth; of a list, for each number. Fields
-            without have +-LARGEST.
+        source: of the numbers, for error lines.
+        limits: lowest and highest number by a field's name, at any depth; of a list, for each
+            number. Fields without limits have +-LARGEST.
 
     Raises:
         InputError: a number is not finite, larger than LARGEST, or beyond its limits.
@@ -29,20 +29,20 @@ def check_numbers(
 
 
 def _check(
-    value: Any, source: str, place: str, name: str, limits: Mapping[str, tuple[float, float]]
+    value: Any, source: str, location: str, name: str, limits: Mapping[str, tuple[float, float]]
 ) -> None:
     if dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            inner = f"{place}.{field.name}" if place else field.name
+            inner = f"{location}.{field.name}" if location else field.name
             _check(getattr(value, field.name), source, inner, field.name, limits)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            _check(item, source, f"{place}.{key}", name, limits)
+            _check(item, source, f"{location}.{key}", name, limits)
     elif isinstance(value, list | tuple | np.ndarray):
         for index, item in enumerate(value):
-            _check(item, source, f"{place}[{index}]", name, limits)
+            _check(item, source, f"{location}[{index}]", name, limits)
     elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        least, most = limits.get(name, (-LARGEST, LARGEST))
-        if not (least <= value <= most and math.isfinite(value)):
+        lower, upper = limits.get(name, (-LARGEST, LARGEST))
+        if not (lower <= value <= upper and math.isfinite(value)):
             shown = f"{value:g}" if isinstance(value, float) else str(value)
-            raise InputError(source, place, f"{shown}, expected {least:g} to {most:g}")
+            raise InputError(source, location, f"{shown}, expected {lower:g} to {upper:g}")

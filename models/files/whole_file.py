@@ -14,8 +14,8 @@ from wrenchsight.models.files.input_error import InputError
 def whole_file(path: str | Path) -> Iterator[Path]:
     """Gives a path beside `path` to write to; renames it to `path` if the block ends without error.
 
-    Until then `path` is as it was. After an error or an interrupt nothing of the attempt is left;
-    what a kill leaves, the next attempt removes.
+    Until then `path` is as it was. An error or an interrupt leaves nothing behind; the next attempt
+    removes what a kill left.
 
     Raises:
         InputError: the file cannot be made there: no folder, no permission; or not be written to
@@ -49,7 +49,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def _remove_left_overs(path: Path) -> None:
-    """Removes what killed processes had begun: a process that lives holds the lock on its own."""
+    """Removes the partial files of killed processes: a living one holds the lock on its file."""
     ours = re.compile(rf"\.{re.escape(path.name)}\.[0-9]+\.partial")
     entries: list[os.DirEntry[str]] = []
     with suppress(OSError):  # one may write to a folder that one may not list

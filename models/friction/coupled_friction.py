@@ -1,4 +1,4 @@
-"""Friction of motors that move several joints each: a law in motor coordinates, at the joints.
+"""Friction of motors that move several joints each, mapped to the joints.
 
     q_motor = D q,   tau_f(q, v) = D^T f(D q, D v),   load of a motor = D^-T load of the joints
 
@@ -55,12 +55,14 @@ class CoupledFriction(LayeredFriction):
 
     @property
     def feedforward(self) -> SemiParametricFriction:
-        """That of a joint that moves alone: the friction of all motors that it turns."""
-        own = self.law.feedforward.coulomb_viscous
+        """The friction of a joint that moves alone: of all motors that it turns."""
+        motor_law = self.law.feedforward.coulomb_viscous
         D = self.motor_rates
         size = np.abs(D)
         return SemiParametricFriction(
-            CoulombViscous(size.T @ own.coulomb, (D**2).T @ own.viscous, D.T @ own.offset)
+            CoulombViscous(
+                size.T @ motor_law.coulomb, (D**2).T @ motor_law.viscous, D.T @ motor_law.offset
+            )
         )
 
     @property
@@ -69,7 +71,7 @@ class CoupledFriction(LayeredFriction):
         return SemiParametricFriction(CoulombViscous.zero(self.num_joints))
 
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
-        """The same on the law below; a motor's step is that of all joints it moves together."""
+        """As `FrictionLaw.sampled`; a motor's step is that of all joints it moves together."""
         if resolution is not None:
             step = np.broadcast_to(np.asarray(resolution, float), (self.num_joints,))
             resolution = np.abs(self.motor_rates) @ step
@@ -77,12 +79,12 @@ class CoupledFriction(LayeredFriction):
 
     @property
     def kernels(self) -> FrictionKernels:
-        """Those of the law below, between the two maps."""
+        """The kernels of the law below, between the maps to the motors and back."""
         return _kernels(self.law.kernels, self.law.state_rows > 0)
 
     @cached_property
     def slip_table(self) -> Array:
-        """Side by side: table of the law below, of its velocity law, D, and its inverse."""
+        """(n, ...) table of the law below, table of its velocity law, D and its inverse."""
         D = self.motor_rates
         parts = [self.law.slip_table, self.law.velocity_law.table, D, np.linalg.inv(D)]
         return np.ascontiguousarray(np.hstack(parts))
@@ -90,68 +92,77 @@ class CoupledFriction(LayeredFriction):
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
         """tau_f (N, n) in N m along a log that starts at rest, for the joints' load L."""
         D = self.motor_rates
-        q, v, load = (np.asarray(x, float) for x in (q, v, load))
-        own = self.law.torque_along(q @ D.T, v @ D.T, load @ np.linalg.inv(D))
-        return np.asarray(own @ D)
+        tau_motor = self.law.torque_along(
+            np.asarray(q, float) @ D.T,
+            np.asarray(v, float) @ D.T,
+            np.asarray(load, float) @ np.linalg.inv(D),
+        )
+        return np.asarray(tau_motor @ D)
 
 
 @cache
-def _kernels(below: FrictionKernels, remembers: bool) -> FrictionKernels:
-    """The composed kernels; what is kept of them on disk: see `extended_friction`."""
-    add_below, update_below = below.add_torque, below.update
+def _kernels(law_kernels: FrictionKernels, has_state: bool) -> FrictionKernels:
+    """The composed kernels; `extended_friction` says what of them is cached on disk."""
+    add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
 
     @njit(error_model="numpy")
     def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
         n = table.shape[0]
-        own = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
+        slip_columns = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
         D = table[:, table.shape[1] - 2 * n : table.shape[1] - n]
         motor = np.zeros((3, n))
         product(D, q, motor[0])
         product(D, v, motor[1])
         friction_torque(
-            np.ascontiguousarray(table[:, own : own + _VELOCITY_COLUMNS]), motor[1], motor[2]
+            np.ascontiguousarray(table[:, slip_columns : slip_columns + _VELOCITY_COLUMNS]),
+            motor[1],
+            motor[2],
         )
-        if remembers:
-            add_below(np.ascontiguousarray(table[:, :own]), state, motor[0], motor[1], motor[2])
+        if has_state:
+            add_law_torque(
+                np.ascontiguousarray(table[:, :slip_columns]), state, motor[0], motor[1], motor[2]
+            )
         add_transposed_product(D, motor[2], tau_f)
 
     @njit(error_model="numpy")
     def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-        if remembers:
+        if has_state:
             n = table.shape[0]
-            own = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
+            slip_columns = table.shape[1] - 2 * n - _VELOCITY_COLUMNS
             D = table[:, table.shape[1] - 2 * n : table.shape[1] - n]
             motor = np.zeros((3, n))
             product(D, q, motor[0])
             product(D, v, motor[1])
             add_transposed_product(table[:, table.shape[1] - n :], transmitted, motor[2])
-            update_below(np.ascontiguousarray(table[:, :own]), state, motor[0], motor[1], motor[2])
+            update_law(
+                np.ascontiguousarray(table[:, :slip_columns]), state, motor[0], motor[1], motor[2]
+            )
 
-    return FrictionKernels(add_torque, update, below)
+    return FrictionKernels(add_torque, update, law_kernels)
 
 
 @kernel
-def product(A: Array, x: Array, out: Array) -> None:
-    """Writes A x; a NaN in x stays with the rows that it belongs to."""
+def product(A: Array, x: Array, Ax: Array) -> None:
+    """Writes A x into Ax; a NaN in x spoils only the rows that it belongs to."""
     for i in range(A.shape[0]):
         total = 0.0
         for k in range(A.shape[1]):
             if A[i, k] != 0.0:
                 total += A[i, k] * x[k]
-        out[i] = total
+        Ax[i] = total
 
 
 @kernel
-def add_transposed_product(A: Array, x: Array, out: Array) -> None:
-    """Adds A^T x to `out`; NaN as in `product`."""
+def add_transposed_product(A: Array, x: Array, total: Array) -> None:
+    """Adds A^T x to `total`; NaN as in `product`."""
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
             if A[i, k] != 0.0:
-                out[k] += A[i, k] * x[i]
+                total[k] += A[i, k] * x[i]
 
 
 def joint_side(law: FrictionLaw, columns: Any) -> Array:
-    """Sizes (n, k) that belong to a law's motors, summed up for each joint that turns them."""
+    """Sums sizes (n, k) of a law's motors for each joint that turns them; else the sizes."""
     if isinstance(law, CoupledFriction):
         return np.asarray(np.abs(law.motor_rates).T @ columns)
     return np.asarray(columns)

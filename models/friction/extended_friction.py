@@ -1,4 +1,4 @@
-"""Friction laws on top of others; here, with further terms of `friction_terms`."""
+"""Friction laws on top of others: their base class, and a law with further `friction_terms`."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -17,7 +17,7 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 
 @dataclass(frozen=True, eq=False)
 class LayeredFriction:
-    """A friction law on top of another one; what is not a layer's own is that of the law below.
+    """A friction law on top of another one; what it does not override is that of the law below.
 
     Attributes:
         law: below.
@@ -27,7 +27,7 @@ class LayeredFriction:
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return self.law.num_joints
 
     @property
@@ -37,35 +37,35 @@ class LayeredFriction:
 
     @property
     def feedforward(self) -> SemiParametricFriction:
-        """That of the law below: a layer needs a position."""
+        """The feed-forward of the law below: a layer needs a position."""
         return self.law.feedforward
 
     @property
     def velocity_law(self) -> SemiParametricFriction:
-        """That of the law below."""
+        """The velocity law of the law below."""
         return self.law.velocity_law
 
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
-        """The same on the law below for such positions."""
+        """As `FrictionLaw.sampled`: the same layer on the sampled law below."""
         return replace(self, law=self.law.sampled(time_step, resolution))
 
     @property
     def state_rows(self) -> int:
-        """Rows of the law below; one at least, so that its kernels are called."""
+        """Rows of the law below; one at least, so that the layer's kernels are called."""
         return max(1, self.law.state_rows)
 
     def initial_state(self) -> Array:
-        """That of the law below; a row of zeros if it has none."""
-        own = self.law.initial_state()
-        return own if len(own) else np.zeros((1, self.num_joints))
+        """The state of the law below; a row of zeros if it has none."""
+        state = self.law.initial_state()
+        return state if len(state) else np.zeros((1, self.num_joints))
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """Those of the law below."""
+        """The parameters of the law below."""
         return self.law.parameters
 
     def with_parameters(self, values: dict[str, Array]) -> Self:
-        """Returns the law with other parameters below."""
+        """Returns the layer on the law below with other parameters."""
         return replace(self, law=self.law.with_parameters(values))
 
 
@@ -85,19 +85,19 @@ class ExtendedFriction(LayeredFriction):
     coefficients: Array
 
     def __post_init__(self) -> None:
-        given = np.array(self.coefficients, float)
-        object.__setattr__(self, "coefficients", given)
-        if not self.terms or given.shape != (self.law.num_joints, len(self.terms)):
+        coefficients = np.array(self.coefficients, float)
+        object.__setattr__(self, "coefficients", coefficients)
+        if not self.terms or coefficients.shape != (self.law.num_joints, len(self.terms)):
             expected = f"({self.law.num_joints}, {len(self.terms)})"
-            raise ValueError(f"friction: coefficients must be {expected}, not {given.shape}")
-        if not np.isfinite(given).all():
-            raise ValueError(f"friction: a coefficient is not finite: {given}")
+            raise ValueError(f"friction: coefficients must be {expected}, not {coefficients.shape}")
+        if not np.isfinite(coefficients).all():
+            raise ValueError(f"friction: a coefficient is not finite: {coefficients}")
 
     @property
     def kernels(self) -> FrictionKernels:
-        """Those of the law below, and the terms after them."""
-        remembers = self.law.state_rows > 0
-        return _kernels(self.law.kernels, tuple(term.basis for term in self.terms), remembers)
+        """The kernels of the law below, and the terms after them."""
+        has_state = self.law.state_rows > 0
+        return _kernels(self.law.kernels, tuple(term.basis for term in self.terms), has_state)
 
     @cached_property
     def slip_table(self) -> Array:
@@ -106,7 +106,7 @@ class ExtendedFriction(LayeredFriction):
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """Those of the law below, and `terms` (n, T)."""
+        """The parameters of the law below, and `terms` (n, T)."""
         return {**super().parameters, "terms": self.coefficients}
 
     def with_parameters(self, values: dict[str, Array]) -> Self:
@@ -123,34 +123,41 @@ class ExtendedFriction(LayeredFriction):
 
 
 @cache
-def _kernels(below: FrictionKernels, bases: tuple[Any, ...], remembers: bool) -> FrictionKernels:
-    """The composed kernels. They belong to no file, so that numba keeps no copy of them on disk; a
-    tick that calls them is kept, see `wrenchsight.models.estimation.kernel_choice`."""
-    count = len(bases)
-    add_below, update_below = below.add_torque, below.update
-    total = _total(bases)
+def _kernels(
+    law_kernels: FrictionKernels, bases: tuple[Any, ...], has_state: bool
+) -> FrictionKernels:
+    """The composed kernels.
+
+    They belong to no file, so that numba caches no copy of them on disk. A tick that calls them is
+    cached: see `wrenchsight.models.estimation.kernel_choice`.
+    """
+    num_terms = len(bases)
+    add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
+    terms_torque = _total(bases)
 
     @njit(error_model="numpy")
     def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
-        own = table.shape[1] - count
-        if remembers:
-            add_below(np.ascontiguousarray(table[:, :own]), state, q, v, tau_f)
+        slip_columns = table.shape[1] - num_terms
+        if has_state:
+            add_law_torque(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, tau_f)
         for i in range(table.shape[0]):
-            tau_f[i] += total(table[i, own:], q[i], v[i])
+            tau_f[i] += terms_torque(table[i, slip_columns:], q[i], v[i])
 
     @njit(error_model="numpy")
     def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-        if remembers:
-            own = table.shape[1] - count
-            update_below(np.ascontiguousarray(table[:, :own]), state, q, v, transmitted)
+        if has_state:
+            slip_columns = table.shape[1] - num_terms
+            update_law(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, transmitted)
 
-    return FrictionKernels(add_torque, update, (*below, *bases))
+    return FrictionKernels(add_torque, update, (*law_kernels, *bases))
 
 
 def _total(bases: tuple[Any, ...]) -> Any:
-    """The compiled sum of coefficient times basis, one function calling the one before."""
-    last, k = bases[-1], len(bases) - 1
+    """The compiled sum of coefficient times basis; each sum calls that of the first terms."""
+    last_basis, k = bases[-1], len(bases) - 1
     if k == 0:
-        return njit(error_model="numpy")(lambda c, q, v: c[0] * last(q, v))
-    before = _total(bases[:-1])
-    return njit(error_model="numpy")(lambda c, q, v: before(c, q, v) + c[k] * last(q, v))
+        return njit(error_model="numpy")(lambda c, q, v: c[0] * last_basis(q, v))
+    sum_of_first = _total(bases[:-1])
+    return njit(error_model="numpy")(
+        lambda c, q, v: sum_of_first(c, q, v) + c[k] * last_basis(q, v)
+    )

@@ -1,4 +1,4 @@
-"""What a friction law is: a function of velocity, and two kernels for the rest.
+"""The protocol of a friction law: a function of velocity, and two kernels for all else.
 
 The estimator of a log, its diagram and its fused block compute
 
@@ -31,11 +31,11 @@ from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiPa
 
 
 class FrictionLaw(Protocol):
-    """What the estimator, the identification and a controller ask of a friction law."""
+    """A friction law as the estimator, the identification and a controller use it."""
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
 
     @property
     def coulomb_viscous(self) -> CoulombViscous:
@@ -56,11 +56,11 @@ class FrictionLaw(Protocol):
 
     @property
     def kernels(self) -> FrictionKernels:
-        """The other part."""
+        """The kernels of the part that is not a function of velocity alone."""
 
     @property
     def slip_table(self) -> Array:
-        """(n, ...) the constants of the other part, as its kernels read them."""
+        """(n, ...) constants that the kernels read."""
 
     @property
     def state_rows(self) -> int:
@@ -68,7 +68,7 @@ class FrictionLaw(Protocol):
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """What may be tuned while it runs, by name: the numeric parameters of its block."""
+        """Numbers that may be tuned at run time, by name: the parameters of the law's block."""
 
     def with_parameters(self, values: dict[str, Array]) -> Self:
         """Returns the law with other parameters; errors as the constructor's."""

@@ -2,8 +2,8 @@
 
     f_i(v) = b2_i + sum_h W2_ih tanh(W1_ih v_i / v_scale_i + b1_ih)
 
-(Lu et al., section 3.1: 1-10-1, hyperbolic tangent, linear output). Training lives elsewhere; what
-is trained runs here on numpy alone.
+(Lu et al., section 3.1: 1-10-1, hyperbolic tangent, linear output). Training lives elsewhere; a
+trained network runs here on numpy alone.
 """
 
 from dataclasses import dataclass
@@ -45,8 +45,8 @@ class FrictionNetworks:
         n, h = self.W1.shape
         for key, shape in (("b1", (n, h)), ("W2", (n, h)), ("b2", (n,)), ("v_scale", (n,))):
             if getattr(self, key).shape != shape:
-                found = getattr(self, key).shape
-                raise ValueError(f"friction network: {key} must have shape {shape}, not {found}")
+                actual = getattr(self, key).shape
+                raise ValueError(f"friction network: {key} must have shape {shape}, not {actual}")
         for key in _KEYS:
             if not np.all(np.isfinite(getattr(self, key))):
                 raise ValueError(f"friction network: {key} has a value that is not finite")
@@ -55,7 +55,7 @@ class FrictionNetworks:
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return int(self.W1.shape[0])
 
     @property

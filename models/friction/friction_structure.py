@@ -1,4 +1,4 @@
-"""Which friction terms a joint has, as columns of a regression and as the law that they add up to.
+"""The friction terms of each joint: columns of a regression, and the law that they add up to.
 
 A friction law here is linear in its coefficients once its shape is fixed: how far a joint creeps
 elastically (displacement) and at what velocity the Stribeck effect fades. The columns come from the
@@ -37,10 +37,10 @@ LARGEST_LOAD = 0.5  # N m per N m; no real gear loses more
 
 def structures() -> dict[str, tuple[str, ...]]:
     """Terms of each law: those of STRUCTURES, then "<law>+<term>" with each of `TERMS`."""
-    further = {
+    extended = {
         f"{law}+{term.name}": (*STRUCTURES[law], term.name) for term in TERMS for law in term.laws
     }
-    return STRUCTURES | further
+    return STRUCTURES | extended
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,21 +71,21 @@ class FrictionStructure:
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return len(self.terms)
 
     def without(self, term: str, joints: Sequence[int] | NDArray[np.intp] | None = None) -> Self:
         """Returns the structure without a term, on these joints or on all."""
-        chosen = range(self.num_joints) if joints is None else [int(j) for j in joints]
+        chosen_joints = range(self.num_joints) if joints is None else [int(j) for j in joints]
         terms = tuple(
-            tuple(t for t in own if not (t == term and j in chosen))
-            for j, own in enumerate(self.terms)
+            tuple(name for name in joint_terms if name != term or j not in chosen_joints)
+            for j, joint_terms in enumerate(self.terms)
         )
         return replace(self, terms=terms)
 
     def has(self, term: str) -> bool:
         """Whether any joint has the term."""
-        return any(term in own for own in self.terms)
+        return any(term in joint_terms for joint_terms in self.terms)
 
     def columns(self, q: Array, v: Array, load: Array) -> list[Array]:
         """Returns per joint the columns (N, terms) along a log that starts at rest.
@@ -97,8 +97,8 @@ class FrictionStructure:
         """
         z = slip_path(self.displacement, q, v)
         return [
-            np.stack([self.column(term, j, z, q, v, load) for term in own], axis=1)
-            for j, own in enumerate(self.terms)
+            np.stack([self.column(term, j, z, q, v, load) for term in joint_terms], axis=1)
+            for j, joint_terms in enumerate(self.terms)
         ]
 
     def column(self, term: str, joint: int, z: Array, q: Array, v: Array, load: Array) -> Array:
@@ -112,9 +112,9 @@ class FrictionStructure:
             v: (N, n) rad/s.
             load: (N, n) transmitted torque, N m.
         """
-        further = term_of(term)
-        if further is not None:
-            return further.column(q[:, joint], v[:, joint])
+        further_term = term_of(term)
+        if further_term is not None:
+            return further_term.column(q[:, joint], v[:, joint])
         v = v[:, joint]
         if term == "coulomb":
             return z[:, joint]
@@ -130,9 +130,13 @@ class FrictionStructure:
         return np.asarray(v**3)  # cubic
 
     def column_shape(self, term: str, joint: int) -> tuple[float, ...]:
-        """Returns those numbers of the shape that the joint's column of this term depends on."""
-        z, speed = float(self.displacement[joint]), float(self.stribeck_velocity[joint])
-        return {"coulomb": (z,), "stribeck": (z, speed), "load": (z,)}.get(term, ())
+        """Returns displacement and Stribeck velocity, as far as the joint's column needs them."""
+        displacement = float(self.displacement[joint])
+        if term in ("coulomb", "load"):
+            return (displacement,)
+        if term == "stribeck":
+            return (displacement, float(self.stribeck_velocity[joint]))
+        return ()
 
     def law(
         self,
@@ -145,46 +149,48 @@ class FrictionStructure:
         Args:
             coefficients: in the order of `terms`.
             networks: near-zero networks on top, or None.
-            v_crit: (n,) half width of their interval.
+            v_crit: (n,) rad/s, half width of their interval.
 
         Raises:
             ValueError: as the laws' constructors (load outside [0, 1) above all).
         """
         n = self.num_joints
-        further = self._further_terms()
-        names = (*STRUCTURES["presliding"], *(term.name for term in further))
-        value = {term: np.zeros(n) for term in names}
-        for j, (own, x) in enumerate(zip(self.terms, coefficients, strict=True)):
-            for term, number in zip(own, x, strict=True):
-                value[term][j] = number
-        band = np.zeros(n) if v_crit is None else v_crit
-        law = self._law_below(value, networks, band)
-        if not further:
+        further_terms = self._further_terms()
+        names = list(STRUCTURES["presliding"]) + [term.name for term in further_terms]
+        values = {term: np.zeros(n) for term in names}
+        for j, (joint_terms, joint_coefficients) in enumerate(
+            zip(self.terms, coefficients, strict=True)
+        ):
+            for term, coefficient in zip(joint_terms, joint_coefficients, strict=True):
+                values[term][j] = coefficient
+        half_width = np.zeros(n) if v_crit is None else v_crit
+        law = self._law_below(values, networks, half_width)
+        if not further_terms:
             return law
         return ExtendedFriction(
-            law, further, np.stack([value[term.name] for term in further], axis=1)
+            law, further_terms, np.stack([values[term.name] for term in further_terms], axis=1)
         )
 
     def _further_terms(self) -> tuple[FrictionTerm, ...]:
-        names = {term for own in self.terms for term in own}
+        names = {term for joint_terms in self.terms for term in joint_terms}
         return tuple(term for term in TERMS if term.name in names)
 
     def _law_below(
-        self, value: dict[str, Array], networks: FrictionNetworks | None, band: Array
+        self, values: dict[str, Array], networks: FrictionNetworks | None, v_crit: Array
     ) -> FrictionLaw:
         n = self.num_joints
         if not self.displacement.any() and not any(map(self.has, ("stribeck", "load", "cubic"))):
-            sliding = CoulombViscous(value["coulomb"], value["viscous"], value["offset"])
-            return SemiParametricFriction(sliding, networks, band)
+            sliding = CoulombViscous(values["coulomb"], values["viscous"], values["offset"])
+            return SemiParametricFriction(sliding, networks, v_crit)
         return PreslidingFriction(
             SemiParametricFriction(
-                CoulombViscous(np.zeros(n), value["viscous"], value["offset"]), networks, band
+                CoulombViscous(np.zeros(n), values["viscous"], values["offset"]), networks, v_crit
             ),
-            coulomb=value["coulomb"],
-            stribeck=value["stribeck"],
+            coulomb=values["coulomb"],
+            stribeck=values["stribeck"],
             stribeck_velocity=self.stribeck_velocity,
-            load=value["load"],
-            cubic=value["cubic"],
+            load=values["load"],
+            cubic=values["cubic"],
             weight=np.ones((n, 1)),
             displacement=self.displacement[:, None],
         )

@@ -1,9 +1,9 @@
-"""Further friction terms, which any law can carry on top of its own.
+"""Registry of further friction terms, which any law can carry.
 
 A term is one number a joint, its coefficient, times a function of the joint's position and
-velocity. One compiled function says all of it: the fit takes its columns from it, the estimator its
-torque, so that what is fitted is what is run. With a term registered here, `identify --friction`
-knows the laws "<law>+<term>", model.yaml keeps the coefficients, and every estimator runs them.
+velocity. Fit and estimator use the same compiled function, so that what is fitted is what is run.
+With a term registered here, `identify --friction` knows the laws "<law>+<term>", model.yaml stores
+the coefficients, and every estimator runs them.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from wrenchsight.models.arrays import Array
 
 @dataclass(frozen=True)
 class FrictionTerm:
-    """A kind of term.
+    """A friction term.
 
     Attributes:
         name: of the term and its coefficient; the key in model.yaml.
         basis: `numba.njit` of (q, v) in rad and rad/s (m and m/s), floats: torque in N m for a
             coefficient of one, positive where it opposes positive motion.
-        laws: that it can be fitted on top of, of `friction_structure.STRUCTURES`.
-        least, most: of the coefficient, in a fit that is restricted to physical robots.
+        laws: of `friction_structure.STRUCTURES` on top of which it can be fitted.
+        least, most: bounds of the coefficient, in a fit that is restricted to physical robots.
     """
 
     name: str
@@ -36,13 +36,13 @@ class FrictionTerm:
 
     def column(self, q: Array, v: Array) -> Array:
         """The torque (N,) in N m of one joint along a log, (N,) each, for a coefficient of one."""
-        out = np.empty(len(q))
-        _column_kernel(self.basis)(np.ascontiguousarray(q), np.ascontiguousarray(v), out)
-        return out
+        torque = np.empty(len(q))
+        _column_kernel(self.basis)(np.ascontiguousarray(q), np.ascontiguousarray(v), torque)
+        return torque
 
 
 TERMS: list[FrictionTerm] = []
-"""A further term is one line here, or one `TERMS.append` in a program of one's own."""
+"""The registered terms. To add one: one line here, or one `TERMS.append` in another program."""
 
 
 def term_of(name: str) -> FrictionTerm | None:

@@ -31,7 +31,7 @@ PRIOR = 1.0  # sample of `PERIOD`: its noise is about as large as the residual t
 PERIOD = 0.01  # s that a sample averages
 _FAR = 9.0  # exponent beyond which a weight is taken as zero
 _SAME_SPEED = 1.25  # ratio of speeds that are averaged
-_DIGITS = 6  # after the point, of what is kept
+_DIGITS = 6  # after the point, of stored numbers
 _COLUMNS = 4  # of a place: q, v, torque, samples
 
 
@@ -52,10 +52,16 @@ class PathPlaces(NamedTuple):
 
     @classmethod
     def of(cls, q: Array, v: Array, torque: Array, slides: Flags) -> "PathPlaces":
-        """Averages samples (N, n) that are close to one another."""
+        """Averages samples (N, n) that are close to one another.
+
+        Args:
+            q, v, torque: rad, rad/s and N m, residual of the law.
+            slides: where a joint slides; elsewhere its torque does not count.
+        """
         speed = np.linalg.norm(v, axis=1)
         moving = speed > 0.0
-        q, v, torque, slides, speed = (x[moving] for x in (q, v, torque, slides, speed))
+        q, v, torque = q[moving], v[moving], torque[moving]
+        slides, speed = slides[moving], speed[moving]
         cells = np.column_stack(
             [
                 np.round(q / REACH),
@@ -63,19 +69,23 @@ class PathPlaces(NamedTuple):
                 np.round(2.0 * v / speed[:, None]),
             ]
         )
-        _, place = np.unique(cells, axis=0, return_inverse=True)
-        place = place.ravel()
-        size = np.bincount(place).astype(float)[:, None]
+        _, cell = np.unique(cells, axis=0, return_inverse=True)
+        cell = cell.ravel()
+        size = np.bincount(cell).astype(float)[:, None]
 
         def summed(x: Array) -> Array:
             total = np.zeros((len(size), q.shape[1]))
-            np.add.at(total, place, x)
+            np.add.at(total, cell, x)
             return total
 
         count = summed(slides.astype(float))
         mean = summed(np.where(slides, torque, 0.0)) / np.maximum(count, 1.0)
-        found = summed(q) / size, summed(v) / size, mean, count
-        return cls(*(np.round(x, _DIGITS) for x in found))
+        return cls(
+            q=np.round(summed(q) / size, _DIGITS),
+            v=np.round(summed(v) / size, _DIGITS),
+            torque=np.round(mean, _DIGITS),
+            samples=np.round(count, _DIGITS),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +102,15 @@ class PathFriction(LayeredFriction):
     places: PathPlaces
 
     def __post_init__(self) -> None:
-        given = PathPlaces(*(np.array(x, float) for x in self.places))
-        object.__setattr__(self, "places", given)
-        expected = (len(given.q), self.law.num_joints)
-        for name, values in given._asdict().items():
+        places = PathPlaces(
+            q=np.array(self.places.q, float),
+            v=np.array(self.places.v, float),
+            torque=np.array(self.places.torque, float),
+            samples=np.array(self.places.samples, float),
+        )
+        object.__setattr__(self, "places", places)
+        expected = (len(places.q), self.law.num_joints)
+        for name, values in places._asdict().items():
             if values.shape != expected:
                 raise ValueError(f"friction: {name} must be {expected}, not {values.shape}")
             if not np.isfinite(values).all():
@@ -105,19 +120,19 @@ class PathFriction(LayeredFriction):
 
     @property
     def kernels(self) -> FrictionKernels:
-        """Those of the law below, and the places after them."""
+        """The kernels of the law below, and the places after them."""
         return _kernels(self.law.kernels, self.law.state_rows > 0)
 
     @cached_property
     def _table(self) -> Array:
-        """(n, 4 M + 1) of the places, joint by joint, and how many columns they take."""
+        """(n, 4 M + 1) the places, joint by joint, and the number of their columns."""
         columns = np.stack(self.places, axis=2).transpose(1, 0, 2).reshape(self.num_joints, -1)
         size = np.full((self.num_joints, 1), float(columns.shape[1]))
         return np.ascontiguousarray(np.hstack([columns, size]))
 
     @cached_property
     def slip_table(self) -> Array:
-        """The table of the law below, then that of the places."""
+        """(n, ...) the table of the law below, then that of the places."""
         return np.ascontiguousarray(np.hstack([self.law.slip_table, self._table]))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
@@ -139,50 +154,52 @@ def add_place_torque(table: Array, first: int, q: Array, v: Array, tau_f: Array)
         tau_f: changed.
     """
     n = q.shape[0]
-    places = (table.shape[1] - 1 - first) // _COLUMNS
+    num_places = (table.shape[1] - 1 - first) // _COLUMNS
     sums, weights = np.zeros(n), np.zeros(n)
-    squared = 0.0
+    speed_squared = 0.0
     for i in range(n):
-        squared += v[i] ** 2
-    for place in range(places):
-        at = first + _COLUMNS * place
+        speed_squared += v[i] ** 2
+    for place in range(num_places):
+        column = first + _COLUMNS * place
         distance = 0.0
         for i in range(n):
-            distance += (q[i] - table[i, at]) ** 2
+            distance += (q[i] - table[i, column]) ** 2
         exponent = 0.5 * distance / REACH**2
         if not exponent < _FAR:
             continue
-        distance, own = 0.0, 0.0
+        distance, place_speed_squared = 0.0, 0.0
         for i in range(n):
-            distance += (v[i] - table[i, at + 1]) ** 2
-            own += table[i, at + 1] ** 2
-        exponent += 0.5 * distance / (ALIKE**2 * np.sqrt(squared * own))  # at rest without end
+            distance += (v[i] - table[i, column + 1]) ** 2
+            place_speed_squared += table[i, column + 1] ** 2
+        exponent += (
+            0.5 * distance / (ALIKE**2 * np.sqrt(speed_squared * place_speed_squared))
+        )  # at rest without end
         if not exponent < _FAR:
             continue
         weight = np.exp(-exponent)
         for i in range(n):
-            sums[i] += weight * table[i, at + 3] * table[i, at + 2]
-            weights[i] += weight * table[i, at + 3]
+            sums[i] += weight * table[i, column + 3] * table[i, column + 2]
+            weights[i] += weight * table[i, column + 3]
     for i in range(n):
         tau_f[i] += sums[i] / (weights[i] + PRIOR)
 
 
 @cache
-def _kernels(below: FrictionKernels, remembers: bool) -> FrictionKernels:
-    """The composed kernels; what is kept of them on disk: see `extended_friction`."""
-    add_below, update_below = below.add_torque, below.update
+def _kernels(law_kernels: FrictionKernels, has_state: bool) -> FrictionKernels:
+    """The composed kernels; `extended_friction` says what of them is cached on disk."""
+    add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
 
     @njit(error_model="numpy")
     def add_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array) -> None:
-        own = table.shape[1] - 1 - int(table[0, -1])
-        if remembers:
-            add_below(np.ascontiguousarray(table[:, :own]), state, q, v, tau_f)
-        add_place_torque(table, own, q, v, tau_f)
+        slip_columns = table.shape[1] - 1 - int(table[0, -1])
+        if has_state:
+            add_law_torque(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, tau_f)
+        add_place_torque(table, slip_columns, q, v, tau_f)
 
     @njit(error_model="numpy")
     def update(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-        if remembers:
-            own = table.shape[1] - 1 - int(table[0, -1])
-            update_below(np.ascontiguousarray(table[:, :own]), state, q, v, transmitted)
+        if has_state:
+            slip_columns = table.shape[1] - 1 - int(table[0, -1])
+            update_law(np.ascontiguousarray(table[:, :slip_columns]), state, q, v, transmitted)
 
-    return FrictionKernels(add_torque, update, (*below, add_place_torque))
+    return FrictionKernels(add_torque, update, (*law_kernels, add_place_torque))

@@ -5,9 +5,9 @@
 
 Each z_k is a Prandtl element, a spring in series with a slider (several of them: Maxwell-slip;
 Al-Bender, Lampaert and Swevers, IEEE Trans. Automatic Control 50(11), 2005): below its
-displacement the joint creeps elastically, beyond it the element slides. A joint at rest so keeps
-the torque that it stopped with, anything within its stiction band, which no function of velocity
-alone can express. With a displacement of zero an element is rigid, z_k = sgn v, and the law has no
+displacement the joint creeps elastically, beyond it the element slides. A joint at rest so holds
+the torque that it stopped with, anything within its stiction band. No function of velocity alone
+can express that. With a displacement of zero an element is rigid, z_k = sgn v, and the law has no
 memory: that is the plain Stribeck and the plain load-dependent law.
 
 L is the torque that the gear transmits, tau_J - tau_f. The causal estimator takes it from the
@@ -23,7 +23,7 @@ tangent).
 
 **Displacement, tick by tick,** is not the difference of two rounded positions: an encoder that
 steps by .1 mrad would throw an element that slides after .1 mrad from end to end. Position follows
-velocity and is kept within the interval that the rounded one allows,
+velocity and stays within the interval that the rounded one allows,
 
     p <- clip(p + v dt, q - resolution / 2, q + resolution / 2),    dq = change of p
 
@@ -104,17 +104,18 @@ class PreslidingFriction:
     def __post_init__(self) -> None:
         n = self.velocity_law.num_joints
         for key in ("coulomb", "stribeck", "stribeck_velocity", "load", "cubic"):
-            self._keep(key, (n,))
+            self._set(key, (n,))
         for key, default in (("speed_limit", np.inf), ("resolution", 0.0)):
-            given = getattr(self, key)
-            value = np.full(n, default) if given is None else np.array(given, float)
+            value = getattr(self, key)
+            value = np.full(n, default) if value is None else np.array(value, float)
             if value.shape != (n,):
                 raise ValueError(f"friction: {key} must have shape {(n,)}, not {value.shape}")
             object.__setattr__(self, key, value)
         if not (self.speed_limit > 0.0).all() or not (self.resolution >= 0.0).all():
             raise ValueError("friction: speed_limit must be positive, resolution zero or more")
+        num_elements = np.shape(self.weight)[-1] if np.ndim(self.weight) == 2 else 1
         for key in ("weight", "displacement"):
-            self._keep(key, (n, np.shape(self.weight)[-1] if np.ndim(self.weight) == 2 else 1))
+            self._set(key, (n, num_elements))
         if not (self.stribeck_velocity > 0.0).all():
             raise ValueError("friction: stribeck_velocity must be positive")
         if not ((self.load >= 0.0) & (self.load < 1.0)).all():
@@ -126,7 +127,8 @@ class PreslidingFriction:
         if self.velocity_law.coulomb_viscous.coulomb.any():
             raise ValueError("friction: coulomb belongs to the slip, not to velocity_law")
 
-    def _keep(self, key: str, shape: tuple[int, ...]) -> None:
+    def _set(self, key: str, shape: tuple[int, ...]) -> None:
+        """Replaces an attribute by its array; ValueError where its shape or a value is wrong."""
         value = np.array(getattr(self, key), float)
         if value.shape != shape:
             raise ValueError(f"friction: {key} must have shape {shape}, not {value.shape}")
@@ -136,7 +138,7 @@ class PreslidingFriction:
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return int(self.coulomb.shape[0])
 
     @property
@@ -154,18 +156,22 @@ class PreslidingFriction:
     def slip_table(self) -> Array:
         """(n, 10 + 2 K) contiguous, one row a joint."""
         n = self.num_joints
-        finite = np.where(np.isfinite(self.speed_limit), self.speed_limit, 0.0)
+        speed_limit = np.where(np.isfinite(self.speed_limit), self.speed_limit, 0.0)
         viscous = self.velocity_law.coulomb_viscous.viscous
-        own = (
-            *(self.coulomb, self.stribeck, 1.0 / self.stribeck_velocity, self.load, self.cubic),
+        joint_columns = (
+            self.coulomb,
+            self.stribeck,
+            1.0 / self.stribeck_velocity,
+            self.load,
+            self.cubic,
             self.speed_limit,
-            np.maximum(3.0 * self.cubic * finite**2, -viscous),  # no total slope below zero
+            np.maximum(3.0 * self.cubic * speed_limit**2, -viscous),  # no total slope below zero
             0.5 * self.resolution,
             np.full(n, self.time_step),
             np.full(n, np.exp(-self.time_step / RELAXATION)),
         )
         return np.ascontiguousarray(
-            np.hstack([np.stack(own, axis=1), self.weight, self.displacement])
+            np.hstack([np.stack(joint_columns, axis=1), self.weight, self.displacement])
         )
 
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
@@ -186,7 +192,7 @@ class PreslidingFriction:
 
     @property
     def kernels(self) -> FrictionKernels:
-        """Those of `slip_elements`."""
+        """The kernels of `slip_elements`."""
         return SLIP_KERNELS
 
     @property

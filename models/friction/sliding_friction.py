@@ -16,11 +16,11 @@ from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.slip_elements import (
-    BEYOND,
     COULOMB,
     CUBIC,
     LOAD,
     SLIDING_COLUMNS,
+    SLOPE_BEYOND,
     SPEED_LIMIT,
     STRIBECK,
     held_stribeck,
@@ -53,7 +53,7 @@ def with_sliding(law: FrictionLaw, sliding: CoulombViscous) -> FrictionLaw:
 
 
 def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
-    """Returns what one unit more of each coefficient adds to tau_f along a log: (N, n, 3).
+    """Returns the derivative (N, n, 3) of tau_f along a log by each coefficient of TERMS.
 
     Args:
         law: the friction law.
@@ -61,22 +61,22 @@ def sliding_columns(law: FrictionLaw, q: Array, v: Array, load: Array) -> Array:
         v: (N, n) rad/s (m/s).
         load: (N, n) transmitted torque, N m.
     """
-    here = law.coulomb_viscous
-    before = law.torque_along(q, v, load)
+    coefficients = law.coulomb_viscous
+    tau_f = law.torque_along(q, v, load)
     columns = []
     for term in TERMS:
-        more = replace(here, **{term: getattr(here, term) + 1.0})
-        columns.append(with_sliding(law, more).torque_along(q, v, load) - before)
+        increased = replace(coefficients, **{term: getattr(coefficients, term) + 1.0})
+        columns.append(with_sliding(law, increased).torque_along(q, v, load) - tau_f)
     return np.stack(columns, axis=2)
 
 
 def sliding_table(law: FrictionLaw) -> Array:
     """(n, SLIDING_COLUMNS) of `slip_elements`; without memory Coulomb friction is the level."""
     if isinstance(law, CoupledFriction):
-        own = sliding_table(law.law)
-        sizes = (COULOMB, STRIBECK, LOAD, CUBIC, BEYOND)
-        own[:, sizes] = joint_side(law, own[:, sizes])
-        return own
+        motor_table = sliding_table(law.law)
+        sizes = (COULOMB, STRIBECK, LOAD, CUBIC, SLOPE_BEYOND)
+        motor_table[:, sizes] = joint_side(law, motor_table[:, sizes])
+        return motor_table
     if isinstance(law, LayeredFriction):
         return sliding_table(law.law)
     if law.state_rows > 0:
@@ -88,13 +88,18 @@ def sliding_table(law: FrictionLaw) -> Array:
 
 
 def dry_and_viscous(law: FrictionLaw, q: Array, v: Array, load: Array) -> tuple[Array, Array]:
-    """Returns tau_f (N, n) along a log in two parts: without the offset, viscous and cubic
-    coefficients, and what these two add. A network near zero velocity and further terms are dry.
+    """Returns tau_f (N, n) along a log, without the offset, in two parts: dry and viscous.
+
+    The viscous part is that of the viscous and cubic coefficients. A network near zero velocity and
+    further terms are dry.
     """
-    here = law.coulomb_viscous
-    bare = with_sliding(law, replace(here, viscous=0.0 * here.viscous, offset=0.0 * here.offset))
-    dry = _without_cubic(bare).torque_along(q, v, load)
-    return dry, law.torque_along(q, v, load) - dry - here.offset
+    coefficients = law.coulomb_viscous
+    dry_law = with_sliding(
+        law,
+        replace(coefficients, viscous=0.0 * coefficients.viscous, offset=0.0 * coefficients.offset),
+    )
+    dry = _without_cubic(dry_law).torque_along(q, v, load)
+    return dry, law.torque_along(q, v, load) - dry - coefficients.offset
 
 
 def stiction(law: FrictionLaw, load: Array) -> Array:
@@ -105,8 +110,8 @@ def stiction(law: FrictionLaw, load: Array) -> Array:
         load: (N, n) transmitted torque, N m.
     """
     if isinstance(law, CoupledFriction):
-        at_motors = stiction(law.law, load @ np.linalg.inv(law.motor_rates))
-        return joint_side(law, at_motors.T).T
+        motor_stiction = stiction(law.law, load @ np.linalg.inv(law.motor_rates))
+        return joint_side(law, motor_stiction.T).T
     if isinstance(law, LayeredFriction):
         return stiction(law.law, load)
     if isinstance(law, PreslidingFriction):

@@ -1,4 +1,4 @@
-"""Parts of a presliding law that an error model needs: sliding level and side of the slip."""
+"""Parts of a presliding law that an error model needs: the sliding level, and the slip's side."""
 
 import numpy as np
 

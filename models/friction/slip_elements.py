@@ -11,11 +11,11 @@ import numpy as np
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.kernel import kernel
 
-# Columns of the slip table; then K weights and K displacements. The first seven are what slides:
+# Columns of the slip table; then K weights and K displacements. The first seven are of sliding:
 # level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.
 SLIDING_COLUMNS = 7
-COULOMB, STRIBECK, INVERSE_SPEED, LOAD, CUBIC, SPEED_LIMIT, BEYOND = range(SLIDING_COLUMNS)
-HALF_STEP, PERIOD, KEPT, ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
+COULOMB, STRIBECK, INVERSE_SPEED, LOAD, CUBIC, SPEED_LIMIT, SLOPE_BEYOND = range(SLIDING_COLUMNS)
+HALF_STEP, PERIOD, DECAY, ELEMENTS = range(SLIDING_COLUMNS, SLIDING_COLUMNS + 4)
 # Rows of the state; then K slips z_k.
 POSITION, TRANSMITTED, SLIPS = range(3)
 # Share of its Coulomb friction that a joint at rest is taken to hold at least. Logs of fast motion
@@ -24,34 +24,38 @@ LEAST_HELD = 0.5
 
 
 class FrictionKernels(NamedTuple):
-    """The two kernels of a kind of friction law, as `friction_law` states them."""
+    """The two kernels of a friction law, as `friction_law` states them.
+
+    Attributes:
+        add_torque, update: compiled.
+        parts: the compiled functions that these two are composed of, if any.
+    """
 
     add_torque: Any
     update: Any
     parts: tuple[Any, ...] = ()
-    """The compiled functions that these two are composed of, where they are."""
 
 
 def held_stribeck(coulomb: Array, stribeck: Array) -> Array:
-    """S (n,) of the level at rest: the law's, but no less than leaves LEAST_HELD of C (n,)."""
+    """S (n,) of the level at rest: the law's, but no less than LEAST_HELD of C (n,) requires."""
     return np.asarray(np.maximum(stribeck, (LEAST_HELD - 1.0) * np.maximum(coulomb, 0.0)))
 
 
 @kernel
-def within_rounding(before: float, q: float, v: float, half_step: float, period: float) -> float:
-    """The position after `before` that velocity predicts and the rounded q allows.
+def within_rounding(previous: float, q: float, v: float, half_step: float, period: float) -> float:
+    """The position after `previous` that velocity predicts and the rounded q allows.
 
-    q itself for the first sample (`before` not finite); NaN where q is NaN.
+    q itself for the first sample (`previous` not finite); NaN where q is NaN.
     """
-    if half_step == 0.0 or not (np.isfinite(before) and np.isfinite(q)):
+    if half_step == 0.0 or not (np.isfinite(previous) and np.isfinite(q)):
         return q
-    moved = before + v * period if np.isfinite(v) else before
-    return min(max(moved, q - half_step), q + half_step)
+    predicted = previous + v * period if np.isfinite(v) else previous
+    return min(max(predicted, q - half_step), q + half_step)
 
 
 @kernel
 def bounded_cubic(v: float, cubic: float, limit: float, slope: float) -> float:
-    """cubic v^3, and beyond the speed `limit` a line of this slope."""
+    """The torque cubic v^3; beyond the speed `limit` a line of this slope."""
     if abs(v) <= limit or not np.isfinite(limit):
         return cubic * v**3
     return float(np.sign(v)) * (cubic * limit**3 + slope * (abs(v) - limit))
@@ -60,14 +64,14 @@ def bounded_cubic(v: float, cubic: float, limit: float, slope: float) -> float:
 @kernel
 def _slip(table: Array, state: Array, i: int, k: int, q: float, v: float) -> float:
     """z_k of joint i at this sample; NaN where the position is NaN."""
-    reach = table[i, ELEMENTS + (table.shape[1] - ELEMENTS) // 2 + k]
-    if reach == 0.0:
+    displacement = table[i, ELEMENTS + (table.shape[1] - ELEMENTS) // 2 + k]
+    if displacement == 0.0:
         return float(np.sign(v))
-    before = state[POSITION, i]
-    now = within_rounding(before, q, v, table[i, HALF_STEP], table[i, PERIOD])
-    if not np.isfinite(before):  # the first sample: no displacement yet
-        before = now
-    z = state[SLIPS + k, i] * table[i, KEPT] + (now - before) / reach
+    previous = state[POSITION, i]
+    position = within_rounding(previous, q, v, table[i, HALF_STEP], table[i, PERIOD])
+    if not np.isfinite(previous):  # the first sample: no displacement yet
+        previous = position
+    z = state[SLIPS + k, i] * table[i, DECAY] + (position - previous) / displacement
     if z > 1.0:
         return 1.0
     if z < -1.0:
@@ -87,16 +91,16 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
     """
     if state.shape[0] == 0:
         return
-    elements = (table.shape[1] - ELEMENTS) // 2
+    num_elements = (table.shape[1] - ELEMENTS) // 2
     for i in range(table.shape[0]):
         z = 0.0
-        for k in range(elements):
+        for k in range(num_elements):
             z += table[i, ELEMENTS + k] * _slip(table, state, i, k, q[i], v[i])
         x = v[i] * table[i, INVERSE_SPEED]
         level = table[i, COULOMB] + table[i, STRIBECK] * np.exp(-x * x)
         level += table[i, LOAD] * abs(state[TRANSMITTED, i])
         tau_f[i] += level * z + bounded_cubic(
-            v[i], table[i, CUBIC], table[i, SPEED_LIMIT], table[i, BEYOND]
+            v[i], table[i, CUBIC], table[i, SPEED_LIMIT], table[i, SLOPE_BEYOND]
         )
 
 
@@ -104,8 +108,8 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
 def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
     """Single-sample kernel: takes a sample into `state`, in place.
 
-    What is not finite leaves its part of the state as it was: the displacement over a gap counts
-    when the next position comes.
+    A value that is not finite leaves its part of the state as it was: the displacement over a gap
+    counts when the next position comes.
 
     Args:
         table: `FrictionLaw.slip_table`.

@@ -58,7 +58,7 @@ class CoulombViscous:
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return int(self.coulomb.shape[0])
 
     def torque(self, v: ArrayLike) -> Array:
@@ -97,21 +97,20 @@ class SemiParametricFriction:
 
     def __post_init__(self) -> None:
         n = self.coulomb_viscous.num_joints
-        given = cast(Array | None, self.v_crit)
-        v_crit = np.zeros(n) if given is None else np.array(given, float)
+        stated = cast(Array | None, self.v_crit)
+        v_crit = np.zeros(n) if stated is None else np.array(stated, float)
         object.__setattr__(self, "v_crit", v_crit)
         if v_crit.shape != (n,) or not np.all(np.isfinite(v_crit) & (v_crit >= 0.0)):
             raise ValueError(f"friction: v_crit must be {n} values of zero or more, not {v_crit}")
         if self.networks is not None and self.networks.num_joints != n:
-            found = self.networks.num_joints
-            raise ValueError(f"friction: {found} networks for {n} joints")
+            raise ValueError(f"friction: {self.networks.num_joints} networks for {n} joints")
         if self.handover not in get_args(Handover):
-            known = " or ".join(get_args(Handover))
-            raise ValueError(f"friction: handover must be {known}, not {self.handover!r}")
+            choices = " or ".join(get_args(Handover))
+            raise ValueError(f"friction: handover must be {choices}, not {self.handover!r}")
 
     @property
     def num_joints(self) -> int:
-        """How many joints, n."""
+        """Number of joints, n."""
         return self.coulomb_viscous.num_joints
 
     @cached_property
@@ -121,27 +120,26 @@ class SemiParametricFriction:
         v_crit = self.v_crit
         if self.networks is None or self.handover == "literal":
             return np.zeros(n), np.zeros(n)
-        outside = self.coulomb_viscous.torque(v_crit), self.coulomb_viscous.torque(-v_crit)
-        gap_up = outside[0] - self.networks.evaluate(v_crit)
-        gap_down = outside[1] - self.networks.evaluate(-v_crit)
-        safe = np.where(v_crit > 0.0, v_crit, 1.0)
-        return 0.5 * (gap_up + gap_down), 0.5 * (gap_up - gap_down) / safe
+        gap_up = self.coulomb_viscous.torque(v_crit) - self.networks.evaluate(v_crit)
+        gap_down = self.coulomb_viscous.torque(-v_crit) - self.networks.evaluate(-v_crit)
+        divisor = np.where(v_crit > 0.0, v_crit, 1.0)
+        return 0.5 * (gap_up + gap_down), 0.5 * (gap_up - gap_down) / divisor
 
     @cached_property
     def table(self) -> Array:
-        """(n, 7 + 3 h) contiguous: all that `friction_torque` reads, one row a joint."""
-        law, nets = self.coulomb_viscous, self.networks
+        """(n, 7 + 3 h) contiguous constants of `friction_torque`, one row a joint."""
+        law, networks = self.coulomb_viscous, self.networks
         n = self.num_joints
-        h = nets.num_neurons if nets is not None else 0
+        h = networks.num_neurons if networks is not None else 0
         table = np.zeros((n, _WEIGHTS + 3 * h))
         table[:, _COULOMB], table[:, _VISCOUS] = law.coulomb, law.viscous
         table[:, _OFFSET] = law.offset
-        if nets is not None:
+        if networks is not None:
             bias, slope = self.correction
             table[:, _V_CRIT] = self.v_crit
-            table[:, _BIAS], table[:, _SLOPE] = nets.b2 + bias, slope
-            table[:, _INVERSE_SCALE] = 1.0 / nets.v_scale
-            table[:, _WEIGHTS:] = np.hstack([nets.W1, nets.b1, nets.W2])
+            table[:, _BIAS], table[:, _SLOPE] = networks.b2 + bias, slope
+            table[:, _INVERSE_SCALE] = 1.0 / networks.v_scale
+            table[:, _WEIGHTS:] = np.hstack([networks.W1, networks.b1, networks.W2])
         return table
 
     @property
@@ -151,7 +149,7 @@ class SemiParametricFriction:
 
     @property
     def velocity_law(self) -> "SemiParametricFriction":
-        """The law itself: nothing in it but velocity."""
+        """The law itself, which depends on velocity alone."""
         return self
 
     @property
@@ -160,12 +158,12 @@ class SemiParametricFriction:
         return np.zeros((self.num_joints, 10))
 
     def sampled(self, time_step: float, resolution: ArrayLike | None = None) -> Self:
-        """The law itself: nothing in it but velocity."""
+        """The law itself, which depends on velocity alone."""
         return self
 
     @property
     def kernels(self) -> FrictionKernels:
-        """Those of `slip_elements`, which have nothing to do without rows of state."""
+        """The kernels of `slip_elements`, which do nothing without rows of state."""
         return SLIP_KERNELS
 
     @property
@@ -207,9 +205,9 @@ class SemiParametricFriction:
         if v.shape[-1:] != (self.num_joints,):
             raise ValueError(f"friction: v must end in {self.num_joints} joints, not {v.shape}")
         rows = contiguous(v.reshape(-1, self.num_joints))[0]
-        out = np.empty_like(rows)
-        _friction_log(self.table, rows, out)
-        return out.reshape(v.shape)
+        tau_f = np.empty_like(rows)
+        _friction_log(self.table, rows, tau_f)
+        return tau_f.reshape(v.shape)
 
 
 @kernel

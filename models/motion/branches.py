@@ -1,10 +1,10 @@
-"""All postures for many poses of E at once.
+"""Inverse kinematics: all postures for many poses of E at once.
 
-A map of the workspace or a search over the free angle of a tool asks for thousands. Arms of six
-revolute joints whose axes EAIK can decompose are solved by it pose by pose, the wrapping, polishing
-and checking is done for all of them together. Every other arm is solved by damped least squares
-from several starting points a pose, which finds postures but cannot promise all of them. Whatever
-the source, a solution counts once forward kinematics confirms it.
+A map of the workspace or a search over the free angle of a tool needs thousands. Arms of six
+revolute joints whose axes EAIK can decompose are solved by it pose by pose; wrapping, polishing and
+checking are done for all of them together. Every other arm is solved by damped least squares from
+several starting points a pose, which finds postures but cannot promise all of them. In either case
+a solution counts once forward kinematics confirms it.
 """
 
 import itertools
@@ -31,7 +31,7 @@ _NUM_SEEDS = 12
 
 
 def is_closed_form(robot: Robot) -> bool:
-    """Whether all branches are known; otherwise they are what a search finds."""
+    """Whether all branches are known; otherwise a search finds some."""
     return closed_form(robot) is not None
 
 
@@ -60,18 +60,18 @@ def closed_form(robot: Robot) -> Any:
 
 
 def _same_directions(axes: Array) -> Array:
-    """Unit axes (n, 3), those that are parallel but for rounding made exactly so.
+    """Unit axes (n, 3); axes that are parallel within rounding are made exactly parallel.
 
-    EAIK looks at its zeros bit by bit: with axes 1e-13 off it takes one kind of arm for another.
-    Polishing corrects what the solutions lose by this.
+    EAIK compares with zero bit by bit: with axes 1e-13 off it takes one kind of arm for another.
+    Polishing corrects the solutions' error from this.
     """
-    same = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    for i in range(1, len(same)):
+    directions = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    for i in range(1, len(directions)):
         for j in range(i):
-            if np.linalg.norm(np.cross(same[i], same[j])) < _PARALLEL:
-                same[i] = math.copysign(1.0, same[i] @ same[j]) * same[j]
+            if np.linalg.norm(np.cross(directions[i], directions[j])) < _PARALLEL:
+                directions[i] = math.copysign(1.0, directions[i] @ directions[j]) * directions[j]
                 break
-    return np.asarray(same)
+    return np.asarray(directions)
 
 
 def all_branches(
@@ -94,9 +94,9 @@ def all_branches(
             without it a fixed set.
 
     Returns:
-        (N, B, n) with B the largest number found; NaN in the rows beyond a pose's own number.
-        Each reaches its pose within 1e-9 (m, rad). Their order is the solver's, the same for poses
-        that differ by rounding.
+        (N, B, n) with B the largest number of solutions of a pose; NaN in the rows beyond a pose's
+        number. Each reaches its pose within 1e-9 (m, rad). Their order is the solver's, the same
+        for poses that differ by rounding.
     """
     R = np.ascontiguousarray(R_WE, dtype=np.float64).reshape(-1, 3, 3)
     p = np.ascontiguousarray(p_WE, dtype=np.float64).reshape(-1, 3)
@@ -105,7 +105,7 @@ def all_branches(
     if solver is not None:
         q, row = _from_closed_form(robot, solver, R, p)
         q = _nearest_to_middle(robot, q)
-        left = approach(robot.chain, R[row], p[row], q, _POLISH_STEPS, _ROUNDING)
+        errors = approach(robot.chain, R[row], p[row], q, _POLISH_STEPS, _ROUNDING)
         q = _nearest_to_middle(robot, q)
     else:
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
@@ -114,25 +114,25 @@ def all_branches(
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
         q[~np.all(np.isfinite(q), axis=1)] = robot.home
         limits = lower, upper
-        left = approach(robot.chain, R[row], p[row], q, _SEARCH_STEPS, _ROUNDING, limits=limits)
-    reached = left < _TOLERANCE
+        errors = approach(robot.chain, R[row], p[row], q, _SEARCH_STEPS, _ROUNDING, limits=limits)
+    is_reached = errors < _TOLERANCE
     if turns_of is not None:
-        q, row, reached = _with_turns(robot, q, row, reached, turns_of)
-    kept = reached & np.all((q >= lower - _AT_LIMIT) & (q <= upper + _AT_LIMIT), axis=1)
-    return _by_pose(np.clip(q[kept], lower, upper), row[kept], len(p))
+        q, row, is_reached = _with_turns(robot, q, row, is_reached, turns_of)
+    is_valid = is_reached & np.all((q >= lower - _AT_LIMIT) & (q <= upper + _AT_LIMIT), axis=1)
+    return _by_pose(np.clip(q[is_valid], lower, upper), row[is_valid], len(p))
 
 
 def _from_closed_form(
     robot: Robot, solver: object, R: Array, p: Array
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Raw solutions (M, n), and the pose (M,) that each belongs to."""
+    """Raw solutions (M, n), and the index (M,) of the pose that each belongs to."""
     poses = np.zeros((len(p), 4, 4))
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = R, p, 1.0
     solved = [
         np.asarray(solution.Q, dtype=np.float64).reshape(-1, robot.num_joints)
         for solution in map(solver.calculate_IK, poses)  # type: ignore[attr-defined]
     ]
-    row = np.repeat(np.arange(len(p)), [len(found) for found in solved])
+    row = np.repeat(np.arange(len(p)), [len(branches) for branches in solved])
     q = np.concatenate(solved) if solved else np.empty((0, robot.num_joints))
     finite = np.all(np.isfinite(q), axis=1)
     return np.ascontiguousarray(q[finite]), row[finite]
@@ -154,24 +154,24 @@ def _with_turns(
     robot: Robot,
     q: Array,
     row: NDArray[np.intp],
-    reached: NDArray[np.bool_],
+    is_reached: NDArray[np.bool_],
     turns_of: NDArray[np.bool_],
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-    """Each solution with all whole turns of its joints that the limits may have room for."""
+    """Each solution with all whole turns of its joints for which the limits may have room."""
     span = robot.position_upper - robot.position_lower
-    wide = turns_of & ~robot.chain.prismatic & np.isfinite(span) & (span > 2.0 * math.pi)
+    has_turns = turns_of & ~robot.chain.prismatic & np.isfinite(span) & (span > 2.0 * math.pi)
     turns = [
         [2.0 * math.pi * k for k in range(-_turns(s), _turns(s) + 1)] if is_wide else [0.0]
-        for s, is_wide in zip(span, wide, strict=True)
+        for s, is_wide in zip(span, has_turns, strict=True)
     ]
     shifts = np.array(list(itertools.product(*turns)))
-    every = (q[:, np.newaxis] + shifts).reshape(-1, q.shape[1])
+    shifted = (q[:, np.newaxis] + shifts).reshape(-1, q.shape[1])
     lower, upper = robot.position_lower - _AT_LIMIT, robot.position_upper + _AT_LIMIT
-    inside = np.all((every >= lower) & (every <= upper), axis=1)
+    is_inside = np.all((shifted >= lower) & (shifted <= upper), axis=1)
     return (
-        every[inside],
-        np.repeat(row, len(shifts))[inside],
-        np.repeat(reached, len(shifts))[inside],
+        shifted[is_inside],
+        np.repeat(row, len(shifts))[is_inside],
+        np.repeat(is_reached, len(shifts))[is_inside],
     )
 
 
@@ -183,6 +183,6 @@ def _by_pose(q: Array, row: NDArray[np.intp], num_poses: int) -> Array:
     """(N, B, n) from solutions sorted by their pose."""
     counts = np.bincount(row, minlength=num_poses)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    out = np.full((num_poses, int(counts.max(initial=0)), q.shape[1]), np.nan)
-    out[row, np.arange(len(q)) - first[row]] = q
-    return out
+    branches = np.full((num_poses, int(counts.max(initial=0)), q.shape[1]), np.nan)
+    branches[row, np.arange(len(q)) - first[row]] = q
+    return branches

@@ -1,4 +1,4 @@
-"""Brings E to poses from postures nearby: damped least squares, to rounding.
+"""Inverse kinematics from postures nearby: damped least squares, to rounding.
 
 The step is J^T (J J^T + damping 1)^-1 error (Wampler, 1986). The damping is the square of the error
 and vanishes with it, so that the last steps are Newton's own.
@@ -49,10 +49,13 @@ def pose_error(
 
 @kernel
 def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -> bool:
-    """step = J^T y of y = (J J^T + damping 1)^-1 error; False where the matrix is singular.
+    """Writes step = J^T y with y = (J J^T + damping 1)^-1 error.
 
     Args:
         A: (7, 6) scratch; its last row is y afterwards.
+
+    Returns:
+        False where the matrix is singular.
     """
     n = J.shape[1]
     for i in range(6):
@@ -91,19 +94,21 @@ def approach(
         q: contiguous.
         max_steps: of each.
         aim: rad and m.
-        limits: lower and upper (n,), that each step keeps to.
+        limits: lower and upper (n,) bounds of each step.
         damped: False takes Newton's steps from the start.
 
     Returns:
         (M,) the remaining errors, rad and m; inf where the chain is singular without damping, NaN
         where the goal is not finite.
     """
-    left, endless = np.empty(len(q)), np.full(chain.num_joints, np.inf)
-    lower, upper = (-endless, endless) if limits is None else limits
+    errors, no_limit = np.empty(len(q)), np.full(chain.num_joints, np.inf)
+    lower, upper = (-no_limit, no_limit) if limits is None else limits
     R = np.ascontiguousarray(R_WE, dtype=np.float64)
     p = np.ascontiguousarray(p_WE, dtype=np.float64)
-    _approach(chain.table, np.array(lower), np.array(upper), R, p, q, max_steps, damped, aim, left)
-    return left
+    _approach(
+        chain.table, np.array(lower), np.array(upper), R, p, q, max_steps, damped, aim, errors
+    )
+    return errors
 
 
 @kernel(parallel=True)
@@ -117,7 +122,7 @@ def _approach(
     max_steps: int,
     damped: bool,
     aim: float,
-    left: Array,
+    errors: Array,
 ) -> None:
     M, n = q.shape
     for b in prange((M + _BLOCK - 1) // _BLOCK):
@@ -144,4 +149,4 @@ def _approach(
                     q[m, j] = min(max(q[m, j] + scale * step[j], lower[j]), upper[j])
                 pose_and_jacobian(table, q[m], R, p, J, scratch)
                 size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
-            left[m] = size
+            errors[m] = size

@@ -1,4 +1,4 @@
-"""Narrower limits of some joints, as a task or a scenario names them."""
+"""Narrower joint limits from a task or a scenario."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,13 +29,13 @@ def narrowed_limits(
     """
     lower, upper = np.array(lower, float), np.array(upper, float)
     for joint, limits in ranges.items():
-        place = f"joint_ranges_deg.{joint}"
+        key = f"joint_ranges_deg.{joint}"
         if joint not in robot.joint_names:
             problem = f"{robot.name} has no joint of this name"
             remedy = "copy the task's file and name this robot's joints there: "
-            raise InputError(source, place, problem, remedy + ", ".join(robot.joint_names))
+            raise InputError(source, key, problem, remedy + ", ".join(robot.joint_names))
         if len(limits) != 2 or not limits[0] < limits[1]:
-            raise InputError(source, place, f"{list(limits)}, expected [lower, upper] in deg")
+            raise InputError(source, key, f"{list(limits)}, expected [lower, upper] in deg")
         j = robot.joint_names.index(joint)
         unit = 1.0 if robot.chain.prismatic[j] else math.pi / 180.0
         lower[j], upper[j] = max(lower[j], unit * limits[0]), min(upper[j], unit * limits[1])

@@ -42,29 +42,29 @@ def track_paths(
         max_joint_step: rad or m from one point to the next; a path that needs more is given up.
 
     Returns:
-        q (N, k + 1, n), and (N,) whether every point was reached. Joint limits are not looked at.
+        q (N, k + 1, n), and (N,) whether every point was reached. Joint limits are not checked.
     """
     q_mid, n_W = np.asarray(q_mid, dtype=np.float64), np.asarray(n_W, dtype=np.float64)
     k = num_segments
     R_WE, p_WM = chain.pose(q_mid)
     q = np.empty((len(q_mid), k + 1, chain.num_joints))
-    reached = np.ones(len(q_mid), dtype=np.bool_)
+    is_reached = np.ones(len(q_mid), dtype=np.bool_)
     q[:, k // 2] = q_mid  # of an odd k replaced below
     # Even k: from the middle point outwards. Odd: the first point is half a step away.
     for side in (range(k // 2 + 1, k + 1), range((k + 1) // 2 - 1, -1, -1)):
-        before, previous, moved = q_mid, q_mid, 0.0
+        last_but_one, previous, step_ratio = q_mid, q_mid, 0.0
         for i in side:
-            rows = np.flatnonzero(reached)
-            # The joints go on as they went.
-            found = previous[rows] + moved * (previous[rows] - before[rows])
+            rows = np.flatnonzero(is_reached)
+            # The joints continue their last step.
+            q_point = previous[rows] + step_ratio * (previous[rows] - last_but_one[rows])
             goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
-            left = approach(chain, R_WE[rows], goal, found, _MAX_STEPS, _REACHED, damped=False)
-            step = np.abs(found - previous[rows])
-            reached[rows] = (left < _ARRIVED) & np.all(step <= max_joint_step, axis=1)
-            before, previous = previous, previous.copy()
-            previous[rows] = q[rows, i] = found
-            moved = 2.0 if i == side[0] and k % 2 == 1 else 1.0
-    return q, reached
+            errors = approach(chain, R_WE[rows], goal, q_point, _MAX_STEPS, _REACHED, damped=False)
+            step = np.abs(q_point - previous[rows])
+            is_reached[rows] = (errors < _ARRIVED) & np.all(step <= max_joint_step, axis=1)
+            last_but_one, previous = previous, previous.copy()
+            previous[rows] = q[rows, i] = q_point
+            step_ratio = 2.0 if i == side[0] and k % 2 == 1 else 1.0
+    return q, is_reached
 
 
 def solve_poses(
@@ -78,7 +78,7 @@ def solve_poses(
         q_start: (N, n).
 
     Returns:
-        q (N, n), and (N,) whether the pose was reached to rounding. Joint limits are not looked at,
+        q (N, n), and (N,) whether the pose was reached to rounding. Joint limits are not checked,
         and angles may have made whole turns.
     """
     q = np.array(q_start, dtype=np.float64)
@@ -101,7 +101,7 @@ def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) 
 def correct_paths(
     chain: SerialChain, q: Array, n_W: Array, p_WM: Array, R_WE: Array, path_length: float
 ) -> Flags:
-    """Brings postures near the points of paths onto them, in place, each by itself.
+    """Moves postures near the points of paths onto them, in place, each by itself.
 
     Args:
         q: (N, k + 1, n), changed.
@@ -116,13 +116,13 @@ def correct_paths(
     p_WE = p_WM[:, np.newaxis] + along * n_W[:, np.newaxis]
     R = np.broadcast_to(R_WE[:, np.newaxis], (*q.shape[:2], 3, 3)).reshape(-1, 3, 3)
     flat = q.reshape(-1, q.shape[2])
-    left = approach(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, _REACHED, damped=False)
+    errors = approach(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, _REACHED, damped=False)
     q[:] = flat.reshape(q.shape)
-    return np.asarray((left < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
+    return np.asarray((errors < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
 
 
 def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
-    """Turns a gradient by the postures of paths into one by the paths themselves.
+    """Turns a gradient by the postures of paths into a gradient by the paths.
 
     Args:
         q: (N, k + 1, n) postures on their paths.

@@ -1,7 +1,7 @@
-"""Paths of the tool, and the motion of the joints along them.
+"""Straight paths of the tool, time laws, and the motion of the joints along them.
 
-A path says where E goes (`StraightPath`), a time law how fast, and `joint_trajectory` turns the two
-into joint positions, velocities and accelerations.
+A path states the positions of E (`StraightPath`), a time law the progress along it. From both
+`joint_trajectory` computes joint positions, velocities and accelerations.
 """
 
 from collections.abc import Callable
@@ -73,7 +73,7 @@ class StraightPath:
 
 
 class Progress(NamedTuple):
-    """How far along a path, and its derivatives by u, the fraction of the time that has passed."""
+    """Progress along a path, and its derivatives by u, the fraction of the time that has passed."""
 
     s: Array  # 0 at the start of the path, 1 at its end
     ds_du: Array
@@ -116,28 +116,30 @@ def steady_speed(ramp: float) -> TimeLaw:
 def _steady(u: Array, ramp: float) -> Progress:
     speed = 1.0 / (1.0 - ramp)
     u = np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)
-    late = u > 0.5
-    x = np.minimum(np.where(late, 1.0 - u, u), ramp)  # time within the ramp
+    is_second_half = u > 0.5
+    x = np.minimum(np.where(is_second_half, 1.0 - u, u), ramp)  # time within the ramp
     phase = np.pi * x / ramp
-    cruise = np.where(late, 1.0 - u, u) - x
+    cruise = np.where(is_second_half, 1.0 - u, u) - x
     done = speed * (0.5 * (x - ramp / np.pi * np.sin(phase)) + cruise)
     ds = 0.5 * speed * (1.0 - np.cos(phase))
     d2s = 0.5 * speed * np.pi / ramp * np.sin(phase)
     d2s = np.where(x < ramp, d2s, 0.0)
-    return Progress(np.where(late, 1.0 - done, done), ds, np.where(late, -d2s, d2s))
+    return Progress(
+        np.where(is_second_half, 1.0 - done, done), ds, np.where(is_second_half, -d2s, d2s)
+    )
 
 
 def there_and_back(law: TimeLaw) -> TimeLaw:
     """The law forward in the first half of the time, and backward in the second."""
 
-    def both(u: Array) -> Progress:
+    def forth_and_back(u: Array) -> Progress:
         u = np.asarray(u, dtype=np.float64)
-        back = u > 0.5
-        progress = law(np.where(back, 2.0 - 2.0 * u, 2.0 * u))
-        ds = np.where(back, -2.0, 2.0) * progress.ds_du
+        is_back = u > 0.5
+        progress = law(np.where(is_back, 2.0 - 2.0 * u, 2.0 * u))
+        ds = np.where(is_back, -2.0, 2.0) * progress.ds_du
         return Progress(progress.s, ds, 4.0 * progress.d2s_du2)
 
-    return both
+    return forth_and_back
 
 
 def _trapezoidal(u: Array, ramp: float) -> Progress:
@@ -146,13 +148,15 @@ def _trapezoidal(u: Array, ramp: float) -> Progress:
     outside = (u < 0.0) | (u > 1.0)
     u = np.clip(u, 0.0, 1.0)
     speed = 1.0 / (1.0 - ramp)
-    late = u > 0.5
-    x = np.where(late, 1.0 - u, u)
-    slow = x < ramp
-    done = np.where(slow, 0.5 * speed / ramp * x**2, speed * (x - 0.5 * ramp))
-    ds = np.where(slow, speed / ramp * x, speed)
-    d2s = np.where(slow & ~outside, speed / ramp, 0.0)
-    return Progress(np.where(late, 1.0 - done, done), ds, np.where(late, -d2s, d2s))
+    is_second_half = u > 0.5
+    x = np.where(is_second_half, 1.0 - u, u)
+    is_ramp = x < ramp
+    done = np.where(is_ramp, 0.5 * speed / ramp * x**2, speed * (x - 0.5 * ramp))
+    ds = np.where(is_ramp, speed / ramp * x, speed)
+    d2s = np.where(is_ramp & ~outside, speed / ramp, 0.0)
+    return Progress(
+        np.where(is_second_half, 1.0 - done, done), ds, np.where(is_second_half, -d2s, d2s)
+    )
 
 
 @dataclass(frozen=True)
@@ -186,19 +190,19 @@ class JointTrajectory:
 
     @property
     def num_joints(self) -> int:
-        """n."""
+        """Number of joints, n."""
         return int(self.q.shape[1])
 
     @property
     def duration(self) -> float:
-        """From the first time to the last, s."""
+        """Time from the first to the last, s."""
         return float(self.t[-1] - self.t[0])
 
     @classmethod
     def from_positions(cls, t: Array, q: Array) -> "JointTrajectory":
         """The quintic spline through q (T, n) at t (T,), at rest at both ends."""
-        rest = [(1, np.zeros(q.shape[1])), (2, np.zeros(q.shape[1]))]
-        spline = make_interp_spline(t, q, k=5, bc_type=(rest, rest))
+        at_rest = [(1, np.zeros(q.shape[1])), (2, np.zeros(q.shape[1]))]
+        spline = make_interp_spline(t, q, k=5, bc_type=(at_rest, at_rest))
         return cls(t, q, spline.derivative(1)(t), spline.derivative(2)(t))
 
     def reference(self, t: float) -> Array:
@@ -223,9 +227,9 @@ class JointTrajectory:
 @kernel
 def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Array) -> None:
     """Quintic Hermite interpolation at one time; out (3, n) takes q, v, vdot."""
-    last = t.shape[0] - 1
-    if time <= t[0] or time >= t[last]:
-        end = 0 if time <= t[0] else last
+    last_row = t.shape[0] - 1
+    if time <= t[0] or time >= t[last_row]:
+        end = 0 if time <= t[0] else last_row
         at_the_end = time == t[end]
         for j in range(q.shape[1]):
             out[0, j] = q[end, j]
@@ -251,7 +255,7 @@ def quintic_at(t: Array, q: Array, v: Array, vdot: Array, time: float, out: Arra
 
 @kernel
 def _quintic(t: Array, q: Array, v: Array, vdot: Array, times: Array, out: Array) -> None:
-    """The same at many times; out (N, 3, n)."""
+    """`quintic_at` at many times; out (N, 3, n)."""
     for i in range(times.shape[0]):
         quintic_at(t, q, v, vdot, times[i], out[i])
 
@@ -265,7 +269,7 @@ def joint_trajectory(
     time_step: float = 0.01,
     num_points: int = 201,
 ) -> JointTrajectory:
-    """The joints' motion that takes E along a path by a time law.
+    """The motion of the joints that takes E along a path by a time law.
 
     Joint positions are solved at `num_points` of the path and joined by a quintic spline over the
     path, not over time: so velocity and acceleration follow the time law to its corners.
@@ -279,7 +283,8 @@ def joint_trajectory(
         InputError: part of the path is out of reach (see `follow_path`).
     """
     s = np.linspace(0.0, 1.0, num_points)
-    spline = make_interp_spline(s, follow_path(robot, *path.poses(s), q_seed), k=5)
+    R_WE, p_WE = path.poses(s)
+    spline = make_interp_spline(s, follow_path(robot, R_WE, p_WE, q_seed), k=5)
     t = np.linspace(0.0, duration, max(2, round(duration / time_step) + 1))
     progress = law(t / duration)
     slope, bend = spline.derivative(1)(progress.s), spline.derivative(2)(progress.s)

@@ -1,4 +1,4 @@
-"""How well a posture reads forces, with gradients in closed form: one posture or thousands.
+"""Measures of how well a posture reads forces, with gradients in closed form.
 
 A measure maps joint positions to one number, smaller is better, and to its gradient. Both measures
 here are functions of the Jacobian; with G its gradient with respect to J,
@@ -33,7 +33,7 @@ _UNREADABLE = 1e12  # stands for infinity, where a solver needs a number
 
 
 class PostureMeasure(Protocol):
-    """What an optimisation of postures minimises.
+    """The objective of an optimisation of postures.
 
     Attributes:
         key: of the measure in metrics, its unit included: "jcn" or "force_sd_n".
@@ -163,23 +163,35 @@ class ForceSd:
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...), N, and its gradient (..., n) at q (..., n)."""
-        own = self._reconstruction
-        known = self._chain.table, own.table, own.torque_covariance, self._precision, self._inverse
+        reconstruction = self._reconstruction
 
         def run(rows: Array, values: Array, gradients: Array) -> None:
-            _force_sd_rows(*known, own.scratch(), rows, values, gradients)
+            _force_sd_rows(
+                self._chain.table,
+                reconstruction.table,
+                reconstruction.torque_covariance,
+                self._precision,
+                self._inverse,
+                reconstruction.scratch(),
+                rows,
+                values,
+                gradients,
+            )
 
         return _of_rows(self._chain, q, run)
 
 
 def smoothed(chain: SerialChain, measure: PostureMeasure, sharpness: float) -> PostureMeasure:
-    """A measure that has a gradient everywhere, in the place of one that has kinks."""
+    """A measure with a gradient everywhere, near the one that may have kinks."""
     return ConditionNumber(chain, sharpness) if isinstance(measure, ConditionNumber) else measure
 
 
 def check_joints(chain: SerialChain, name: str = "robot") -> None:
-    """Raises InputError for an arm that it calls `name`: fewer than six joints, or joints that
-    leave the tool fewer than six directions in every posture, as two parallel columns do.
+    """Checks that the joints of an arm can move the tool in all six directions.
+
+    Raises:
+        InputError: fewer than six joints, or fewer than six directions in every posture, as with
+            two parallel columns; the line names the arm by `name`.
     """
     if chain.num_joints < 6:
         raise InputError(
@@ -190,16 +202,17 @@ def check_joints(chain: SerialChain, name: str = "robot") -> None:
         )
     rank = structural_rank(chain)
     if rank < 6:
-        same = parallel_columns(chain)
-        why = f": {' and '.join(same)} push along one line" if same else ""
+        parallel_joints = parallel_columns(chain)
+        reason = f": {' and '.join(parallel_joints)} push along one line" if parallel_joints else ""
+        remedy = "check the axes of its joints"
+        if parallel_joints:
+            remedy = f"name {parallel_joints[0]} under locked_joints, or take another tool frame"
         raise InputError(
             name,
             "",
             f"its {chain.num_joints} joints move the tool in {rank} of six directions in every "
-            f"posture{why}; the condition number is infinite everywhere",
-            f"name {same[0]} under locked_joints, or take another tool frame"
-            if same
-            else "check the axes of its joints",
+            f"posture{reason}; the condition number is infinite everywhere",
+            remedy,
         )
 
 
@@ -218,7 +231,7 @@ def _of_rows(
 
 @kernel
 def contract(J: Array, G: Array, gradient: Array) -> None:
-    """gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
+    """Writes gradient_j = sum_i G_i . dJ_i/dq_j; J and G (6, n)."""
     n = J.shape[1]
     for j in range(n):
         gradient[j] = 0.0
@@ -244,16 +257,16 @@ def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient:
     """Condition number of J (6, n), n >= 6, and gradient (n,); B, G (6, n) and Q (6, 6) scratch."""
     n = J.shape[1]
     orthogonalise_rows(J, B, Q)
-    first, last = 0, 0
+    largest_row, smallest_row = 0, 0
     largest, smallest = -1.0, math.inf
     for m in range(6):
         total = 0.0
         for k in range(n):
             total += B[m, k] * B[m, k]
         if total > largest:
-            first, largest = m, total
+            largest_row, largest = m, total
         if total < smallest:
-            last, smallest = m, total
+            smallest_row, smallest = m, total
     value = math.sqrt(largest / smallest) if smallest > 0.0 else math.inf
     if not value < _UNREADABLE:
         for j in range(n):
@@ -263,7 +276,8 @@ def _condition_number_gradient(J: Array, B: Array, Q: Array, G: Array, gradient:
     for i in range(6):
         for k in range(n):
             G[i, k] = value * (
-                Q[first, i] * B[first, k] / largest - Q[last, i] * B[last, k] / smallest
+                Q[largest_row, i] * B[largest_row, k] / largest
+                - Q[smallest_row, i] * B[smallest_row, k] / smallest
             )
     contract(J, G, gradient)
     return value
@@ -301,15 +315,17 @@ def _smooth_rows(table: Array, sharpness: float, q: Array, values: Array, gradie
         if not smallest > 0.0 or not math.sqrt(largest / smallest) < _UNREADABLE:
             continue
         # The extremes are divided out first: their 1e5th powers would overflow.
-        above, below = 0.0, 0.0
+        sum_of_powers, sum_of_inverse_powers = 0.0, 0.0
         for m in range(6):
-            above += (squares[m] / largest) ** sharpness
-            below += (smallest / squares[m]) ** sharpness
-        value = math.sqrt(largest / smallest) * (above * below) ** (0.5 / sharpness)
+            sum_of_powers += (squares[m] / largest) ** sharpness
+            sum_of_inverse_powers += (smallest / squares[m]) ** sharpness
+        value = math.sqrt(largest / smallest) * (sum_of_powers * sum_of_inverse_powers) ** (
+            0.5 / sharpness
+        )
         values[k] = value
         for m in range(6):
-            share[m] = (squares[m] / largest) ** sharpness / above
-            share[m] -= (smallest / squares[m]) ** sharpness / below
+            share[m] = (squares[m] / largest) ** sharpness / sum_of_powers
+            share[m] -= (smallest / squares[m]) ** sharpness / sum_of_inverse_powers
         for i in range(6):
             for j in range(n):
                 total = 0.0
@@ -356,7 +372,7 @@ def _posterior_trace(
 
 @kernel
 def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array) -> float:
-    """The same for the plain inverse."""
+    """Trace of the force block of Sigma_F of the plain inverse, and its G (6, n)."""
     n = J.shape[1]
     orthogonalise_rows(J, B, Q)
     M, H = np.zeros((6, 6)), np.zeros((6, n))
@@ -394,10 +410,10 @@ def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array
             if i == m:
                 trace += spread
             for k in range(n):
-                rest = noise[m, k]
+                off_row = noise[m, k]
                 for j in range(n):
-                    rest -= noise[m, j] * projector[j, k]
-                G[i, k] += 2.0 * (M[i, m] * rest - spread * H[m, k])
+                    off_row -= noise[m, j] * projector[j, k]
+                G[i, k] += 2.0 * (M[i, m] * off_row - spread * H[m, k])
     return trace
 
 

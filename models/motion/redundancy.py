@@ -1,4 +1,4 @@
-"""The free angle about the surface normal: which posture to take at each sample of a path.
+"""The free angle about the surface normal: the best posture at each sample of a path.
 
 Position and working direction of the tool are given at every sample (five numbers), the arm has six
 joints or more: the remaining freedom is used so that the mean of a posture's measure is smallest,
@@ -38,7 +38,7 @@ from wrenchsight.models.rigid_body.ties import first_of_least, whole_turns
 from wrenchsight.models.robot.robot import Robot
 
 _ON_TASK = 1e-10  # m and rad; a posture this close to the task needs no further step
-_KEPT = 1e-9  # m and rad; a posture farther from the task is not used
+_ON_TASK_LIMIT = 1e-9  # m and rad; a posture farther from the task is not used
 _TIED = 1e-12  # relative; two ways to a posture that differ by rounding cost the same
 _PENALTY = 100.0  # of a violated bound in the merit of a refinement, per rad
 _FIRST_RADIUS, _LAST_RADIUS = 0.1, 1e-6  # rad, trust region
@@ -47,7 +47,7 @@ _SLACK = 1e-7  # rad; what a refined trajectory may exceed a bound by
 
 @dataclass(frozen=True, eq=False)
 class RedundancyProblem:
-    """What is given, and what is minimised.
+    """The problem: robot, path, objective and bounds.
 
     Attributes:
         tool_axis_E: (3,) working direction of the tool in E; it is held along -n_W.
@@ -74,26 +74,26 @@ class RedundancyProblem:
         return float(np.mean(self.measure.values(q))) + self.motion(q)
 
     def motion(self, q: Array) -> float:
-        """Its second part."""
+        """The second part of the objective: of the joints' motion, at q (N, n)."""
         return self.smoothness * (len(q) - 1) * float(np.sum(np.diff(q, axis=0) ** 2))
 
     def violation(self, q: Array) -> float:
         """Largest excess over a joint limit or the largest step, rad or m; 0 where none."""
-        over = max(float(np.max(q - self.upper)), float(np.max(self.lower - q)))
+        limit_excess = max(float(np.max(q - self.upper)), float(np.max(self.lower - q)))
         step = float(np.max(np.abs(np.diff(q, axis=0)) - self.max_step))
-        return max(0.0, over, step)
+        return max(0.0, limit_excess, step)
 
     def angles(self, q: Array) -> Array:
         """psi (N,) of postures q (N, n), continuous along the path, rad."""
         R_WE, _ = self.robot.chain.pose(q)
-        turned = R_WE @ np.swapaxes(self.path.frames(self.tool_axis_E), -1, -2)
+        R_turn = R_WE @ np.swapaxes(self.path.frames(self.tool_axis_E), -1, -2)
         n = self.path.n_W
         sine = 0.5 * (
-            n[:, 0] * (turned[:, 2, 1] - turned[:, 1, 2])
-            + n[:, 1] * (turned[:, 0, 2] - turned[:, 2, 0])
-            + n[:, 2] * (turned[:, 1, 0] - turned[:, 0, 1])
+            n[:, 0] * (R_turn[:, 2, 1] - R_turn[:, 1, 2])
+            + n[:, 1] * (R_turn[:, 0, 2] - R_turn[:, 2, 0])
+            + n[:, 2] * (R_turn[:, 1, 0] - R_turn[:, 0, 1])
         )
-        cosine = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
+        cosine = 0.5 * (np.trace(R_turn, axis1=1, axis2=2) - 1.0)
         return np.unwrap(np.arctan2(sine, cosine))
 
 
@@ -125,24 +125,24 @@ def candidates(
         np.broadcast_to(psi[:, np.newaxis], (len(psi), path.num_samples)), problem.tool_axis_E
     )
     layers: list[Array] = []
-    closed = is_closed_form(robot)
-    turns, seeds = ~_turns_freely(robot) if closed else None, None
+    has_closed_form = is_closed_form(robot)
+    turns, seeds = ~_turns_freely(robot) if has_closed_form else None, None
     for i in range(path.num_samples):
         p = np.broadcast_to(path.p_WS[i], (len(psi), 3))
-        found = all_branches(robot, R[:, i], p, turns_of=turns, seeds=seeds)
-        layers.append(found)
-        # What a search found is followed along the path: only then do neighbours fit together.
-        seeds = found if found.shape[1] and not closed else None
+        postures = all_branches(robot, R[:, i], p, turns_of=turns, seeds=seeds)
+        layers.append(postures)
+        # Solutions of a search are followed along the path: only then do neighbours fit together.
+        seeds = postures if postures.shape[1] and not has_closed_form else None
         progress((i + 1) / path.num_samples)
     width = max(layer.shape[1] for layer in layers)
     q = np.full((path.num_samples, len(psi), max(width, 1), robot.num_joints), np.nan)
     for i, layer in enumerate(layers):
         q[i, :, : layer.shape[1]] = layer
-    outside = ~np.all((q >= problem.lower) & (q <= problem.upper), axis=-1)
-    q[outside] = np.nan
-    some = np.any(np.isfinite(q[..., 0]), axis=(1, 2))
-    if not np.all(some):
-        i = int(np.argmin(some))
+    is_outside = ~np.all((q >= problem.lower) & (q <= problem.upper), axis=-1)
+    q[is_outside] = np.nan
+    has_posture = np.any(np.isfinite(q[..., 0]), axis=(1, 2))
+    if not np.all(has_posture):
+        i = int(np.argmin(has_posture))
         raise _unreachable(problem, i)
     return Candidates(psi, q)
 
@@ -156,13 +156,13 @@ def best_on_grid(problem: RedundancyProblem, grid: Candidates) -> Trajectory:
     """
     q = grid.q
     cost = np.full(q.shape[:3], np.inf)
-    there = np.isfinite(q[..., 0])
-    cost[there] = problem.measure.values(q[there]) / len(q)
-    return _through(problem, grid, cost, problem.smoothness)
+    is_posture = np.isfinite(q[..., 0])
+    cost[is_posture] = problem.measure.values(q[is_posture]) / len(q)
+    return _cheapest(problem, grid, cost, problem.smoothness)
 
 
 def at_constant_angle(problem: RedundancyProblem, grid: Candidates, q_near: Array) -> Trajectory:
-    """The plain choice, to compare with: one angle all along, the posture nearest to `q_near`.
+    """The plain choice, for comparison: one angle all along, the posture nearest to `q_near`.
 
     The angle is the grid's first; where no trajectory keeps it, the one nearest to it that some
     trajectory keeps.
@@ -175,12 +175,12 @@ def at_constant_angle(problem: RedundancyProblem, grid: Candidates, q_near: Arra
     order = sorted(range(K), key=lambda k: (min(k, K - k), k))
     failure: InputError | None = None
     for k in order:
-        one = Candidates(grid.psi[k : k + 1], grid.q[:, k : k + 1])
-        there = np.isfinite(one.q[..., 0])
-        cost = np.where(there, 0.0, np.inf)
-        cost[0] = np.where(there[0], np.sum((one.q[0] - q_near) ** 2, axis=-1), np.inf)
+        angle_grid = Candidates(grid.psi[k : k + 1], grid.q[:, k : k + 1])
+        is_posture = np.isfinite(angle_grid.q[..., 0])
+        cost = np.where(is_posture, 0.0, np.inf)
+        cost[0] = np.where(is_posture[0], np.sum((angle_grid.q[0] - q_near) ** 2, axis=-1), np.inf)
         try:
-            return _through(problem, one, cost, 1e-3 / problem.path.num_samples)
+            return _cheapest(problem, angle_grid, cost, 1e-3 / problem.path.num_samples)
         except InputError as error:
             failure = failure or error
     assert failure is not None
@@ -217,14 +217,14 @@ def refine(
             continue
         if predicted < 1e-7 * merit:
             break
-        trial, on_task = onto_task(problem, q + step)
+        q_trial, on_task = onto_task(problem, q + step)
         trial_merit = math.inf
         if on_task:
-            trial_merit = problem.cost(trial) + _PENALTY * problem.violation(trial)
+            trial_merit = problem.cost(q_trial) + _PENALTY * problem.violation(q_trial)
         gain = (merit - trial_merit) / predicted
         radius = radius * (0.3 if gain < 0.25 else 2.0 if gain > 0.75 else 1.0)
         if gain > 0.05:
-            q, merit = trial, trial_merit
+            q, merit = q_trial, trial_merit
             model = _Quadratic(problem, q)
             cost = problem.cost(q)
             if cost < best_cost and problem.violation(q) <= _SLACK:
@@ -248,25 +248,25 @@ def local_descent(problem: RedundancyProblem, q_start: Array, num_inner: int = 5
             sample.
     """
     q = np.empty((problem.path.num_samples, problem.robot.num_joints))
-    last = np.asarray(q_start, dtype=np.float64)
+    q_last = np.asarray(q_start, dtype=np.float64)
     for i in range(len(q)):
-        free = math.inf if i == 0 else problem.max_step
-        low = np.maximum(problem.lower, last - free)
-        high = np.minimum(problem.upper, last + free)
-        here, on_task = onto_task(problem, last[np.newaxis], i)
-        if not on_task or np.any(here[0] < low - _SLACK) or np.any(here[0] > high + _SLACK):
+        largest_step = math.inf if i == 0 else problem.max_step
+        low = np.maximum(problem.lower, q_last - largest_step)
+        high = np.minimum(problem.upper, q_last + largest_step)
+        q_here, on_task = onto_task(problem, q_last[np.newaxis], i)
+        if not on_task or np.any(q_here[0] < low - _SLACK) or np.any(q_here[0] > high + _SLACK):
             raise InputError(
                 problem.path.source,
                 f"sample {i}",
                 "the local method cannot go on there without passing a joint limit",
             )
-        last = _descend(problem, here[0], i, low, high, num_inner)
-        q[i] = last
+        q_last = _descend(problem, q_here[0], i, low, high, num_inner)
+        q[i] = q_last
     return Trajectory(q, problem.angles(q))
 
 
 def onto_task(problem: RedundancyProblem, q: Array, first: int = 0) -> tuple[Array, bool]:
-    """The nearest postures (N, n) at which the task holds, and whether Newton's method got there.
+    """The nearest postures (N, n) at which the task holds, and whether Newton's method converged.
 
     Args:
         q: (N, n) near them, for the samples from `first` on.
@@ -283,12 +283,14 @@ def onto_task(problem: RedundancyProblem, q: Array, first: int = 0) -> tuple[Arr
         if np.max(np.abs(step)) > 0.5:
             break
         q += step[..., 0]
-    return q, worst < _KEPT
+    return q, worst < _ON_TASK_LIMIT
 
 
 def task(problem: RedundancyProblem, q: Array, first: int = 0) -> tuple[Array, Array]:
-    """What is missing from the task (N, 5) [rotation across the normal; position], rad and m, and
-    the task's Jacobian (N, 5, n), at postures q (N, n) for the samples from `first` on.
+    """The task's error and Jacobian at postures q (N, n), for the samples from `first` on.
+
+    Returns:
+        (N, 5) error [rotation across the normal; position], rad and m; (N, 5, n) Jacobian.
     """
     chain, path = problem.robot.chain, problem.path
     rows = slice(first, first + len(q))
@@ -296,17 +298,17 @@ def task(problem: RedundancyProblem, q: Array, first: int = 0) -> tuple[Array, A
     J = chain.jacobian(q)
     axis = np.asarray(problem.tool_axis_E, dtype=np.float64)
     d = R_WE @ (axis / np.linalg.norm(axis))
-    across = _across(path.n_W[rows])  # (N, 2, 3)
-    missing = np.cross(d, -path.n_W[rows])
-    rotation = (across @ missing[..., np.newaxis])[..., 0]
+    across_normal = _across(path.n_W[rows])  # (N, 2, 3)
+    rotation_error = np.cross(d, -path.n_W[rows])
+    rotation = (across_normal @ rotation_error[..., np.newaxis])[..., 0]
     # The cross product cannot tell a direction from its opposite.
     rotation[np.sum(d * path.n_W[rows], axis=1) > 0.0] += 1.0
     error = np.concatenate([rotation, path.p_WS[rows] - p_WE], axis=1)
-    return error, np.concatenate([across @ J[:, :3], J[:, 3:]], axis=1)
+    return error, np.concatenate([across_normal @ J[:, :3], J[:, 3:]], axis=1)
 
 
 def null_space(A: Array) -> Array:
-    """(N, n, n - 5) orthonormal bases of what A (N, 5, n) maps to zero."""
+    """(N, n, n - 5) orthonormal bases of the null spaces of A (N, 5, n)."""
     _, _, Vh = np.linalg.svd(A, full_matrices=True)
     return np.ascontiguousarray(np.swapaxes(Vh[:, 5:], 1, 2))
 
@@ -323,9 +325,11 @@ class _Quadratic:
         h = 1e-5
         curvature = np.empty((N, m, m))
         for k in range(m):
-            _, ahead = problem.measure.values_and_gradients(q + h * basis[:, :, k])
-            _, behind = problem.measure.values_and_gradients(q - h * basis[:, :, k])
-            curvature[:, :, k] = np.einsum("ijk,ij->ik", basis, ahead - behind) / (2 * h * N)
+            _, gradient_plus = problem.measure.values_and_gradients(q + h * basis[:, :, k])
+            _, gradient_minus = problem.measure.values_and_gradients(q - h * basis[:, :, k])
+            curvature[:, :, k] = np.einsum("ijk,ij->ik", basis, gradient_plus - gradient_minus) / (
+                2 * h * N
+            )
         values, vectors = np.linalg.eigh(0.5 * (curvature + np.swapaxes(curvature, 1, 2)))
         # Made convex, so that it has a minimum; the trust region limits the error of that.
         size = np.clip(np.abs(values), 1e-6 / N, None)
@@ -333,10 +337,10 @@ class _Quadratic:
 
         self._problem, self._q, self._basis = problem, q, basis
         blocks = scipy.sparse.block_diag(list(basis), format="csr")  # z to q, (N n, N m)
-        one = scipy.sparse.eye(n)
+        identity = scipy.sparse.eye(n)
         change = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(N - 1, N))
         self._to_q = blocks
-        self._to_steps = (scipy.sparse.kron(change, one) @ blocks).tocsr()
+        self._to_steps = (scipy.sparse.kron(change, identity) @ blocks).tocsr()
         weight = 2.0 * problem.smoothness * (N - 1)
         steps = np.diff(q, axis=0).ravel()
         self._Q = (
@@ -345,7 +349,7 @@ class _Quadratic:
         self._b = slope.ravel() + weight * (self._to_steps.T @ steps)
 
     def step(self, radius: float) -> tuple[Array | None, float]:
-        """The step of q (N, n) that the program takes, and by how much the merit should fall."""
+        """The program's step of q (N, n), None if it fails, and the predicted fall of the merit."""
         problem, q = self._problem, self._q
         program = MathematicalProgram()
         z = program.NewContinuousVariables(len(self._b))
@@ -356,22 +360,22 @@ class _Quadratic:
         reach = radius * math.sqrt(self._basis.shape[2])
         limits = np.concatenate([(problem.lower - q).ravel(), (problem.upper - q).ravel()])
         low, high = limits[: q.size], limits[q.size :]
-        near = np.flatnonzero((low > -reach) | (high < reach))
-        if near.size:
+        near_rows = np.flatnonzero((low > -reach) | (high < reach))
+        if near_rows.size:
             program.AddLinearConstraint(
-                self._to_q[near].toarray(),
-                np.minimum(low[near], reach * 0.5),
-                np.maximum(high[near], -reach * 0.5),
+                self._to_q[near_rows].toarray(),
+                np.minimum(low[near_rows], reach * 0.5),
+                np.maximum(high[near_rows], -reach * 0.5),
                 z,
             )
         steps = np.diff(q, axis=0)
         low, high = (-problem.max_step - steps).ravel(), (problem.max_step - steps).ravel()
-        near = np.flatnonzero((low > -2.0 * reach) | (high < 2.0 * reach))
-        if near.size:
+        near_rows = np.flatnonzero((low > -2.0 * reach) | (high < 2.0 * reach))
+        if near_rows.size:
             program.AddLinearConstraint(
-                self._to_steps[near].toarray(),
-                np.minimum(low[near], reach * 0.5),
-                np.maximum(high[near], -reach * 0.5),
+                self._to_steps[near_rows].toarray(),
+                np.minimum(low[near_rows], reach * 0.5),
+                np.maximum(high[near_rows], -reach * 0.5),
                 z,
             )
         result = ClarabelSolver().Solve(program)
@@ -379,15 +383,15 @@ class _Quadratic:
             return None, 0.0
         solution = np.asarray(result.GetSolution(z), dtype=np.float64)
         predicted = -float(solution @ (0.5 * self._Q @ solution + self._b))
-        moved = (self._to_q @ solution).reshape(q.shape)
-        healed = problem.violation(q) - problem.violation(q + moved)
-        return moved, predicted + _PENALTY * max(0.0, healed)
+        q_step = (self._to_q @ solution).reshape(q.shape)
+        violation_drop = problem.violation(q) - problem.violation(q + q_step)
+        return q_step, predicted + _PENALTY * max(0.0, violation_drop)
 
 
 def _descend(
     problem: RedundancyProblem, q: Array, sample: int, low: Array, high: Array, num_inner: int
 ) -> Array:
-    """Down the projected gradient from q (n,) within [low, high], sample by sample."""
+    """The end of a descent along the projected gradient from q (n,), within [low, high]."""
     value = float(problem.measure.values(q))
     length = 0.05  # rad
     for _ in range(num_inner):
@@ -397,11 +401,13 @@ def _descend(
         size = float(np.max(np.abs(direction)))
         if size < 1e-9:
             break
-        trial, on_task = onto_task(problem, (q + length * direction / size)[np.newaxis], sample)
-        inside = np.all(trial[0] >= low) and np.all(trial[0] <= high)
-        lower_value = float(problem.measure.values(trial[0])) if on_task and inside else math.inf
+        q_trial, on_task = onto_task(problem, (q + length * direction / size)[np.newaxis], sample)
+        is_inside = np.all(q_trial[0] >= low) and np.all(q_trial[0] <= high)
+        lower_value = (
+            float(problem.measure.values(q_trial[0])) if on_task and is_inside else math.inf
+        )
         if lower_value < value:
-            q, value, length = trial[0], lower_value, 1.5 * length
+            q, value, length = q_trial[0], lower_value, 1.5 * length
         else:
             length *= 0.4
             if length < 1e-6:
@@ -409,7 +415,7 @@ def _descend(
     return q
 
 
-def _through(
+def _cheapest(
     problem: RedundancyProblem, grid: Candidates, cost: Array, smoothness: float
 ) -> Trajectory:
     """The cheapest trajectory through candidates of cost (N, K, B)."""
@@ -417,7 +423,7 @@ def _through(
     free = _turns_freely(problem.robot)
     if not is_closed_form(problem.robot):
         free = np.zeros(n, dtype=np.bool_)
-    # No more than all joints together can the tool turn from one sample to the next.
+    # The tool turns from one sample to the next no further than all joints together.
     normals = problem.path.n_W
     turn = float(np.sum(problem.max_step[~problem.robot.chain.prismatic]))
     turn += float(np.max(np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1, 1))))
@@ -425,7 +431,7 @@ def _through(
     parent = np.full((N, K, B), -1, dtype=np.int32)
     value = cost[0].copy()
     for i in range(1, N):
-        after = np.full((K, B), np.inf)
+        next_value = np.full((K, B), np.inf)
         _advance(
             grid.q[i - 1],
             grid.q[i],
@@ -435,17 +441,17 @@ def _through(
             free,
             smoothness * (N - 1),
             window,
-            after,
+            next_value,
             parent[i],
         )
-        if not np.any(np.isfinite(after)):
+        if not np.any(np.isfinite(next_value)):
             raise InputError(
                 problem.path.source,
                 f"sample {i}",
                 f"no trajectory arrives there with joint steps below {np.max(problem.max_step):g}",
                 "sample the path more finely, move the workpiece, or raise max_joint_step",
             )
-        value = after
+        value = next_value
     node = int(first_of_least(value.ravel()))
     q, psi = np.empty((N, n)), np.empty(N)
     for i in range(N - 1, -1, -1):
@@ -456,7 +462,7 @@ def _through(
 
 
 def _within_turns(problem: RedundancyProblem, q: Array, free: NDArray[np.bool_]) -> Array:
-    """Undoes the wrapping of joints that turn freely, and shifts each into its limits."""
+    """Unwraps joints that turn freely, and shifts each into its limits."""
     q = q.copy()
     for j in np.flatnonzero(free):
         q[:, j] = np.unwrap(q[:, j])
@@ -482,19 +488,19 @@ def _turns_freely(robot: Robot) -> NDArray[np.bool_]:
 
 @kernel(parallel=True)
 def _advance(
-    before: Array,
-    now: Array,
+    q_previous: Array,
+    q_now: Array,
     value: Array,
     cost: Array,
     max_step: Array,
     free: Flags,
     weight: float,
     window: int,
-    after: Array,
+    next_value: Array,
     parent: NDArray[np.int64],
 ) -> None:
-    """One step of the dynamic program: fills after (K, B) and parent (K, B)."""
-    K, B, n = now.shape
+    """Takes one step of the dynamic program: writes next_value (K, B) and parent (K, B)."""
+    K, B, n = q_now.shape
     for k in prange(K):
         for b in range(B):
             if not cost[k, b] < np.inf:
@@ -503,31 +509,31 @@ def _advance(
             for d in range(-window, window + 1):
                 if K - window <= window and d + window >= K:
                     break  # all the way round already
-                other = (k + d) % K
+                previous_angle = (k + d) % K
                 for c in range(B):
-                    so_far = value[other, c]
-                    if not so_far < best:
+                    previous_value = value[previous_angle, c]
+                    if not previous_value < best:
                         continue
                     squares = 0.0
                     for j in range(n):
-                        step = now[k, b, j] - before[other, c, j]
+                        step = q_now[k, b, j] - q_previous[previous_angle, c, j]
                         if free[j]:
                             step -= 2.0 * math.pi * round(step / (2.0 * math.pi))
                         if abs(step) > max_step[j]:
                             squares = np.inf
                             break
                         squares += step * step
-                    total = so_far + weight * squares
+                    total = previous_value + weight * squares
                     if total < best * (1.0 - _TIED):
                         best = total
-                        parent[k, b] = other * B + c
-            after[k, b] = best + cost[k, b]
+                        parent[k, b] = previous_angle * B + c
+            next_value[k, b] = best + cost[k, b]
 
 
 def _across(n_W: Array) -> Array:
-    """Two unit vectors (N, 2, 3) across each normal, and across each other."""
-    other = np.eye(3)[np.argmin(np.abs(n_W), axis=1)]
-    first = np.cross(n_W, other)
+    """Two orthogonal unit vectors (N, 2, 3) across each normal."""
+    axis = np.eye(3)[np.argmin(np.abs(n_W), axis=1)]
+    first = np.cross(n_W, axis)
     first = first / np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(n_W, first)], axis=1)
 

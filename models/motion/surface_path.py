@@ -31,7 +31,7 @@ class SurfacePath:
     Attributes:
         p_WS: (N, 3) points, m.
         n_W: (N, 3) outward normals; made unit vectors.
-        source: what an error names: a file or the workpiece.
+        source: a file or the workpiece, for error lines.
 
     Raises:
         InputError: fewer than two samples, a number that is not finite, two neighbours at one
@@ -54,12 +54,12 @@ class SurfacePath:
 
     @property
     def num_samples(self) -> int:
-        """N."""
+        """Number of samples, N."""
         return len(self.p_WS)
 
     @property
     def distance(self) -> Array:
-        """(N,) along the polyline through the points, m."""
+        """(N,) distance along the polyline through the points, m."""
         steps = np.linalg.norm(np.diff(self.p_WS, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -88,21 +88,23 @@ class SurfacePath:
             problem = f"{num_samples}, expected two or more, {MOST_SAMPLES} at most"
             raise InputError(source, "num_samples", problem)
         ends = np.array([start, end], dtype=np.float64)
-        inside = (ends >= 0.0) & (ends <= 1.0)
+        is_inside = (ends >= 0.0) & (ends <= 1.0)
         if surface.periodic_u:
-            inside[:, 0] = True
-        if not np.all(np.isfinite(ends)) or not np.all(inside):
+            is_inside[:, 0] = True
+        if not np.all(np.isfinite(ends)) or not np.all(is_inside):
             raise InputError(
                 source, "start, end", f"{ends.tolist()} leaves the surface, (u, v) in [0, 1]"
             )
         s = np.linspace(0.0, 1.0, _DENSE * num_samples)
-        dense = surface.at(*(ends[0][:, np.newaxis] + np.outer(ends[1] - ends[0], s)))
+        u, v = ends[0][:, np.newaxis] + np.outer(ends[1] - ends[0], s)
+        dense = surface.at(u, v)
         steps = np.linalg.norm(np.diff(dense.p, axis=0), axis=1)
         length = np.concatenate([[0.0], np.cumsum(steps)])
         if not length[-1] > 0.0:
             raise InputError(source, "start, end", "the path has no length")
-        even = np.interp(np.linspace(0.0, length[-1], num_samples), length, s)
-        patch = surface.at(*(ends[0][:, np.newaxis] + np.outer(ends[1] - ends[0], even)))
+        even_s = np.interp(np.linspace(0.0, length[-1], num_samples), length, s)
+        u, v = ends[0][:, np.newaxis] + np.outer(ends[1] - ends[0], even_s)
+        patch = surface.at(u, v)
         R = np.eye(3) if R_WP is None else np.asarray(R_WP, dtype=np.float64)
         p = np.zeros(3) if p_WP is None else np.asarray(p_WP, dtype=np.float64)
         return cls(patch.p @ R.T + p, patch.n @ R.T, source)
@@ -166,9 +168,9 @@ def frame_about(z: Array, name: str = "tool_axis_E") -> Array:
     if not (math.isfinite(length) and length > 1e-9):
         raise InputError(name, "", f"{z.tolist()} has no direction")
     z = z / length
-    other = np.eye(3)[int(np.argmin(np.abs(z)))]
+    axis = np.eye(3)[int(np.argmin(np.abs(z)))]
     # Of the two axes across z the first continues the coordinate axes, so that z gives identity.
-    y = np.cross(z, other) if abs(z[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
+    y = np.cross(z, axis) if abs(z[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
     x = np.cross(y, z)
     x = x / np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)
@@ -193,18 +195,18 @@ def minimal_rotation(a: Array, b: Array) -> Array:
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + float(a @ b)))
 
 
-def _check(source: str, p: Array, n: Array, places: list[str]) -> None:
+def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
     if len(p) < 2:
         raise InputError(source, "", f"{len(p)} samples, expected two or more")
     bad = np.flatnonzero(~np.all(np.isfinite(p), axis=1) | ~np.all(np.isfinite(n), axis=1))
     if bad.size:
-        raise InputError(source, places[bad[0]], "a coordinate is not a finite number")
+        raise InputError(source, locations[bad[0]], "a coordinate is not a finite number")
     length = np.linalg.norm(n, axis=1)
     bad = np.flatnonzero(np.abs(length - 1.0) > _UNIT)
     if bad.size:
         raise InputError(
             source,
-            places[bad[0]],
+            locations[bad[0]],
             f"the normal has length {length[bad[0]]:.4g}, expected 1",
             "export unit normals",
         )
@@ -212,13 +214,13 @@ def _check(source: str, p: Array, n: Array, places: list[str]) -> None:
     if bad.size:
         raise InputError(
             source,
-            places[bad[0]],
+            locations[bad[0]],
             "the normal points to the other side than the one before it",
             "let all normals point out of the workpiece, and sample edges more finely",
         )
     bad = np.flatnonzero(np.linalg.norm(np.diff(p, axis=0), axis=1) < 1e-9) + 1
     if bad.size:
-        raise InputError(source, places[bad[0]], "the point is that of the line before it")
+        raise InputError(source, locations[bad[0]], "the point is that of the line before it")
 
 
 def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
@@ -257,8 +259,8 @@ def _numbers(path: Path, line: int, cells: list[str], columns: list[int]) -> lis
         try:
             numbers.append(float(cells[column]))
         except (ValueError, IndexError):
-            found = f'"{cells[column]}"' if column < len(cells) else "nothing"
+            cell_text = f'"{cells[column]}"' if column < len(cells) else "nothing"
             raise InputError(
-                path, f"line {line}, column {name}", f"expected a number, found {found}"
+                path, f"line {line}, column {name}", f"expected a number, found {cell_text}"
             ) from None
     return numbers

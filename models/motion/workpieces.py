@@ -151,9 +151,9 @@ class BladeSection:
         slope, twist_slope = shape.tip_chord - shape.root_chord, self._twist[1] - self._twist[0]
         size = shape.root_chord + slope * v
         # Nose up: the leading edge, at small x, rises.
-        turned = np.exp(-1j * (self._twist[0] + twist_slope * v))
-        scale = size * turned
-        scale_v = (slope - 1j * twist_slope * size) * turned
+        rotation = np.exp(-1j * (self._twist[0] + twist_slope * v))
+        scale = size * rotation
+        scale_v = (slope - 1j * twist_slope * size) * rotation
         p_u = _point(scale * z_u, np.zeros_like(u))
         n = np.cross(p_u, _point(scale_v * z, np.full_like(u, shape.span)))
         n = n / np.linalg.norm(n, axis=-1, keepdims=True)
@@ -191,7 +191,7 @@ def _parameters(u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     return np.array(u), np.array(v)
 
 
-def _check_positive(what: str, **values: float) -> None:
+def _check_positive(source: str, **values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0.0):
-            raise InputError(what, name, f"{value:g} m, expected a length above 0")
+            raise InputError(source, name, f"{value:g} m, expected a length above 0")

@@ -1,4 +1,4 @@
-"""Could any wrench at E be what an observer reads?
+"""The test whether any wrench at E explains the observed torque.
 
 With errors of covariance Sigma, and a wrench at E of zero mean and the live prior's covariance P,
 tau_ext has the covariance Sigma + J^T P J, and
@@ -42,7 +42,7 @@ def explained_table(
     force_sd: float | None,
     scale: float,
     time_step: float,
-    beyond: float = BEYOND,
+    bound: float = BEYOND,
 ) -> Array:
     """Returns the constants that the kernels read.
 
@@ -51,10 +51,10 @@ def explained_table(
         moment_sd, force_sd: N m and N of the live prior; None: nothing is known.
         scale: share of what is read.
         time_step: s.
-        beyond: see above; inf: any torque is explained.
+        bound: see above; inf: any torque is explained.
     """
     sds = [_LARGEST_SD if sd is None else min(sd, _LARGEST_SD) for sd in (moment_sd, force_sd)]
-    numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step, beyond**2]
+    numbers = [sds[0] ** 2, sds[1] ** 2, scale**2, time_step, bound**2]
     return np.concatenate([numbers, np.asarray(correlation, float).ravel()])
 
 
@@ -67,25 +67,25 @@ def unexplained(table: Array, J: Array, tau_ext: Array, sd: Array) -> float:
     if table[_BEYOND2] == np.inf:
         return 0.0
     n = tau_ext.shape[0]
-    memory = np.empty((n + 3, n))  # one piece of it: to come by memory takes time
-    own, floor, left = memory[n], memory[n + 1], memory[n + 2]
+    memory = np.empty((n + 3, n))  # one piece: each allocation takes time
+    error_sd, floor, whitened = memory[n], memory[n + 1], memory[n + 2]
     for i in range(n):
-        own[i] = np.sqrt(sd[i] * sd[i] + table[_SCALE2] * tau_ext[i] * tau_ext[i])
-        floor[i] = 1e-9 * (own[i] * own[i])
-        left[i] = tau_ext[i]
+        error_sd[i] = np.sqrt(sd[i] * sd[i] + table[_SCALE2] * tau_ext[i] * tau_ext[i])
+        floor[i] = 1e-9 * (error_sd[i] * error_sd[i])
+        whitened[i] = tau_ext[i]
     for i in range(n):
         for j in range(i + 1):
-            entry = own[i] * table[_NUMBERS + n * i + j] * own[j]
+            covariance = error_sd[i] * table[_NUMBERS + n * i + j] * error_sd[j]
             for a in range(6):
-                known = table[_MOMENT_VARIANCE] if a < 3 else table[_FORCE_VARIANCE]
-                entry += J[a, i] * known * J[a, j]
-            memory[i, j] = entry
+                wrench_variance = table[_MOMENT_VARIANCE] if a < 3 else table[_FORCE_VARIANCE]
+                covariance += J[a, i] * wrench_variance * J[a, j]
+            memory[i, j] = covariance
     # Rounding takes no more from the diagonal than the error's own part.
     factorise_with_floor(memory, n, floor)
-    solve_lower(memory, n, left)
+    solve_lower(memory, n, whitened)
     total = 0.0
     for i in range(n):
-        total += left[i] * left[i]
+        total += whitened[i] * whitened[i]
     return total
 
 
@@ -109,12 +109,19 @@ def _unexplained_rows(table: Array, J: Array, tau_ext: Array, sd: Array, D: Arra
 
 @kernel
 def is_explained(table: Array, doubt: float, D: float) -> tuple[bool, float]:
-    """Whether a reading may be valid, and the s of doubt left after it; `doubt` of before, NaN at
-    the start. A D that is not finite says nothing.
+    """Whether a reading may be valid, and the remaining time of doubt.
+
+    Args:
+        table: of `explained_table`.
+        doubt: s of doubt that remained after the sample before; NaN at the start.
+        D: of `unexplained`; one that is not finite says nothing.
+
+    Returns:
+        Whether it may be valid; s of doubt after it.
     """
-    left, beyond = 0.0, table[_BEYOND2]
+    doubt_left, bound_squared = 0.0, table[_BEYOND2]
     if np.isfinite(doubt):
-        left = max(doubt - table[_PERIOD], 0.0)
-    if beyond < D or (left > 0.0 and not D < WITHIN * WITHIN):
-        left = QUIET
-    return left <= 0.0, left
+        doubt_left = max(doubt - table[_PERIOD], 0.0)
+    if bound_squared < D or (doubt_left > 0.0 and not D < WITHIN * WITHIN):
+        doubt_left = QUIET
+    return doubt_left <= 0.0, doubt_left

@@ -1,4 +1,4 @@
-"""Is what an observer reads the trace of a wrong signal, rather than of a contact?
+"""The test whether the observed torque is the signature of a wrong signal rather than of a contact.
 
 Any torque on six joints is that of some wrench at E. But a wrong signal leaves a trace that a
 contact hardly ever does. With z = tau_ext / sd, joint by joint,
@@ -13,17 +13,17 @@ ALONE n and ALONE_SHARE of it. Late currents are told by means over LATE_TIME: w
 through one pole of LATENESS and through two, a (need - once) + b (once - twice) is LATE_SHARE of
 |z|^2, and a and b are those of a delay of .1 to .5 s, within LATE_SUM and LATE_SECOND.
 
-Suspicion is counted in seconds, up to MOST. From TOLD on a reading is not valid, unless it is free:
-|z|^2 < FREE n, which is what nothing at all reads. Suspicion falls as fast as it rose while z lies
-on none of these lines, which is a contact, and by FORGOTTEN of the time while readings are free.
+Suspicion is counted in seconds, up to MOST. From REPORTED on a reading is not valid, unless it is
+free: |z|^2 < FREE n, as without any contact or fault. Suspicion falls as fast as it rose while z
+lies on none of these lines, as in a contact, and by FORGOTTEN of the time while readings are free.
 
 Where samples were beyond what joints can do for LOST_TIME, the arm is not believed as soon as they
 are possible again: two joints exchanged, or an encoder that slipped, leave possible numbers behind.
 Until there have been PROBATION seconds of free readings no other is valid.
 
-Not told is what leaves another trace: a fault while something pushes, one below LOADED, a wrong
-position without a jump. The numbers were settled on motions of a simulated and of the real UR10e,
-half of them kept to check.
+Not detected are faults with another trace: a fault while something pushes, one below LOADED, a
+wrong position without a jump. The numbers were settled on motions of a simulated and of the real
+UR10e; the other half of them served to check.
 """
 
 import numpy as np
@@ -37,14 +37,14 @@ ALONE_SHARE = 0.12
 LATE_SHARE, CONTACT_SHARE = 0.8, 0.5
 LATENESS, LATE_TIME = 0.15, 0.15  # s
 LATE_SUM, LATE_SECOND = (1.0, 3.0), (-1.5, 5.0)  # of a + b / 2, of b
-TOLD, MOST = 0.05, 0.5  # s
+REPORTED, MOST = 0.05, 0.5  # s
 FORGOTTEN = 0.2
 LOST_TIME, PROBATION = 0.05, 5.0  # s
 
 _LARGEST = 1e50  # N m; beyond, nothing is known
 
 # Of the table: these numbers, the observer's poles (n,), then lines (m, n), N m.
-_PERIOD, _LOADED, _KEEP, _KEEP_LATE, _NUMBERS = range(5)
+_PERIOD, _LOADED, _DECAY, _DECAY_LATE, _NUMBERS = range(5)
 # Of the state: these numbers, then tau_J as the observer saw it, and need through one pole and two,
 # (n,) each.
 _SUSPICION, _LOST, _ZZ, _ZA, _ZB, _AA, _AB, _BB, FAULT_NUMBERS = range(9)
@@ -52,7 +52,7 @@ FAULT_ROWS = 3
 
 
 def fault_table(
-    torques: ArrayLike, K_0: ArrayLike | None, time_step: float, asked: bool = True
+    torques: ArrayLike, K_0: ArrayLike | None, time_step: float, has_sd: bool = True
 ) -> Array:
     """Returns the constants that the kernel reads.
 
@@ -60,15 +60,15 @@ def fault_table(
         torques: (n, n) N m on the joints, a row for one ampere in each motor.
         K_0: (n,) 1/s of the observer; None for one without such a lag: lateness is not looked for.
         time_step: s.
-        asked: whether sds are known; if not, everything is believed.
+        has_sd: whether sds are known; if not, every reading is believed.
     """
     torques = np.atleast_2d(np.asarray(torques, float))
     n = len(torques)
     pairs = [torques[j] - torques[k] for j in range(n) for k in range(j)]
     poles = np.full(n, -1.0) if K_0 is None else np.exp(-np.asarray(K_0, float) * time_step)
-    keep = np.exp(-time_step / np.array([LATENESS, LATE_TIME]))
-    loaded = LOADED * n if asked else np.inf
-    numbers = [time_step, loaded, *keep]
+    decays = np.exp(-time_step / np.array([LATENESS, LATE_TIME]))
+    loaded = LOADED * n if has_sd else np.inf
+    numbers = [time_step, loaded, *decays]
     return np.concatenate([numbers, np.broadcast_to(poles, n), *torques, *pairs])
 
 
@@ -86,23 +86,23 @@ def is_believed(
     tau_ext: Array,
     sd: Array,
     tau_J: Array,
-    counts: bool,
-    lost: bool,
+    is_measured: bool,
+    is_implausible: bool,
 ) -> bool:
-    """Whether a reading may be valid; takes it into `state`.
+    """Whether a reading may be valid; takes the reading into `state`.
 
     Args:
         table: of `fault_table`.
         state: of `initial_fault_state`, changed.
         tau_ext, sd: (n,) N m.
         tau_J: (n,) N m, of the sample before.
-        counts: whether tau_ext is of this sample.
-        lost: whether the sample is beyond what the joints can do.
+        is_measured: whether tau_ext is of this sample.
+        is_implausible: whether the sample is beyond what the joints can do.
     """
     if table[_LOADED] == np.inf:
         return True
     n, period = tau_ext.shape[0], table[_PERIOD]
-    if lost:
+    if is_implausible:
         state[_LOST] = min(state[_LOST] + period, LOST_TIME)
         if state[_LOST] > LOST_TIME - 0.5 * period:
             state[_SUSPICION] = PROBATION + MOST
@@ -111,21 +111,21 @@ def is_believed(
     square = 0.0
     for j in range(n):
         square += (tau_ext[j] / sd[j]) ** 2 + 0.0 * tau_J[j]  # NaN before a torque is known
-    if not (counts and square < _LARGEST):
+    if not (is_measured and square < _LARGEST):
         return True
-    late = _lateness(table, state, tau_ext, sd, tau_J)
-    free = square < FREE * n
+    late_share = _lateness(table, state, tau_ext, sd, tau_J)
+    is_free = square < FREE * n
     if square > table[_LOADED] and state[_SUSPICION] <= MOST:
-        rest = square - _along(table, tau_ext, sd)
-        alone = rest < min(ALONE * n, ALONE_SHARE * square)
-        if alone or late > LATE_SHARE:
+        off_line = square - _along(table, tau_ext, sd)
+        on_line = off_line < min(ALONE * n, ALONE_SHARE * square)
+        if on_line or late_share > LATE_SHARE:
             state[_SUSPICION] = min(state[_SUSPICION] + period, MOST)
-        elif rest > ALONE * n and late < CONTACT_SHARE:
+        elif off_line > ALONE * n and late_share < CONTACT_SHARE:
             state[_SUSPICION] = max(state[_SUSPICION] - period, 0.0)
-    elif free:
+    elif is_free:
         share = 1.0 if state[_SUSPICION] > MOST else FORGOTTEN
         state[_SUSPICION] = max(state[_SUSPICION] - share * period, 0.0)
-    believed: bool = free or state[_SUSPICION] < TOLD
+    believed: bool = is_free or state[_SUSPICION] < REPORTED
     return believed
 
 
@@ -146,37 +146,37 @@ def _along(table: Array, tau_ext: Array, sd: Array) -> float:
 
 @kernel
 def _lateness(table: Array, state: Array, tau_ext: Array, sd: Array, tau_J: Array) -> float:
-    """The share of |z|^2 over LATE_TIME that currents that are late explain; 0 where none do."""
-    n, keep = tau_ext.shape[0], table[_KEEP]
+    """The share of |z|^2 over LATE_TIME that late currents explain; 0 where they do not."""
+    n, decay = tau_ext.shape[0], table[_DECAY]
     if table[_NUMBERS] < 0.0:
         return 0.0
     zz, za, zb, aa, ab, bb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
-        seen = FAULT_NUMBERS + j
-        first, second = seen + n, seen + 2 * n
-        if not np.isfinite(state[seen]):
-            state[seen] = tau_J[j]
-            state[first] = state[second] = tau_J[j] + tau_ext[j]
+        tau_J_row = FAULT_NUMBERS + j
+        pole_1_row, pole_2_row = tau_J_row + n, tau_J_row + 2 * n
+        if not np.isfinite(state[tau_J_row]):
+            state[tau_J_row] = tau_J[j]
+            state[pole_1_row] = state[pole_2_row] = tau_J[j] + tau_ext[j]
         pole = table[_NUMBERS + j]
-        state[seen] = pole * state[seen] + (1.0 - pole) * tau_J[j]
-        need = state[seen] + tau_ext[j]
-        state[first] = keep * state[first] + (1.0 - keep) * need
-        state[second] = keep * state[second] + (1.0 - keep) * state[first]
-        z, a = tau_ext[j] / sd[j], (need - state[first]) / sd[j]
-        b = (state[first] - state[second]) / sd[j]
+        state[tau_J_row] = pole * state[tau_J_row] + (1.0 - pole) * tau_J[j]
+        need = state[tau_J_row] + tau_ext[j]
+        state[pole_1_row] = decay * state[pole_1_row] + (1.0 - decay) * need
+        state[pole_2_row] = decay * state[pole_2_row] + (1.0 - decay) * state[pole_1_row]
+        z, a = tau_ext[j] / sd[j], (need - state[pole_1_row]) / sd[j]
+        b = (state[pole_1_row] - state[pole_2_row]) / sd[j]
         zz, za, zb = zz + z * z, za + z * a, zb + z * b
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
-    keep, k = table[_KEEP_LATE], _ZZ
+    decay, k = table[_DECAY_LATE], _ZZ
     for product in (zz, za, zb, aa, ab, bb):
-        state[k] = keep * state[k] + (1.0 - keep) * product
+        state[k] = decay * state[k] + (1.0 - decay) * product
         k += 1
     za, zb, aa, ab, bb = state[_ZA], state[_ZB], state[_AA], state[_AB], state[_BB]
     if state[_ZZ] < table[_LOADED]:
         return 0.0
     det = max(aa * bb - ab * ab, 1e-9 * aa * bb)
-    once, twice = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
-    total = once + 0.5 * twice
-    if not (LATE_SUM[0] < total < LATE_SUM[1] and LATE_SECOND[0] < twice < LATE_SECOND[1]):
+    a_fit, b_fit = (bb * za - ab * zb) / det, (aa * zb - ab * za) / det
+    total = a_fit + 0.5 * b_fit
+    if not (LATE_SUM[0] < total < LATE_SUM[1] and LATE_SECOND[0] < b_fit < LATE_SECOND[1]):
         return 0.0
-    share: float = (once * za + twice * zb) / state[_ZZ]
+    share: float = (a_fit * za + b_fit * zb) / state[_ZZ]
     return share

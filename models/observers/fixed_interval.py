@@ -2,10 +2,10 @@
 
 The equations are those of `models.estimation.smoothing`; z = [p, F, x, beta] of size M = 3 n + 6
 has the parts of `models.observers.kalman_observer`, and beta. Where F is thought to change, its
-noise grows, and the adjoint tells what speaks for such a change (`models.observers.force_changes`).
+noise grows. The adjoint gives the evidence for such a change (`models.observers.force_changes`).
 
-A torque d(t) of one joint that the model does not have changes what is read by some dF(t). Both
-passes are linear in what was seen, and the gains do not depend on it. So dF follows from the same
+A torque d(t) of one joint that the model does not have changes the reading by some dF(t). Both
+passes are linear in the samples, and the gains do not depend on them. So dF follows from the same
 two passes over d alone (`response_log`).
 """
 
@@ -16,8 +16,8 @@ import numpy as np
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.kernel import kernel
 from wrenchsight.models.observers.kalman_kernels import (
+    DECAY_F,
     JUMP_F,
-    KEPT_F,
     NOISE_F,
     PERIOD,
     ROUND,
@@ -40,30 +40,30 @@ from wrenchsight.models.views import copy_to, copy_whole
 
 # Kinds of a sample: whether it was measured, and whether the coming period is known.
 _MEASURED, _KNOWN, NUM_KINDS = range(3)
-# Rows of what is kept of a period: s and b, N m, a_x, and what the sample missed z by, N m s.
-_SMOOTH, _SLOW, _KEEPS, _MISS, NUM_PERIOD = range(5)
-# Log of how many times likelier all is that was seen, if F changes by its live prior, and at best:
-# by any change of F that this prior bounds, by any change of the momentum.
+# Rows of a period: s and b, N m, a_x, and the innovation of the sample, N m s.
+_SMOOTH, _SLOW, _DECAY, _MISS, NUM_PERIOD = range(5)
+# Log of how many times likelier all samples are if F changes by its live prior; and at best, by any
+# change of F that this prior bounds, and by any change of the momentum.
 LIKELIER, FORCE_GAIN, BLOW_GAIN, NUM_EVIDENCE = range(4)
 
 
 class FilterState(NamedTuple):
-    """Where the forward pass stands.
+    """The state of the forward pass.
 
     Attributes:
         z, P: (M,), (M, M).
         running: (1,) whether there was a sample before.
-        before: (n,) s of the sample before.
+        previous_smooth: (n,) s of the sample before.
     """
 
     z: Array
     P: Array
     running: Flags
-    before: Array
+    previous_smooth: Array
 
 
 class FilterLog(NamedTuple):
-    """What the forward pass leaves of N samples.
+    """The results of the forward pass over N samples.
 
     Attributes:
         z, P: (N, M), (N, M, M) before a sample is measured.
@@ -84,7 +84,7 @@ def _gain(
     L: Array,
     K: Array,
 ) -> None:
-    """K = P H^T S^-1 with S = H P H^T + R, whose Cholesky is left in L (n, n), lower."""
+    """Writes K = P H^T S^-1 with S = H P H^T + R, and the Cholesky factor L (n, n) of S, lower."""
     n = L.shape[0]
     for i in range(n):
         for j in range(i + 1):
@@ -97,8 +97,11 @@ def _gain(
 
 
 @kernel
-def _step_matrix(t: KalmanTable, kept_drift: float, J: Array, period: Array, A: Array) -> None:
-    """Writes what is not 1 of A (M, M): its first n rows beyond p, and the other diagonals."""
+def _step_matrix(t: KalmanTable, drift_decay: float, J: Array, period: Array, A: Array) -> None:
+    """Writes the entries of A (M, M) that depend on the sample: A is 1 elsewhere on its diagonal.
+
+    They are the first n rows beyond p, and the diagonal of F and beta.
+    """
     n = J.shape[1]
     T = t.numbers[PERIOD]
     for i in range(n):
@@ -106,32 +109,32 @@ def _step_matrix(t: KalmanTable, kept_drift: float, J: Array, period: Array, A: 
             A[i, n + a] = T * J[a, i]
         A[i, n + 6 + i] = T * period[_SMOOTH, i]
         A[i, 2 * n + 6 + i] = T * period[_SLOW, i]
-        A[2 * n + 6 + i, 2 * n + 6 + i] = kept_drift
+        A[2 * n + 6 + i, 2 * n + 6 + i] = drift_decay
     for a in range(6):
-        A[n + a, n + a] = t.sixes[KEPT_F, a]
+        A[n + a, n + a] = t.sixes[DECAY_F, a]
 
 
 @kernel
 def forward_log(
     table: Array,
-    kept_drift: float,
+    drift_decay: float,
     state: FilterState,
     signals: Array,
     J: Array,
     changes: Array,
     log: FilterLog,
 ) -> None:
-    """The filter over N samples.
+    """Runs the filter over N samples.
 
     Args:
         table: KalmanObserver.table.
-        kept_drift: share of the slow part of the torque error that outlasts a period.
+        drift_decay: share of the slow part of the torque error that outlasts a period.
         state: goes on from it.
         signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
         log: written.
     """
-    z, P, running, before = state
+    z, P, running, previous_smooth = state
     z_log, P_log, period, kinds = log
     N, _, n = signals.shape
     M = 3 * n + 6
@@ -140,23 +143,23 @@ def forward_log(
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     arrived, white = np.empty(n), np.empty(n)
     for k in range(N):
-        own = signals[k]
+        sample = signals[k]
         copy_to(z_log[k], z)
         copy_whole(P_log[k], P)
-        seen, known = True, True
+        is_finite, is_known = True, True
         for i in range(n):
-            arrived[i] = sample_momentum(numbers, own, i)
-            u = own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i]
-            seen = seen and np.isfinite(arrived[i])
-            known = known and np.isfinite(arrived[i] + u)
+            arrived[i] = sample_momentum(numbers, sample, i)
+            u = sample[TAU_J, i] + sample[CTV, i] - sample[GRAVITY, i] - sample[TAU_F, i]
+            is_finite = is_finite and np.isfinite(arrived[i])
+            is_known = is_known and np.isfinite(arrived[i] + u)
             for a in range(6):
-                known = known and np.isfinite(J[k, a, i])
+                is_known = is_known and np.isfinite(J[k, a, i])
             period[k, _MISS, i] = 0.0
-        measured = seen and running[0]
-        kinds[k, _MEASURED], kinds[k, _KNOWN] = measured, known
-        if measured:
+        is_measured = is_finite and running[0]
+        kinds[k, _MEASURED], kinds[k, _KNOWN] = is_measured, is_known
+        if is_measured:
             _gain(P, rounding, L, K)
-            above = P[:n].copy()
+            P_rows = P[:n].copy()
             for i in range(n):
                 period[k, _MISS, i] = arrived[i] - z[i]
             for a in range(M):
@@ -165,38 +168,38 @@ def forward_log(
             for a in range(M):
                 for b in range(a + 1):
                     for i in range(n):
-                        P[a, b] -= K[a, i] * above[i, b]
+                        P[a, b] -= K[a, i] * P_rows[i, b]
                     P[b, a] = P[a, b]
         else:
             for i in range(n):
                 z[i] = arrived[i] if np.isfinite(arrived[i]) else 0.0
                 P[i], P[:, i] = 0.0, 0.0
                 P[i, i] = rounding[i]
-        parts = ErrorParts(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _KEEPS])
-        error_parts(t, before, own, parts)
-        running[0] = known
-        if not known:
+        parts = ErrorParts(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _DECAY])
+        error_parts(t, previous_smooth, sample, parts)
+        running[0] = is_known
+        if not is_known:
             for a in range(6):
                 P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
             continue
-        renew(period[k, _KEEPS], t.mixing, z, P)
-        _step_matrix(t, kept_drift, J[k], period[k], A)
+        renew(period[k, _DECAY], t.mixing, z, P)
+        _step_matrix(t, drift_decay, J[k], period[k], A)
         _add_rows(A, n, z.reshape(M, 1))
         for a in range(n, M):
             z[a] *= A[a, a]
         for i in range(n):
-            z[i] += T * (own[TAU_J, i] + own[CTV, i] - own[GRAVITY, i] - own[TAU_F, i])
+            z[i] += T * (sample[TAU_J, i] + sample[CTV, i] - sample[GRAVITY, i] - sample[TAU_F, i])
         _congruent(A, n, P)
         for i in range(n):
             P[i, i] += white[i]
-            P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - kept_drift * kept_drift
+            P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - drift_decay * drift_decay
         for a in range(6):
             P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
 
 
 @kernel
 def _add_rows(A: Array, n: int, x: Array) -> None:
-    """x <- A x in place, (M, columns), but for the diagonal: below n rows A has no more."""
+    """x <- A x in place, (M, columns), without A's diagonal: below n rows A is diagonal."""
     for i in range(n):
         for b in range(x.shape[1]):
             total = x[i, b]
@@ -220,17 +223,17 @@ def _congruent(A: Array, n: int, P: Array) -> None:
 @kernel
 def backward_log(
     table: Array,
-    kept_drift: float,
+    drift_decay: float,
     log: FilterLog,
     J: Array,
     evidence: Array,
     wrench: Array,
     covariance: Array,
 ) -> None:
-    """Reads the first rows of N that `forward_log` has left, with all N.
+    """Estimates the wrench of the first K samples from all N of `forward_log`.
 
     Args:
-        evidence: (N, NUM_EVIDENCE), written: what a change after a sample would explain.
+        evidence: (N, NUM_EVIDENCE), written: evidence for a change after a sample.
         wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
         others: as `forward_log`.
     """
@@ -240,18 +243,18 @@ def backward_log(
     t = split_table(table, n)
     rounding = t.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    small, large = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
+    lam, Lam = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
     inverse, product = np.empty((n, n)), np.empty((M, n))
     for k in range(N - 1, -1, -1):
-        _weigh_change(small, large, t.sixes[JUMP_F], n, evidence[k])
+        _weigh_change(lam, Lam, t.sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
-            _step_matrix(t, kept_drift, J[k], period[k], A)
-            _transposed(A, n, small.reshape(M, 1))  # lambda <- A^T lambda, Lambda <- A^T Lambda A
-            _transposed(A, n, large.T)
-            _transposed(A, n, large)
-            fade(period[k, _KEEPS], small, large)
+            _step_matrix(t, drift_decay, J[k], period[k], A)
+            _transposed(A, n, lam.reshape(M, 1))  # lambda <- A^T lambda, Lambda <- A^T Lambda A
+            _transposed(A, n, Lam.T)
+            _transposed(A, n, Lam)
+            fade(period[k, _DECAY], lam, Lam)
         else:  # the momentum of the next sample has nothing of this one's
-            small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
+            lam[:n], Lam[:n], Lam[:, :n] = 0.0, 0.0, 0.0
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for i in range(n):
@@ -261,53 +264,53 @@ def backward_log(
             for i in range(n):
                 total = 0.0
                 for a in range(M):
-                    total -= K[a, i] * small[a]
+                    total -= K[a, i] * lam[a]
                 for j in range(n):
                     total -= inverse[i, j] * period[k, _MISS, j]
                 product[0, i] = total
             for i in range(n):
-                small[i] += product[0, i]
+                lam[i] += product[0, i]
             for a in range(M):
                 for i in range(n):
                     total = 0.0
                     for b in range(M):
-                        total += large[a, b] * K[b, i]
+                        total += Lam[a, b] * K[b, i]
                     product[a, i] = total
             for a in range(M):
                 for i in range(n):
-                    large[a, i] -= product[a, i]
+                    Lam[a, i] -= product[a, i]
             for i in range(n):
                 for b in range(M):
                     total = 0.0
                     for a in range(M):
-                        total += K[a, i] * large[a, b]
+                        total += K[a, i] * Lam[a, b]
                     product[b, i] = total
             for i in range(n):
                 for b in range(M):
-                    large[i, b] -= product[b, i]
+                    Lam[i, b] -= product[b, i]
                 for j in range(n):
-                    large[i, j] += inverse[i, j]
+                    Lam[i, j] += inverse[i, j]
             for a in range(M):
                 for b in range(a):
-                    large[a, b] = 0.5 * (large[a, b] + large[b, a])
-                    large[b, a] = large[a, b]
+                    Lam[a, b] = 0.5 * (Lam[a, b] + Lam[b, a])
+                    Lam[b, a] = Lam[a, b]
         else:
-            small[:n], large[:n], large[:, :n] = 0.0, 0.0, 0.0
+            lam[:n], Lam[:n], Lam[:, :n] = 0.0, 0.0, 0.0
         if k < wrench.shape[0]:
-            _smoothed(z_log[k], P_log[k], small, large, n, wrench[k], covariance[k])
+            _smoothed(z_log[k], P_log[k], lam, Lam, n, wrench[k], covariance[k])
 
 
 @kernel
 def response_log(
     table: Array,
-    kept_drift: float,
+    drift_decay: float,
     log: FilterLog,
     J: Array,
     torque: Array,
     error: Array,
     response: Array,
 ) -> None:
-    """What the two passes read of torques that the model does not have, one joint at a time.
+    """Computes the response of both passes to torques that the model does not have, by joint.
 
     Args:
         log: of `forward_log`, over the same N samples.
@@ -322,86 +325,86 @@ def response_log(
     N, _, n = period.shape
     M, columns = P_log.shape[1], error.shape[1]
     t = split_table(table, n)
-    rounding, T, ready = t.joints[ROUND], t.numbers[PERIOD], response.shape[0]
+    rounding, T, num_ready = t.joints[ROUND], t.numbers[PERIOD], response.shape[0]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    seen = np.empty((N, n + 6, columns))
-    own, small = error.copy(), np.zeros((M, columns))
+    errors = np.empty((N, n + 6, columns))
+    error_k, lam = error.copy(), np.zeros((M, columns))
     for k in range(N):
-        if k == ready:
-            copy_whole(error, own)
-        copy_whole(seen[k], own[: n + 6])
+        if k == num_ready:
+            copy_whole(error, error_k)
+        copy_whole(errors[k], error_k[: n + 6])
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for a in range(M):
                 for i in range(n):
                     for c in range(columns):
-                        own[a, c] -= K[a, i] * seen[k, i, c]
+                        error_k[a, c] -= K[a, i] * errors[k, i, c]
         else:
-            own[:n] = 0.0
+            error_k[:n] = 0.0
         if not kinds[k, _KNOWN]:
             continue
         for i in range(n):
-            own[n + 6 + i] *= period[k, _KEEPS, i]
-        _step_matrix(t, kept_drift, J[k], period[k], A)
-        _add_rows(A, n, own)
+            error_k[n + 6 + i] *= period[k, _DECAY, i]
+        _step_matrix(t, drift_decay, J[k], period[k], A)
+        _add_rows(A, n, error_k)
         for c in range(columns):
-            own[c % n, c] -= T * torque[k, c // n, c % n]
+            error_k[c % n, c] -= T * torque[k, c // n, c % n]
         for a in range(n, M):
-            own[a] *= A[a, a]
-    if ready == N:
-        copy_whole(error, own)
-    back = np.empty(n)
+            error_k[a] *= A[a, a]
+    if num_ready == N:
+        copy_whole(error, error_k)
+    innovation = np.empty(n)
     for k in range(N - 1, -1, -1):
         if kinds[k, _KNOWN]:
-            _step_matrix(t, kept_drift, J[k], period[k], A)
-            _transposed(A, n, small)
+            _step_matrix(t, drift_decay, J[k], period[k], A)
+            _transposed(A, n, lam)
             for i in range(n):
-                small[n + 6 + i] *= period[k, _KEEPS, i]
+                lam[n + 6 + i] *= period[k, _DECAY, i]
         if kinds[k, _MEASURED]:
             _gain(P_log[k], rounding, L, K)
             for c in range(columns):
-                copy_to(back, seen[k, :n, c])
-                solve_factorised(L, n, back)
+                copy_to(innovation, errors[k, :n, c])
+                solve_factorised(L, n, innovation)
                 for i in range(n):
                     for a in range(M):
-                        back[i] -= K[a, i] * small[a, c]
-                small[:n, c] += back
+                        innovation[i] -= K[a, i] * lam[a, c]
+                lam[:n, c] += innovation
         else:
-            small[:n] = 0.0
-        if k < ready:
+            lam[:n] = 0.0
+        if k < num_ready:
             for a in range(6):
-                response[k, a] = seen[k, n + a]
+                response[k, a] = errors[k, n + a]
                 for b in range(M):
                     for c in range(columns):
-                        response[k, a, c] -= P_log[k, n + a, b] * small[b, c]
+                        response[k, a, c] -= P_log[k, n + a, b] * lam[b, c]
 
 
 @kernel
 def _weigh_change(
-    small: Array,
-    large: Array,
+    lam: Array,
+    Lam: Array,
     jump: Array,
     n: int,
     evidence: Array,
 ) -> None:
-    """Writes what a change of F, of variance diag(jump), or of any p explains, before a sample.
+    """Writes the evidence for a change of F, of variance diag(jump), or of any p, at a sample.
 
     The equations are those of `wrenchsight.models.observers.force_changes`.
     """
     evidence[:] = 0.0
-    L, left = np.empty((6, 6)), np.empty(6)
+    L, force = np.empty((6, 6)), np.empty(6)
     for a in range(6):
-        left[a] = np.sqrt(jump[a]) * small[n + a]
+        force[a] = np.sqrt(jump[a]) * lam[n + a]
         for b in range(a + 1):
-            L[a, b] = np.sqrt(jump[a] * jump[b]) * large[n + a, n + b]
+            L[a, b] = np.sqrt(jump[a] * jump[b]) * Lam[n + a, n + b]
         L[a, a] += 1.0
     if factorise_in_place(L, 6, 0.5):
-        solve_lower(L, 6, left)
+        solve_lower(L, 6, force)
         for a in range(6):
-            evidence[FORCE_GAIN] += 0.5 * left[a] * left[a]
+            evidence[FORCE_GAIN] += 0.5 * force[a] * force[a]
             evidence[LIKELIER] -= np.log(L[a, a])
         evidence[LIKELIER] += evidence[FORCE_GAIN]
-    M, blow = large[:n, :n].copy(), small[:n].copy()
+    M, blow = Lam[:n, :n].copy(), lam[:n].copy()
     if factorise_in_place(M, n, 0.0):
         solve_lower(M, n, blow)
         for i in range(n):
@@ -424,22 +427,22 @@ def _transposed(A: Array, n: int, x: Array) -> None:
 def _smoothed(
     z: Array,
     P: Array,
-    small: Array,
-    large: Array,
+    lam: Array,
+    Lam: Array,
     n: int,
     wrench: Array,
     covariance: Array,
 ) -> None:
-    """F and its covariance given all, from what was known before a sample and the adjoint."""
+    """Writes F and its covariance given all samples, from the prediction and the adjoint."""
     M = z.shape[0]
     half = np.empty((6, M))
     for a in range(6):
         total = z[n + a]
         for b in range(M):
-            total -= P[n + a, b] * small[b]
+            total -= P[n + a, b] * lam[b]
             half[a, b] = 0.0
             for c in range(M):
-                half[a, b] += P[n + a, c] * large[c, b]
+                half[a, b] += P[n + a, c] * Lam[c, b]
         wrench[a] = total
     for a in range(6):
         for b in range(a + 1):

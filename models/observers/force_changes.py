@@ -1,10 +1,10 @@
 """A log's wrench by fixed-interval smoothing, with the times at which a force comes or goes.
 
 The model of `models.observers.kalman_observer` lets a force walk. One that begins or ends, as a
-push does, is no walk: smoothing rounds its edges off and states an sd that knows nothing of them.
-So the log is smoothed more than once. What a smoother has of the samples from k + 1 on, lambda and
-Lambda (`models.estimation.smoothing`), says what a change of F after sample k would explain: were
-its covariance D, all that was seen would be
+push does, is no walk: smoothing rounds its edges off and states an sd that ignores them. So the
+log is smoothed more than once. The smoother's adjoint of the samples from k + 1 on, lambda and
+Lambda (`models.estimation.smoothing`), tells how well a change of F after sample k explains them.
+With the covariance D of that change, all samples would be
 
     B = exp((d^T (1 + S)^-1 d) / 2) det(1 + S)^-1/2,   d = D^1/2 lambda,   S = D^1/2 Lambda D^1/2
 
@@ -17,13 +17,13 @@ is narrow: with one change there and no time preferred, it lies at k with a prob
 proportion to B_k. Each sample gains that share of D. A walk through two levels by such shares has
 the variance of a reading that does not know which of them it is at.
 
-A sample that is off, or a blow, is no force that stays: the momentum changes at once, and may do so
-in any joint. What that would explain is lambda^T Lambda^-1 lambda / 2 with the parts of p, against
-d^T (1 + S)^-1 d / 2. Where it explains more within the shortest of CHANGE_TIMES, for the numbers
-that each of them fits (Akaike, IEEE TAC 19(6), 1974), F is left as it is.
+A wrong sample, or a blow, is no force that stays: the momentum changes at once, and may do so in
+any joint. The evidence for that is lambda^T Lambda^-1 lambda / 2 with the parts of p, against
+d^T (1 + S)^-1 d / 2. Where it is greater within the shortest of CHANGE_TIMES, for the number of
+parameters that each fits (Akaike, IEEE TAC 19(6), 1974), F is left as it is.
 
-The next pass sees what is left: a change beside a larger one. At most PASSES - 1 times changes are
-added. A log without any is read in one pass, and as if none were thought of.
+The next pass sees the remaining changes, as one beside a larger one. At most PASSES - 1 times
+changes are added. A log without any is read in one pass.
 """
 
 from typing import NamedTuple
@@ -53,12 +53,12 @@ PASSES = 4
 
 
 class IntervalReading(NamedTuple):
-    """What one pass forward and backward reads of N samples.
+    """The result of one pass forward and backward over N samples.
 
     Attributes:
         wrench, covariance: (K, 6), (K, 6, 6) of the first K <= N samples; as `WrenchEstimator`'s.
         evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
-        log: what the forward pass left.
+        log: of the forward pass.
     """
 
     wrench: Array
@@ -67,18 +67,18 @@ class IntervalReading(NamedTuple):
     log: FilterLog
 
 
-class ChangesSought(NamedTuple):
-    """How `likely_changes` looks for them.
+class ChangeSearch(NamedTuple):
+    """Settings of `likely_changes`.
 
     Attributes:
         reach: samples to both sides among which no more than one change is looked for at a time.
         blow_reach: samples to both sides among which a blow may explain more.
-        more_numbers: that a blow fits, n, than a change of F, 3 or 6.
+        extra_parameters: number of parameters of a blow, n, less that of a change of F, 3 or 6.
     """
 
     reach: int
     blow_reach: int
-    more_numbers: int
+    extra_parameters: int
 
 
 class ProportionalError(NamedTuple):
@@ -94,85 +94,95 @@ class ProportionalError(NamedTuple):
 
 
 def _copied(state: FilterState) -> FilterState:
-    """The same state, which the next sample leaves as it is."""
-    z, P, running, before = state
-    return FilterState(z.copy(), P.copy(), running.copy(), before.copy())
+    """A copy of the state, which the next sample leaves as it is."""
+    z, P, running, previous_smooth = state
+    return FilterState(z.copy(), P.copy(), running.copy(), previous_smooth.copy())
 
 
 class IntervalSmoother:
-    """Reads stretches of a log, one after the other.
+    """Estimates the wrench of a log by smoothing, stretch by stretch.
 
     Args:
         table: KalmanObserver.table.
         num_joints: n.
-        kept_drift: share of the slow part of the torque error that outlasts a period.
-        proportional: what of the torque that is read each joint errs by.
+        drift_decay: share of the slow part of the torque error that outlasts a period.
+        proportional: error of each joint in proportion to the torque that is read; None: none.
     """
 
     def __init__(
         self,
         table: Array,
         num_joints: int,
-        kept_drift: float,
+        drift_decay: float,
         proportional: ProportionalError | None = None,
     ) -> None:
         n = num_joints
         M = 3 * n + 6
-        numbers, sixes, *_ = split_table(table, n)
+        constants = split_table(table, n)
+        numbers, sixes = constants.numbers, constants.sixes
         z, P = np.zeros(M), np.zeros((M, M))
         P[range(n, M), range(n, M)] = np.concatenate([sixes[START_F], np.ones(2 * n)])
-        self._table, self._kept_drift = table, kept_drift
-        T, size = float(numbers[PERIOD]), int(np.count_nonzero(sixes[JUMP_F]))
-        self._sought = ChangesSought(
-            round(max(CHANGE_TIMES) / T), round(min(CHANGE_TIMES) / T), n - size
+        self._table, self._drift_decay = table, drift_decay
+        T = float(numbers[PERIOD])
+        self._search = ChangeSearch(
+            reach=round(max(CHANGE_TIMES) / T),
+            blow_reach=round(min(CHANGE_TIMES) / T),
+            extra_parameters=n - int(np.count_nonzero(sixes[JUMP_F])),
         )
         self._start = FilterState(z, P, np.zeros(1, np.bool_), np.zeros(n))
         self._proportional = proportional
         self._response = np.zeros((M, len(ProportionalError._fields) * n))
 
-    def read(self, signals: Array, J: Array, ready: int) -> tuple[Array, Array]:
-        """Wrench (ready, 6) and covariance (ready, 6, 6) of the first samples, given all.
+    def read(self, signals: Array, J: Array, num_ready: int) -> tuple[Array, Array]:
+        """Estimates the wrench (K, 6) and its covariance (K, 6, 6) of the first K samples.
 
         The next stretch begins with the first sample that was not ready.
 
         Args:
             signals, J: (N, NUM_SIGNALS, n), (N, 6, n) of a stretch.
-            ready: at most N.
+            num_ready: K, at most N. All N samples count for these.
         """
         changes = np.zeros(len(signals))
-        found, after = self.smoothed(signals, J, changes, ready)
+        reading, next_start = self.smoothed(signals, J, changes, num_ready)
         for _ in range(PASSES - 1):
-            more = likely_changes(found.evidence, self._sought)
-            if not more.any():
+            new_changes = likely_changes(reading.evidence, self._search)
+            if not new_changes.any():
                 break
-            changes += more
-            found, after = self.smoothed(signals, J, changes, ready)
-        self._start = after
-        return found.wrench, found.covariance + self._proportional_covariance(signals, J, found)
+            changes += new_changes
+            reading, next_start = self.smoothed(signals, J, changes, num_ready)
+        self._start = next_start
+        return reading.wrench, reading.covariance + self._proportional_covariance(
+            signals, J, reading
+        )
 
-    def _proportional_covariance(self, signals: Array, J: Array, found: IntervalReading) -> Array:
+    def _proportional_covariance(self, signals: Array, J: Array, reading: IntervalReading) -> Array:
         """Covariance (K, 6, 6) from the errors in proportion to what is read; or zero."""
-        K, n = len(found.wrench), J.shape[2]
+        K, n = len(reading.wrench), J.shape[2]
         if self._proportional is None:
             return np.zeros((K, 6, 6))
-        wrench = found.log.z[:, n : n + 6].copy()  # what has not been smoothed yet
-        wrench[:K] = found.wrench
-        read = np.einsum("kai,ka->ki", J, wrench)
-        against = -np.sign(signals[:, V]) * np.abs(read)
+        wrench = reading.log.z[:, n : n + 6].copy()  # beyond K: not smoothed yet
+        wrench[:K] = reading.wrench
+        tau_read = np.einsum("kai,ka->ki", J, wrench)
+        tau_against = -np.sign(signals[:, V]) * np.abs(tau_read)
         torque = np.stack(
-            [self._proportional.gain * read, self._proportional.friction * against], axis=1
+            [self._proportional.gain * tau_read, self._proportional.friction * tau_against], axis=1
         )
         response = np.empty((K, 6, self._response.shape[1]))
         response_log(
-            *(self._table, self._kept_drift, found.log, J),
-            *(np.nan_to_num(torque), self._response, response),
+            self._table,
+            self._drift_decay,
+            reading.log,
+            J,
+            np.nan_to_num(torque),
+            self._response,
+            response,
         )
         return np.asarray(response @ response.transpose(0, 2, 1))
 
     def smoothed(
-        self, signals: Array, J: Array, changes: Array, ready: int
+        self, signals: Array, J: Array, changes: Array, num_ready: int
     ) -> tuple[IntervalReading, FilterState]:
-        """One pass, and where its forward part stood before the first sample that is not ready.
+        """Runs one pass; returns its result, and the filter's state after the first K samples.
 
         Args:
             changes: (N,) live prior's variances that F gains after each sample.
@@ -181,47 +191,56 @@ class IntervalSmoother:
         N, _, n = signals.shape
         M = 3 * n + 6
         log = FilterLog(
-            *(np.empty((N, M)), np.empty((N, M, M))),
-            *(np.empty((N, NUM_PERIOD, n)), np.empty((N, NUM_KINDS), np.bool_)),
+            z=np.empty((N, M)),
+            P=np.empty((N, M, M)),
+            period=np.empty((N, NUM_PERIOD, n)),
+            kinds=np.empty((N, NUM_KINDS), np.bool_),
         )
         state = _copied(self._start)
 
         def forward(rows: slice) -> None:
             forward_log(
-                *(self._table, self._kept_drift, state, signals[rows], J[rows], changes[rows]),
+                self._table,
+                self._drift_decay,
+                state,
+                signals[rows],
+                J[rows],
+                changes[rows],
                 FilterLog(log.z[rows], log.P[rows], log.period[rows], log.kinds[rows]),
             )
 
-        forward(slice(0, ready))
-        after = _copied(state)
-        forward(slice(ready, N))
+        forward(slice(0, num_ready))
+        next_start = _copied(state)
+        forward(slice(num_ready, N))
         evidence = np.empty((N, NUM_EVIDENCE))
-        wrench, covariance = np.empty((ready, 6)), np.empty((ready, 6, 6))
-        backward_log(self._table, self._kept_drift, log, J, evidence, wrench, covariance)
-        return IntervalReading(wrench, covariance, evidence, log), after
+        wrench, covariance = np.empty((num_ready, 6)), np.empty((num_ready, 6, 6))
+        backward_log(self._table, self._drift_decay, log, J, evidence, wrench, covariance)
+        return IntervalReading(wrench, covariance, evidence, log), next_start
 
 
-def likely_changes(evidence: Array, sought: ChangesSought) -> Array:
+def likely_changes(evidence: Array, search: ChangeSearch) -> Array:
     """Shares (N,) of the live prior's variance that F is to gain after each sample.
 
     Args:
         evidence: (N, NUM_EVIDENCE) of `wrenchsight.models.observers.fixed_interval`.
-        sought: how far, and against what.
+        search: its settings.
     """
     N = len(evidence)
     shares = np.zeros(N)
     if N == 0:
         return shares
-    reach, likelier = sought.reach, evidence[:, LIKELIER]
-    highest = maximum_filter1d(likelier, 2 * reach + 1, mode="nearest")
-    blow = maximum_filter1d(evidence[:, BLOW_GAIN], 2 * sought.blow_reach + 1, mode="nearest")
-    force = evidence[:, FORCE_GAIN] + sought.more_numbers
-    last = -reach - 1
-    for k in np.flatnonzero((likelier > -np.log(CHANGE_ODDS)) & (likelier >= highest)):
-        if k - last <= reach or blow[k] > force[k]:  # as likely as the one before, as in a gap
+    reach, log_likelihood = search.reach, evidence[:, LIKELIER]
+    highest = maximum_filter1d(log_likelihood, 2 * reach + 1, mode="nearest")
+    blow_gain = maximum_filter1d(evidence[:, BLOW_GAIN], 2 * search.blow_reach + 1, mode="nearest")
+    force_gain = evidence[:, FORCE_GAIN] + search.extra_parameters
+    last_change = -reach - 1
+    for k in np.flatnonzero((log_likelihood > -np.log(CHANGE_ODDS)) & (log_likelihood >= highest)):
+        if (
+            k - last_change <= reach or blow_gain[k] > force_gain[k]
+        ):  # as likely as the one before, as in a gap
             continue
-        near = slice(max(k - reach, 0), k + reach + 1)
-        likelihood = np.exp(likelier[near] - likelier[k])
-        shares[near] += likelihood / likelihood.sum()
-        last = int(k)
+        neighbours = slice(max(k - reach, 0), k + reach + 1)
+        likelihood = np.exp(log_likelihood[neighbours] - log_likelihood[k])
+        shares[neighbours] += likelihood / likelihood.sum()
+        last_change = int(k)
     return shares

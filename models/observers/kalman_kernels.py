@@ -1,4 +1,4 @@
-"""Kernels of the Kalman observer: reading, measuring, a period, and what the torque error gives it.
+"""Kernels of the Kalman observer: output, measurement, prediction over a period, torque error.
 
 The equations are those of `models.observers.kalman_observer`, whose table and state these are.
 """
@@ -27,19 +27,26 @@ from wrenchsight.models.rigid_body.small_matrices import (
 )
 
 # Table: numbers, 6-vectors, n-vectors and an (n, n), all flat.
-PERIOD, BEFORE, SETTLED, GROSS, CHANGED, KEPT_SUM = range(6)
+PERIOD, BEFORE, SETTLED, GROSS, CHANGED, DECAY_SUM = range(6)
 SUMS = 3  # of the innovations, each over a time of its own
-NUMBERS = KEPT_SUM + SUMS
-KEPT_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
+NUMBERS = DECAY_SUM + SUMS
+DECAY_F, NOISE_F, START_F, JUMP_F, SIXES = range(5)
 RATE_X, SMOOTH, WHITE, LASTING, ROUND, JOINTS = range(6)
 
-MOST_DOUBT = 1e4  # times that a gross innovation widens the variance
+MOST_DOUBT = 1e4  # largest factor by which a gross innovation widens the variance
 # Status: this or less, one less for each sample lost in a row; this.
 _LOST, _RUNNING = 0.0, 1.0
 
 
 class KalmanTable(NamedTuple):
-    """The constants: numbers, 6-vectors (SIXES, 6), n-vectors (JOINTS, n) and an (n, n)."""
+    """The constants of the filter.
+
+    Attributes:
+        numbers: (NUMBERS,).
+        sixes: (SIXES, 6), of the wrench.
+        joints: (JOINTS, n).
+        mixing: (n, n) correlation of the joints' errors.
+    """
 
     numbers: Array
     sixes: Array
@@ -48,12 +55,12 @@ class KalmanTable(NamedTuple):
 
 
 class KalmanState(NamedTuple):
-    """What the filter remembers; N = 2 n + 6 and x = [p, F, x].
+    """The state of the filter; N = 2 n + 6 and x = [p, F, x].
 
     Attributes:
         x, gain, P, C: (N,), (N, n), (N, N), (N, n) of the coming sample, before it is measured.
         status: (2,).
-        before: (n,) s of the sample before; zero: there was none.
+        previous_smooth: (n,) s of the sample before; zero: there was none.
         sums: (SUMS, n) of the whitened innovations.
     """
 
@@ -62,17 +69,24 @@ class KalmanState(NamedTuple):
     P: Array
     C: Array
     status: Array
-    before: Array
+    previous_smooth: Array
     sums: Array
 
 
 class ErrorParts(NamedTuple):
-    """s (N m), the white noise's variance in a period (N^2 m^2 s^2), b (N m) and a_x, (n,) each."""
+    """The torque error of a period, (n,) each.
+
+    Attributes:
+        smooth: s, N m.
+        white: variance of the white noise's integral over the period, N^2 m^2 s^2.
+        slow: b, N m.
+        decay: a_x.
+    """
 
     smooth: Array
     white: Array
     slow: Array
-    kept: Array
+    decay: Array
 
 
 @kernel
@@ -111,30 +125,30 @@ def split_table(table: Array, n: int) -> KalmanTable:
 
 @kernel
 def sample_momentum(table: Array, signals: Array, i: int) -> float:
-    """y of joint i."""
+    """The measured momentum y of joint i."""
     y: float = arrived_momentum(0.5 * table[PERIOD], table[BEFORE], signals, i)
     return y
 
 
 @kernel
 def _is_measured(table: Array, status: Array, signals: Array) -> bool:
-    finite: bool = status[0] == _RUNNING
+    is_measured: bool = status[0] == _RUNNING
     for i in range(signals.shape[1]):
-        finite = finite and np.isfinite(sample_momentum(table, signals, i))
-    return finite
+        is_measured = is_measured and np.isfinite(sample_momentum(table, signals, i))
+    return is_measured
 
 
 @kernel
 def _read_force(table: Array, s: KalmanState, signals: Array, wrench: Array) -> bool:
     """Writes F right after a sample; returns whether the sample was measured."""
     n = signals.shape[1]
-    measured = _is_measured(table, s.status, signals)
+    is_measured = _is_measured(table, s.status, signals)
     for a in range(6):
         wrench[a] = s.x[n + a]
-        if measured:
+        if is_measured:
             for i in range(n):
                 wrench[a] += s.gain[n + a, i] * (sample_momentum(table, signals, i) - s.x[i])
-    return measured
+    return is_measured
 
 
 @kernel
@@ -142,13 +156,13 @@ def kalman_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes tau_ext = J^T F right after a sample; see `observer`."""
     n = signals.shape[1]
     wrench, s = np.empty(6), split_state(state.reshape(-1), n)
-    measured = _read_force(table, s, signals, wrench)
+    is_measured = _read_force(table, s, signals, wrench)
     for i in range(n):
         total = 0.0
         for a in range(6):
             total += J[a, i] * wrench[a]
         signals[TAU_EXT, i] = total if np.isfinite(total) else 0.0
-    return bool(measured and s.status[1] >= table[SETTLED])
+    return bool(is_measured and s.status[1] >= table[SETTLED])
 
 
 @kernel
@@ -159,19 +173,19 @@ def kalman_wrench(
     n = signals.shape[1]
     s, rounding = split_state(state.reshape(-1), n), split_table(table, n).joints[ROUND]
     gain, P, C = s.gain, s.P, s.C
-    measured = _read_force(table, s, signals, wrench)
+    is_measured = _read_force(table, s, signals, wrench)
     slow = np.empty((6, n))
     for a in range(6):
         for m in range(n):
             total = C[n + a, m]
-            if measured:
+            if is_measured:
                 for i in range(n):
                     total -= gain[n + a, i] * C[i, m]
             slow[a, m] = total
     for a in range(6):
         for b in range(a + 1):
             total = P[n + a, n + b]
-            if measured:  # (1 - gain H) P (1 - gain H)^T + gain R gain^T
+            if is_measured:  # (1 - gain H) P (1 - gain H)^T + gain R gain^T
                 for i in range(n):
                     total -= gain[n + a, i] * P[i, n + b] + gain[n + b, i] * P[n + a, i]
                     for k in range(n):
@@ -194,13 +208,13 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
     numbers, sixes, rounding = t.numbers, t.sixes, t.joints[ROUND]
     x, P, C, status = s.x, s.P, s.C, s.status
     arrived = np.empty(n)
-    known = True  # what the coming period begins with
+    is_known = True  # what the coming period begins with
     for i in range(n):
         arrived[i] = sample_momentum(table, signals, i)
         predicted = arrived[i] + signals[TAU_J, i] + signals[CTV, i] - signals[TAU_F, i]
-        known = known and np.isfinite(predicted)
+        is_known = is_known and np.isfinite(predicted)
         for a in range(6):
-            known = known and np.isfinite(J[a, i])
+            is_known = is_known and np.isfinite(J[a, i])
     if _is_measured(table, status, signals):
         whitened = _whitened_innovation(s, rounding, arrived)
         _measure(s, rounding, arrived)
@@ -221,14 +235,14 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
             P[i, i] = rounding[i]
 
     error = ErrorParts(np.empty(n), np.empty(n), np.empty(n), np.empty(n))
-    error_parts(t, s.before, signals, error)
-    if known:
+    error_parts(t, s.previous_smooth, signals, error)
+    if is_known:
         for i in range(n):
             u = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i] + signals[TAU_J, i]
             x[i] += numbers[PERIOD] * u
             for m in range(n):
-                C[n + 6 + i, m] *= error.kept[i]
-        renew(error.kept, t.mixing, x, P)
+                C[n + 6 + i, m] *= error.decay[i]
+        renew(error.decay, t.mixing, x, P)
         _advance(t, s, J, error)
         _find_gain(s, rounding)
         status[0] = _RUNNING
@@ -256,26 +270,27 @@ def _begin(t: KalmanTable, s: KalmanState) -> None:
 def _whitened_innovation(s: KalmanState, rounding: Array, arrived: Array) -> Array:
     """L^-1 (y - p) (n,), of covariance 1."""
     n = arrived.shape[0]
-    L, left = np.empty((n, n)), np.empty(n)
+    L, innovation = np.empty((n, n)), np.empty(n)
     _innovation_factor(s, rounding, L)
     for i in range(n):
-        left[i] = arrived[i] - s.x[i]
-    solve_lower(L, n, left)
-    return left
+        innovation[i] = arrived[i] - s.x[i]
+    solve_lower(L, n, innovation)
+    return innovation
 
 
 @kernel
 def _sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
-    """Takes a whitened innovation (n,) into `sums` (SUMS, n), in place; the largest |sum|^2.
+    """Takes a whitened innovation (n,) into `sums` (SUMS, n), in place.
 
-    Of innovations that are the model's each sum has the covariance 1.
+    Returns:
+        The largest |sum|^2. Each sum has the covariance 1 where the model holds.
     """
     largest = 0.0
     for m in range(SUMS):
-        kept, total = numbers[KEPT_SUM + m], 0.0
-        added = np.sqrt(1.0 - kept * kept)
+        decay, total = numbers[DECAY_SUM + m], 0.0
+        weight = np.sqrt(1.0 - decay * decay)
         for i in range(whitened.shape[0]):
-            sums[m, i] = kept * sums[m, i] + added * whitened[i]
+            sums[m, i] = decay * sums[m, i] + weight * whitened[i]
             total += sums[m, i] * sums[m, i]
         largest = max(largest, total)
     return largest
@@ -295,22 +310,29 @@ def _innovation_factor(s: KalmanState, rounding: Array, L: Array) -> None:
 
 
 @kernel
-def error_parts(t: KalmanTable, before: Array, signals: Array, parts: ErrorParts) -> None:
-    """Writes `parts`; `before` (n,), s of the sample before, is changed."""
+def error_parts(t: KalmanTable, previous_smooth: Array, signals: Array, parts: ErrorParts) -> None:
+    """Writes the parts of the torque error.
+
+    Args:
+        t: constants.
+        previous_smooth: (n,) s of the sample before, N m; changed to that of this one.
+        signals: of the sample.
+        parts: written.
+    """
     joints, period = t.joints, t.numbers[PERIOD]
     for i in range(signals.shape[1]):
         sd, stiction, drift = signals[TORQUE_SD, i], signals[STICTION, i], signals[DRIFT, i]
-        moving = max(sd**2 - stiction**2 - drift**2, 0.0)
-        parts.slow[i] = drift + joints[LASTING, i] * np.sqrt(moving)
-        fading = joints[SMOOTH, i] * moving
-        smooth = np.sqrt(fading + stiction**2)
-        share = fading / (fading + stiction**2) if fading > 0.0 else 0.0
-        kept = np.exp(-share * joints[RATE_X, i] * period)
-        if before[i] > 0.0 and smooth > 0.0:
-            kept *= min(smooth / before[i], before[i] / smooth)
-        before[i] = smooth
-        parts.smooth[i], parts.kept[i] = smooth, kept
-        parts.white[i] = joints[WHITE, i] * moving * period
+        moving_variance = max(sd**2 - stiction**2 - drift**2, 0.0)
+        parts.slow[i] = drift + joints[LASTING, i] * np.sqrt(moving_variance)
+        fading_variance = joints[SMOOTH, i] * moving_variance
+        smooth = np.sqrt(fading_variance + stiction**2)
+        share = fading_variance / (fading_variance + stiction**2) if fading_variance > 0.0 else 0.0
+        decay = np.exp(-share * joints[RATE_X, i] * period)
+        if previous_smooth[i] > 0.0 and smooth > 0.0:
+            decay *= min(smooth / previous_smooth[i], previous_smooth[i] / smooth)
+        previous_smooth[i] = smooth
+        parts.smooth[i], parts.decay[i] = smooth, decay
+        parts.white[i] = joints[WHITE, i] * moving_variance * period
 
 
 @kernel
@@ -321,49 +343,49 @@ def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
     innovation = np.empty(n)
     for i in range(n):
         innovation[i] = arrived[i] - x[i]
-    above, before = P[:n].copy(), C[:n].copy()
+    P_rows, C_rows = P[:n].copy(), C[:n].copy()
     for a in range(N):
         for i in range(n):
             x[a] += gain[a, i] * innovation[i]
     for a in range(N):
         for m in range(n):
             for i in range(n):
-                C[a, m] -= gain[a, i] * before[i, m]
+                C[a, m] -= gain[a, i] * C_rows[i, m]
         for b in range(N):
             for i in range(n):
-                P[a, b] -= gain[a, i] * above[i, b]
-    left = P[:, :n].copy()
+                P[a, b] -= gain[a, i] * P_rows[i, b]
+    P_columns = P[:, :n].copy()
     for a in range(N):
         for b in range(a + 1):
             total = P[a, b]
             for i in range(n):
-                total += gain[b, i] * (gain[a, i] * rounding[i] - left[a, i])
+                total += gain[b, i] * (gain[a, i] * rounding[i] - P_columns[a, i])
             P[a, b] = total
             P[b, a] = total
 
 
 @kernel
-def fade(kept: Array, x: Array, P: Array) -> None:
-    """Takes a_x to the error's smooth part in x and in rows and columns of P, in place."""
-    n = kept.shape[0]
+def fade(decay: Array, x: Array, P: Array) -> None:
+    """Multiplies the error's smooth part in x, and in rows and columns of P, by a_x, in place."""
+    n = decay.shape[0]
     for i in range(n):
         e = n + 6 + i
-        x[e] *= kept[i]
+        x[e] *= decay[i]
         for b in range(P.shape[0]):
-            P[e, b] *= kept[i]
+            P[e, b] *= decay[i]
         for b in range(P.shape[0]):
-            P[b, e] *= kept[i]
+            P[b, e] *= decay[i]
 
 
 @kernel
-def renew(kept: Array, mixing: Array, x: Array, P: Array) -> None:
+def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
     """Renews the error's smooth part in x and P, in place."""
-    n = kept.shape[0]
-    fade(kept, x, P)
+    n = decay.shape[0]
+    fade(decay, x, P)
     for i in range(n):
         for j in range(n):
-            new = (1.0 - kept[i] * kept[i]) * (1.0 - kept[j] * kept[j])
-            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(new)
+            variance = (1.0 - decay[i] * decay[i]) * (1.0 - decay[j] * decay[j])
+            P[n + 6 + i, n + 6 + j] += mixing[i, j] * np.sqrt(variance)
 
 
 @kernel
@@ -374,19 +396,19 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
     N = 2 * n + 6
     for i in range(n):
         e = n + 6 + i
-        own = T * error.smooth[i]
-        x[i] += own * x[e]
+        T_smooth = T * error.smooth[i]
+        x[i] += T_smooth * x[e]
         for b in range(N):
-            P[i, b] += own * P[e, b]
+            P[i, b] += T_smooth * P[e, b]
         for m in range(n):
-            C[i, m] += own * C[e, m]
+            C[i, m] += T_smooth * C[e, m]
         for a in range(6):
-            j = T * J[a, i]
-            x[i] += j * x[n + a]
+            T_J = T * J[a, i]
+            x[i] += T_J * x[n + a]
             for b in range(N):
-                P[i, b] += j * P[n + a, b]
+                P[i, b] += T_J * P[n + a, b]
             for m in range(n):
-                C[i, m] += j * C[n + a, m]
+                C[i, m] += T_J * C[n + a, m]
         C[i, i] += T * error.slow[i]
     for b in range(N):
         for i in range(n):
@@ -395,7 +417,7 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
                 total += T * J[a, i] * P[b, n + a]
             P[b, i] += total
     for a in range(n, n + 6):
-        factor = t.sixes[KEPT_F, a - n]
+        factor = t.sixes[DECAY_F, a - n]
         x[a] *= factor
         for m in range(n):
             C[a, m] *= factor

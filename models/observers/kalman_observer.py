@@ -28,22 +28,22 @@ it) but counts in gain and covariance (Schmidt, 1966):
     P   covariance of the error without it,     C   what beta = 1 adds to the error
     gain = (P + C C^T) H^T (H (P + C C^T) H^T + R)^-1,   Sigma_F = (P + C C^T) of F
 
-An innovation of a square (over its covariance) that one sample in a million has by chance, as
-where a large push begins or a fault of the drives ends, is not the model's: P grows until it is
-just possible, by at most MOST_DOUBT. What was read before then counts for less, and the sd says
-so.
+An innovation whose square (over its covariance) one sample in a million has by chance contradicts
+the model, as where a large push begins or a fault of the drives ends. P then grows until the
+innovation is just possible, by at most MOST_DOUBT. Earlier samples count for less, and the sd
+grows.
 
-A force that begins or ends, as a push does, is no walk either, and one innovation shows little of
-it: the less, the shorter the period. Sums of them do. With L L^T its covariance the model's
-L^-1 (y - p) is white, of covariance 1, and of covariance 1 is for any time t
+A force that begins or ends, as a push does, is no walk either. One innovation shows little of it:
+the less, the shorter the period. Sums of them do. With L L^T its covariance the model's
+L^-1 (y - p) is white, of covariance 1. For any time t the sum s has the covariance 1 as well:
 
     s <- a s + sqrt(1 - a^2) L^-1 (y - p),   a = exp(-T / t),   t in CHANGE_TIMES
 
 Where |s|^2 of any of them is one that CHANGE_ODDS of the samples exceed by chance, a force of the
 live prior's size may have come or gone (Willsky and Jones, "A generalized likelihood ratio approach
 to the detection and estimation of jumps in linear systems", IEEE TAC 21(1), 1976): its variance is
-added to that of F, and the sums begin anew. Until they tell, the band does not hold the force. An
-error that is not the model's calls for it, too: the reading is less sure then, and noisier.
+added to that of F, and the sums begin anew. Until the sums show the change, the band does not hold
+the force. An error beyond the model triggers it, too: the reading is less sure then, and noisier.
 
 After as many lost samples in a row as it takes to settle the filter begins anew.
 
@@ -68,11 +68,11 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.observers.kalman_kernels import (
     BEFORE,
     CHANGED,
+    DECAY_F,
+    DECAY_SUM,
     GROSS,
     JOINTS,
     JUMP_F,
-    KEPT_F,
-    KEPT_SUM,
     LASTING,
     NOISE_F,
     NUMBERS,
@@ -105,7 +105,7 @@ _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 
 @dataclass
 class KalmanObserverConfig:
-    """How the filter sees a force that changes."""
+    """Prior of a changing force, and sampling of the Kalman observer."""
 
     bandwidth_hz: float = 0.002  # Hz, Kalman observer: corner of the prior of a large force
     time_step: float = 0.001  # s between samples
@@ -153,7 +153,7 @@ class KalmanObserver:
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """bandwidth_hz (1,)."""
+        """bandwidth_hz (1,), Hz."""
         return {"bandwidth_hz": np.array([self.config.bandwidth_hz])}
 
     def with_parameters(self, values: dict[str, Array]) -> Self:
@@ -185,13 +185,13 @@ class KalmanObserver:
         numbers[BEFORE] = motor_share(T, self.config.torque_samples)
         numbers[GROSS] = chdtri(n, _GROSS_ODDS)  # the square that chi^2 exceeds so seldom
         numbers[CHANGED] = chdtri(n, CHANGE_ODDS)
-        numbers[KEPT_SUM : KEPT_SUM + SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
+        numbers[DECAY_SUM : DECAY_SUM + SUMS] = np.exp(-T / np.array(CHANGE_TIMES))
         numbers[SETTLED] = np.ceil(SETTLING / float(np.min(K_0)) / T)
         prior = WrenchPrior(1.0, 1.0, 1.0, 1.0) if knowledge is None else knowledge.prior
         if prior is None:
             raise ValueError("a Kalman observer reads by bayesian, force_only or inverse")
-        kept, steps, start = changing_wrench(prior, self.config.bandwidth_hz, T)
-        sixes[KEPT_F], sixes[NOISE_F], sixes[START_F] = kept, steps, start
+        decay, steps, start = changing_wrench(prior, self.config.bandwidth_hz, T)
+        sixes[DECAY_F], sixes[NOISE_F], sixes[START_F] = decay, steps, start
         sixes[JUMP_F] = np.minimum(start, np.repeat(np.square(prior[2:]), 3))
         joints[RATE_X] = 1.0 / times
         joints[SMOOTH] = (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times)
@@ -208,14 +208,16 @@ class KalmanObserver:
 def changing_wrench(
     prior: WrenchPrior, bandwidth_hz: float, time_step: float
 ) -> tuple[Array, Array, Array]:
-    """What is known of a wrench that changes, moment first: (6,) share kept in a period, variance
-    that a period adds, variance at the start.
+    """The first-order prior of a changing wrench, moment first.
+
+    Returns:
+        (6,) decay over a period; (6,) variance that a period adds; (6,) variance at the start.
     """
-    own, live = np.array(prior[:2]), np.array(prior[2:])
-    rate = 4.0 * np.pi * bandwidth_hz * live**2  # of the variance
-    sd = np.where(np.isinf(own), _START_SHARE * live, own)
-    walks = np.isinf(own) | (own == 0.0)
-    kept = np.exp(-0.5 * rate * time_step / np.where(walks, np.inf, own) ** 2)
-    size = np.where(walks, 0.0, own)
-    steps = np.where(np.isinf(own), rate * time_step, (1.0 - kept**2) * size**2)
-    return np.repeat(kept, 3), np.repeat(steps, 3), np.repeat(sd**2, 3)
+    reading_sd, live_sd = np.array(prior[:2]), np.array(prior[2:])
+    rate = 4.0 * np.pi * bandwidth_hz * live_sd**2  # of the variance
+    start_sd = np.where(np.isinf(reading_sd), _START_SHARE * live_sd, reading_sd)
+    is_walk = np.isinf(reading_sd) | (reading_sd == 0.0)
+    decay = np.exp(-0.5 * rate * time_step / np.where(is_walk, np.inf, reading_sd) ** 2)
+    size = np.where(is_walk, 0.0, reading_sd)
+    steps = np.where(np.isinf(reading_sd), rate * time_step, (1.0 - decay**2) * size**2)
+    return np.repeat(decay, 3), np.repeat(steps, 3), np.repeat(start_sd**2, 3)

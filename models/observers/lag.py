@@ -1,4 +1,4 @@
-"""What an observer's lag does to a reading, and how the reading accounts for it.
+"""The lag of an observer, and how the reading accounts for it.
 
 The observer reads each joint through K_0 / (s + K_0), LP for short: it yields LP(J^T F), not J^T F.
 
@@ -74,7 +74,7 @@ def observer_poles(K_0: ArrayLike | None, num_joints: int, time_step: float) -> 
 
 
 @kernel
-def see_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
+def see_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
     """Single-sample kernel: writes J_seen (6, n) right after a sample; `state` stays as it is.
 
     As in the observer, a period counts with the mean of its ends.
@@ -82,15 +82,15 @@ def see_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
     for j in range(poles.shape[0]):
         half = 0.5 * (1.0 - poles[j])
         for i in range(6):
-            known = state[i, j]
-            if poles[j] < 0.0 or not np.isfinite(known):
-                seen[i, j] = J[i, j]
+            state_entry = state[i, j]
+            if poles[j] < 0.0 or not np.isfinite(state_entry):
+                J_seen[i, j] = J[i, j]
             else:
-                seen[i, j] = known + half * J[i, j]
+                J_seen[i, j] = state_entry + half * J[i, j]
 
 
 @kernel
-def take_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
+def take_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
     """Single-sample kernel: takes a sample and its `see_jacobian` into `state`, in place.
 
     A J that is not finite starts it anew.
@@ -98,7 +98,7 @@ def take_jacobian(poles: Array, state: Array, J: Array, seen: Array) -> None:
     for j in range(poles.shape[0]):
         half = 0.5 * (1.0 - poles[j])
         for i in range(6):
-            state[i, j] = poles[j] * seen[i, j] + half * J[i, j]
+            state[i, j] = poles[j] * J_seen[i, j] + half * J[i, j]
 
 
 @kernel
@@ -116,7 +116,7 @@ def lag_tick(
     """
     scale = settings[_SCALE]
     for i in range(6):
-        # Of the diagonal, what lies behind i is still as it was given.
+        # The diagonal from i on has not been changed yet.
         late_i = _late(settings, state[i], wrench[i], covariance[i, i])
         for j in range(i):
             covariance[i, j] += late_i * lateness[j] + scale * scale * wrench[i] * wrench[j]
@@ -126,13 +126,13 @@ def lag_tick(
 
 
 @kernel
-def _late(settings: Array, slow: float, value: float, variance: float) -> float:
-    """f_i of one component."""
-    if not np.isfinite(slow):
+def _late(settings: Array, low_passed: float, value: float, variance: float) -> float:
+    """The lateness f_i of one component."""
+    if not np.isfinite(low_passed):
         return 0.0
-    late = settings[_FACTOR] * (value - slow)
-    square = late * late
-    return late * (1.0 - variance / square) if square > variance else 0.0
+    lateness = settings[_FACTOR] * (value - low_passed)
+    square = lateness * lateness
+    return lateness * (1.0 - variance / square) if square > variance else 0.0
 
 
 @kernel

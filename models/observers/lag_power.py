@@ -1,4 +1,4 @@
-"""How late a low-pass is behind a force of limited bandwidth, where the rate itself is unsteady.
+"""The lag of a reading behind a force of limited bandwidth whose rate is unsteady.
 
 Behind K_0 / (s + K_0) a force F reads LP F, late by s LP F / K_0. `models.observers.lag` takes the
 reading's own rate, f = (omega / K_0) (F - LP_omega F), for that lateness at the very instant: right
@@ -56,8 +56,8 @@ class LagPower:
 def lag_power_log(
     pole: float, factor: float, state: Array, wrench: Array, noise: Array, covariance: Array
 ) -> None:
-    """`LagPower.add`; what is not finite of the wrench leaves its part of the state as it was."""
-    late = np.zeros(6)
+    """`LagPower.add`; an entry of the wrench that is not finite leaves its part of the state."""
+    lateness = np.zeros(6)
     for k in range(wrench.shape[0]):
         for i in range(6):
             value = wrench[k, i]
@@ -67,9 +67,9 @@ def lag_power_log(
                 state[0, i] = pole * state[0, i] + (1.0 - pole) * value
                 f = factor * (value - state[0, i])
                 power = f * f - noise[k, i]
-                late[i] = np.copysign(np.sqrt(power), f) if power > 0.0 else 0.0
+                lateness[i] = np.copysign(np.sqrt(power), f) if power > 0.0 else 0.0
         for i in range(6):
             for j in range(6):
-                entry = pole * state[1 + i, j] + (1.0 - pole) * late[i] * late[j]
+                entry = pole * state[1 + i, j] + (1.0 - pole) * lateness[i] * lateness[j]
                 state[1 + i, j] = entry
                 covariance[k, i, j] += entry / SHARE

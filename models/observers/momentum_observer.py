@@ -57,12 +57,12 @@ LEAST_K_0 = 0.01  # 1/s; below, a reading is never fresh
 LARGEST = 1e100  # kg m^2/s; more counts as not finite, as sums of it would not be
 
 # Columns of MomentumObserver.table.
-_GAIN, _POLE, _AFTER, _BEFORE, _HALF = range(5)
+_GAIN, _POLE, _MOTOR_AFTER, _MOTOR_BEFORE, _HALF = range(5)
 
 
 @dataclass
 class MomentumObserverConfig:
-    """How the observer filters."""
+    """Gain and sampling of the momentum observer."""
 
     K_0: list[float] = field(default_factory=lambda: [20.0])  # 1/s, gain: one, or one a joint
     time_step: float = 0.001  # s between samples
@@ -83,19 +83,19 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
         not finite, so that the last estimate is held, until the observer has settled, and where its
         gain is below LEAST_K_0.
     """
-    fresh = True
+    is_fresh = True
     for i in range(table.shape[0]):
-        arrived = arrived_momentum(table[i, _HALF], table[i, _BEFORE], signals, i)
+        arrived = arrived_momentum(table[i, _HALF], table[i, _MOTOR_BEFORE], signals, i)
         tau_ext = state[1, i]
         if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
             # The second: a filter that hardly moves says nothing about the present.
             if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
-                fresh = False
+                is_fresh = False
         else:
-            fresh = False
+            is_fresh = False
         signals[TAU_EXT, i] = tau_ext
-    return fresh
+    return is_fresh
 
 
 @kernel
@@ -108,34 +108,35 @@ def observer_update(table: Array, state: Array, signals: Array, J: Array) -> Non
     """
     for i in range(table.shape[0]):
         model = table[i, _HALF] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
-        predicted = signals[MOMENTUM, i] + model + table[i, _AFTER] * signals[TAU_J, i]
-        known = abs(predicted) < LARGEST
-        if known and np.isfinite(state[0, i]):
+        predicted = signals[MOMENTUM, i] + model + table[i, _MOTOR_AFTER] * signals[TAU_J, i]
+        is_known = abs(predicted) < LARGEST
+        if is_known and np.isfinite(state[0, i]):
             state[2, i] *= table[i, _POLE]
-        elif not known and np.isnan(state[0, i]):  # what is held grows old
+        elif not is_known and np.isnan(state[0, i]):  # what is held grows old
             state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / table[i, _POLE])
-        state[0, i] = predicted if known else np.nan
+        state[0, i] = predicted if is_known else np.nan
         state[1, i] = signals[TAU_EXT, i]
 
 
 @kernel
-def _observer_log(table: Array, state: Array, signals: Array, J: Array, fresh: Flags) -> None:
+def _observer_log(table: Array, state: Array, signals: Array, J: Array, is_fresh: Flags) -> None:
     for k in range(signals.shape[0]):
-        fresh[k] = observer_output(table, state, signals[k], J)
+        is_fresh[k] = observer_output(table, state, signals[k], J)
         observer_update(table, state, signals[k], J)
 
 
 class MomentumObserver:
-    """The observer of an arm with n joints, one sample after another; an `observer.Observer`.
+    """The momentum observer of an arm with n joints; an `observer.Observer`.
 
-    Its whole state is one (3, n) array: row 0 momentum_hat in kg m^2/s, row 1 tau_ext in N m, row 2
-    the share of tau_ext that is still its start: it starts at zero whatever acts, and that share,
+    Its state is one (3, n) array: row 0 momentum_hat in kg m^2/s, row 1 tau_ext in N m, row 2 the
+    share of tau_ext that is still its start. The observer starts at zero whatever acts. That share,
     a power of the pole, must fall to START_SHARE before a reading counts as fresh.
+
     A momentum_hat of inf means "not started": the first sample starts it with momentum_hat =
-    momentum and tau_ext = 0. NaN means "lost", left behind by a sample that is not finite: the
-    next finite one starts it again from the tau_ext it had. A gap in a log thus costs its own
-    rows and one more, which hold the last estimate and are not fresh; after a long one the estimate
-    is old, and settles again before it counts.
+    momentum and tau_ext = 0. NaN means "lost", after a sample that is not finite: the next finite
+    one starts it again from the last tau_ext. A gap in a log thus costs its rows and one more,
+    which hold the last estimate and are not fresh. After a long gap the estimate is old, and
+    settles again before it counts.
 
     Attributes:
         table: (n, 5) constants that the kernels read.
@@ -157,18 +158,18 @@ class MomentumObserver:
         self.reads_present_torque = config.torque_samples != "held"
         self.settling_time = 3.0 / float(self.K_0.min())
         one_minus_a = -np.expm1(-self.K_0 * T)
-        held = 1.0 if config.torque_samples == "held" else 0.5
+        share_after = 1.0 if config.torque_samples == "held" else 0.5
         self.table = np.empty((num_joints, 5))
         self.table[:, _GAIN] = one_minus_a / T
         self.table[:, _POLE] = np.exp(-self.K_0 * T)
-        self.table[:, _AFTER] = T * held
-        self.table[:, _BEFORE] = T * (1.0 - held)
+        self.table[:, _MOTOR_AFTER] = T * share_after
+        self.table[:, _MOTOR_BEFORE] = T * (1.0 - share_after)
         self.table[:, _HALF] = 0.5 * T
         self._no_J = np.zeros((6, num_joints))  # the kernels do not read it
 
     @property
     def pole(self) -> Array | None:
-        """K_0."""
+        """(n,) K_0, 1/s."""
         return self.K_0
 
     @property
@@ -197,9 +198,9 @@ class MomentumObserver:
             tau_ext (n,) in N m right after it, and whether it is fresh (see `observer_output`).
         """
         signals = self._checked(state, 1, momentum, CTv, G, tau_J, tau_f)
-        fresh = observer_output(self.table, state, signals, self._no_J)
+        is_fresh = observer_output(self.table, state, signals, self._no_J)
         observer_update(self.table, state, signals, self._no_J)
-        return signals[TAU_EXT], bool(fresh)
+        return signals[TAU_EXT], bool(is_fresh)
 
     def run(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
@@ -210,13 +211,13 @@ class MomentumObserver:
             tau_ext (N, n) in N m, row k right after sample k, and which rows are fresh (N,).
         """
         signals = self._checked(state, 2, momentum, CTv, G, tau_J, tau_f)
-        fresh = np.empty(len(signals), np.bool_)
-        _observer_log(self.table, state, signals, self._no_J, fresh)
-        return signals[:, TAU_EXT], fresh
+        is_fresh = np.empty(len(signals), np.bool_)
+        _observer_log(self.table, state, signals, self._no_J, is_fresh)
+        return signals[:, TAU_EXT], is_fresh
 
-    def _checked(self, state: Array, ndim: int, *given: Array) -> Array:
+    def _checked(self, state: Array, ndim: int, *values: Array) -> Array:
         """The signals as one array (..., NUM_SIGNALS, n): a kernel trusts shapes and layout."""
-        stacked = np.array(given, float)
+        stacked = np.array(values, float)
         if state.shape != (3, self.num_joints):
             raise ValueError(f"state must be (3, {self.num_joints}), not {state.shape}")
         if stacked.ndim != 1 + ndim or stacked.shape[-1] != self.num_joints:

@@ -1,4 +1,4 @@
-"""What an observer of external joint torque is: constants, a state, and two kernels.
+"""The protocol of an observer of external joint torque: constants, a state, and two kernels.
 
 An observer is one file of this room and one entry of `observer_kinds.OBSERVERS`. The estimator of a
 log (`estimator`), its diagram (`wrenchsight.systems.external_torque_observer`) and its fused block
@@ -20,8 +20,8 @@ with
 
 Both are compiled by `numba.njit(error_model="numpy")`; what a kernel does not read costs nothing.
 
-An observer may read the wrench itself, with what it knows over time; it then has a third kernel,
-whose reading takes the place of `wrench`'s:
+An observer may estimate the wrench itself, from its state. It then has a third kernel, whose result
+takes the place of the wrench from tau_ext:
 
     wrench(table, state, signals, J, wrench, covariance) -> None
         Writes F_E_W (6,) and its covariance (6, 6) right after a sample; `state` stays as it is.
@@ -44,15 +44,20 @@ NUM_SIGNALS = 11
 
 
 class ObserverKernels(NamedTuple):
-    """The kernels of a kind of observer, as this module states them."""
+    """The kernels of an observer, as this module states them.
+
+    Attributes:
+        output, update: compiled.
+        wrench: of an observer that reads the wrench itself; else None.
+    """
 
     output: Any
     update: Any
-    wrench: Any = None  # of one that reads the wrench itself
+    wrench: Any = None
 
 
 class WrenchPrior(NamedTuple):
-    """What a reading takes as known of the wrench, N m and N; inf for nothing.
+    """Prior standard deviations of the wrench, N m and N; inf where nothing is known.
 
     Attributes:
         moment_sd, force_sd: of the reading.
@@ -66,7 +71,7 @@ class WrenchPrior(NamedTuple):
 
 
 class ModelKnowledge(NamedTuple):
-    """What an observer may know of the arm it observes.
+    """Knowledge that an observer may use of the arm it observes.
 
     Attributes:
         torque_error: of the model; None where it has none.
@@ -95,11 +100,11 @@ class Observer(Protocol):
 
     @property
     def num_joints(self) -> int:
-        """n."""
+        """Number of joints, n."""
 
     @property
     def time_step(self) -> float:
-        """s."""
+        """Period of the samples, s."""
 
     @property
     def table(self) -> Array:
@@ -119,7 +124,7 @@ class Observer(Protocol):
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """What may be tuned while it runs, by name: the numeric parameters of its block."""
+        """Numbers that may be tuned at run time, by name: the parameters of its block."""
 
     def with_parameters(self, values: dict[str, Array]) -> Self:
         """Returns the observer with other parameters; errors as the constructor's."""
@@ -130,10 +135,10 @@ class Observer(Protocol):
 
 @runtime_checkable
 class InformedObserver(Protocol):
-    """An observer that uses what the model knows of its own error."""
+    """An observer that uses the model's torque error."""
 
     def informed(self, knowledge: ModelKnowledge) -> Observer:
-        """Returns the observer with it.
+        """Returns the observer with this knowledge.
 
         Raises:
             ValueError: it reads the wrench itself, and no prior stands for the method.

@@ -1,4 +1,4 @@
-"""The kinds of observers that there are, by the configuration that asks for them."""
+"""Registry of the kinds of observers, by their configurations."""
 
 import re
 from typing import TYPE_CHECKING, Any, Union
@@ -11,8 +11,8 @@ OBSERVERS: list[type[observer.Observer]] = [
     MomentumObserver,
     KalmanObserver,
 ]
-"""The first one is the default. A further kind is one line here, or one `OBSERVERS.append` in a
-program of one's own."""
+"""The first one is the default. To add a kind: one line here, or one `OBSERVERS.append` in another
+program."""
 
 if TYPE_CHECKING:
     AnyObserverConfig = Any
@@ -22,18 +22,18 @@ else:
 
 
 def kind_name(kind: type[observer.Observer]) -> str:
-    """What a command line calls it: `MomentumObserver` is "momentum"."""
+    """Its name on the command line: `MomentumObserver` is "momentum"."""
     words = re.findall("[A-Z][a-z]*", kind.__name__.removesuffix("Observer"))
     return "-".join(words).lower()
 
 
 def kind_of(config: Any) -> type[observer.Observer] | None:
-    """The kind that a configuration asks for; None where none is registered."""
+    """The kind that a configuration belongs to; None where none is registered."""
     return next((kind for kind in OBSERVERS if type(config) is kind.Config), None)
 
 
 def make_observer(config: Any, num_joints: int) -> observer.Observer:
-    """Returns the observer that a configuration asks for.
+    """Returns the observer of a configuration.
 
     Raises:
         ValueError: no kind of observer has such a configuration, or it makes no sense.
@@ -41,5 +41,5 @@ def make_observer(config: Any, num_joints: int) -> observer.Observer:
     kind = kind_of(config)
     if kind is not None:
         return kind(config, num_joints)
-    known = ", ".join(kind.Config.__name__ for kind in OBSERVERS)
-    raise ValueError(f"observer: expected one of {known}, not {type(config).__name__}")
+    config_names = ", ".join(kind.Config.__name__ for kind in OBSERVERS)
+    raise ValueError(f"observer: expected one of {config_names}, not {type(config).__name__}")

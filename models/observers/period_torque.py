@@ -2,8 +2,8 @@
 
 With u = tau_J + C^T v - G - tau_f, every observer integrates the momentum over a period T with the
 mean of the model's part of u at both ends. The motor torque of a period is either "held", that is
-commanded at its start and constant, or "trapezoidal", the mean of both ends' samples. What of a
-sample belongs to the period that ends with it is therefore known before the next one begins.
+commanded at its start and constant, or "trapezoidal", the mean of both ends' samples. The part of a
+sample that belongs to the period before it is therefore known before the next period begins.
 """
 
 import numpy as np
@@ -17,23 +17,23 @@ TORQUE_SAMPLES = ("held", "trapezoidal")
 
 
 @kernel
-def arrived_momentum(half: float, before: float, signals: Array, i: int) -> float:
-    """Momentum of joint i less what the sample's own torque adds to the period that it ends.
+def arrived_momentum(half_period: float, motor_time: float, signals: Array, i: int) -> float:
+    """Momentum of joint i less what the sample's torque adds to the period that it ends.
 
     Args:
-        half: T / 2, s.
-        before: `motor_share`, s; with 0 the motor torque is not read.
+        half_period: T / 2, s.
+        motor_time: `motor_share`, s; with 0 the motor torque is not read.
         signals: of `observer`.
     """
     model = signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i]
-    arrived: float = signals[MOMENTUM, i] - half * model
-    if before != 0.0:
-        arrived -= before * signals[TAU_J, i]
+    arrived: float = signals[MOMENTUM, i] - half_period * model
+    if motor_time != 0.0:
+        arrived -= motor_time * signals[TAU_J, i]
     return arrived
 
 
 def motor_share(time_step: float, torque_samples: str) -> float:
-    """s: how long a sample's motor torque has acted in the period that it ends."""
+    """Time that a sample's motor torque has acted in the period that it ends, s."""
     return 0.0 if torque_samples == "held" else 0.5 * time_step
 
 
@@ -47,8 +47,8 @@ def checked_period(time_step: float, torque_samples: str) -> float:
     if not (np.isfinite(T) and T > 0.0):
         raise ValueError(f"time_step must be positive, not {T}")
     if torque_samples not in TORQUE_SAMPLES:
-        known = " or ".join(TORQUE_SAMPLES)
-        raise ValueError(f"torque_samples must be {known}, not {torque_samples!r}")
+        choices = " or ".join(TORQUE_SAMPLES)
+        raise ValueError(f"torque_samples must be {choices}, not {torque_samples!r}")
     return T
 
 
@@ -58,9 +58,9 @@ def positive_per_joint(name: str, values: ArrayLike, num_joints: int) -> Array:
     Raises:
         ValueError: neither 1 nor n values, or one that is not positive.
     """
-    given = np.atleast_1d(np.asarray(values, float))
-    if given.shape not in ((1,), (num_joints,)):
-        raise ValueError(f"{name} must have 1 or {num_joints} values, not {given.shape[0]}")
-    if not np.all(np.isfinite(given) & (given > 0.0)):
-        raise ValueError(f"{name} must be positive, not {given}")
-    return np.broadcast_to(given, (num_joints,)).copy()
+    array = np.atleast_1d(np.asarray(values, float))
+    if array.shape not in ((1,), (num_joints,)):
+        raise ValueError(f"{name} must have 1 or {num_joints} values, not {array.shape[0]}")
+    if not np.all(np.isfinite(array) & (array > 0.0)):
+        raise ValueError(f"{name} must be positive, not {array}")
+    return np.broadcast_to(array, (num_joints,)).copy()

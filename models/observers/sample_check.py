@@ -1,4 +1,4 @@
-"""Whether a sample of q, v and motor current is possible: each is checked against its joint.
+"""The plausibility check of samples: q, v and motor current against the limits of each joint.
 
 An impossible sample counts as missing: its entries become NaN, which every observer and friction
 law takes as a sample that never came. Checked are, joint by joint,
@@ -12,13 +12,13 @@ law takes as a sample that never came. Checked are, joint by joint,
     encoder step  r = (q - q_before) / dt - (v + v_before) / 2, the speed by which position and
                   velocity disagree: no larger than DISAGREEMENT of the speed limit, nor than RISE
                   times the largest of the last RISE_TIME, with the encoder's own step on top
-    drift         the sum of r dt over DRIFT_TIME, at most DRIFT times the speed limit: what a stuck
-                  encoder leaves behind, or a velocity that is none of this joint's; once over, it
-                  is forgotten within DRIFT_TIME ln DRIFT_KEPT
+    drift         the sum of r dt over DRIFT_TIME, at most DRIFT times the speed limit: the trace of
+                  a stuck encoder, or of another joint's velocity; once over, it is forgotten
+                  within DRIFT_TIME ln DRIFT_CAP
     disorder      the sum of (|r| - |v| - SMOOTH DISAGREEMENT) dt likewise: positions that run to
-                  and fro further than their velocity goes, as of samples in a wrong order, or read
-                  at other times than they are taken for. Of a joint that moves, |v| above SMOOTH
-                  DISAGREEMENT: at rest it is the encoder's noise
+                  and fro further than their velocity goes, as of samples in a wrong order or with
+                  wrong times. Of a joint that moves, |v| above SMOOTH DISAGREEMENT: at rest it is
+                  the encoder's noise
     life          a current that stays bit by bit the same for FROZEN_TIME while its joint moves was
                   not measured; one of exactly zero for ZERO_TIME, or from the sample on at which
                   it falls to zero from more than ZERO_FALL of the effort limit, at rest, too
@@ -59,27 +59,27 @@ VELOCITY_NOISE = 0.3
 DISAGREEMENT, JITTER = 0.1, 3.0
 RISE, RISE_TIME = 4.0, 1.0  # s
 DRIFT, DRIFT_TIME = 0.01, 0.5  # s at the speed limit, s
-DRIFT_KEPT = 1.1  # of the bound
+DRIFT_CAP = 1.1  # of the bound
 SMOOTH = 0.5
 FROZEN_TIME, ZERO_TIME = 0.5, 0.05  # s
 ZERO_FALL = 0.1
 MOVES = 0.02  # of the speed limit, above which a joint moves
 RESTART_TIME, RESTART_TICKS = 0.1, 3.5  # s, and at least as many periods
 
-# What is wrong with a sample; the sum of what applies.
+# Codes of a fault, summed up: beyond a limit; drift or disorder; a current that does not change.
 BEYOND, DISAGREES, FROZEN = 1, 2, 4
 LESS = 0.25  # stands for the others beside a 1 for BEYOND, where the samples are interpolated later
 
 _LOW, _HIGH, _SPEED, _CURRENT, _CURRENT_STEP = range(5)
 _ACCELERATION, _SHARE, _ENCODER, _DRIFT, _MOVING, _ZERO_FALL, _NUM_BOUNDS = range(5, 12)
-_Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _DISORDER, _SAME, _BEFORE, CHECK_ROWS = range(11)
+_Q, _V, _I, _AGE, _I_AGE, _LARGEST, _SUM, _DISORDER, _SAME, _PREVIOUS_CODE, CHECK_ROWS = range(11)
 
 
 class SampleCheck:
-    """The rule of this module for one arm; its memory is one (CHECK_ROWS, n) array.
+    """The check of this module for one arm; its state is one (CHECK_ROWS, n) array.
 
     Args:
-        robot: whose limits count.
+        robot: its limits count.
         resolution: (n,) rad or m, the encoders' step; None: not known, taken as 0.
         jitter: whether samples come at uneven times: the encoder step may then be wider off.
 
@@ -112,7 +112,7 @@ class SampleCheck:
             self.table[row] = values
 
     def initial_state(self) -> Array:
-        """Returns the (CHECK_ROWS, n) memory before the first sample."""
+        """Returns the (CHECK_ROWS, n) state before the first sample."""
         state = np.zeros((CHECK_ROWS, self.num_joints))
         state[_Q : _I + 1] = np.nan
         return state
@@ -128,9 +128,9 @@ class SampleCheck:
             period: (N,) or () s since the sample before.
 
         Returns:
-            (3, N, n) q, v and current with NaN in place of impossible entries, and (N,) what is
-            wrong with q and v of each sample and with the current of the one before: a sum of
-            BEYOND, DISAGREES and FROZEN, or 0.
+            (3, N, n) q, v and current with NaN in place of impossible entries; and (N,) the faults
+            of q and v of each sample and of the current of the one before: a sum of BEYOND,
+            DISAGREES and FROZEN, or 0.
         """
         q, v, current = contiguous(q, v, current)
         checked, codes = np.empty((len(q), 3, self.num_joints)), np.zeros(len(q), np.int64)
@@ -157,24 +157,24 @@ def check_motion(
     v: Array,
     checked: Array,
 ) -> int:
-    """Single-sample kernel: writes q and v into rows 0 and 1 of `checked` (3, n), NaN where they
-    cannot be. `state` stays as it is.
+    """Single-sample kernel: writes q and v into rows 0 and 1 of `checked` (3, n), NaN where
+    impossible. `state` stays as it is.
 
     Returns:
-        What is wrong with them, and with the current of the sample before.
+        The fault of them, and of the current of the sample before: a sum of codes.
     """
-    found, of_age, fade = 0, np.nan, np.nan
+    codes, fade_age, fade = 0, np.nan, np.nan
     for j in range(q.shape[0]):
-        found |= int(state[_BEFORE, j])
+        codes |= int(state[_PREVIOUS_CODE, j])
         checked[0, j], checked[1, j] = q[j], v[j]
         age = state[_AGE, j] + period
-        if age != of_age:  # most often all joints are of one age
-            of_age, fade = age, np.exp(-age / DRIFT_TIME)
-        wrong = _wrong_motion(_Joint(table, state, period, j), fade, q[j], v[j])
-        if wrong != 0:
+        if age != fade_age:  # most often all joints are of one age
+            fade_age, fade = age, np.exp(-age / DRIFT_TIME)
+        code = _wrong_motion(_Joint(table, state, period, j), fade, q[j], v[j])
+        if code != 0:
             checked[0, j], checked[1, j] = np.nan, np.nan
-            found |= wrong
-    return found
+            codes |= code
+    return codes
 
 
 @kernel
@@ -185,12 +185,13 @@ def check_current(
     current: Array,
     checked: Array,
 ) -> None:
-    """Writes the current (n,) into row 2 of `checked`, as `check_motion`; returns nothing: what was
-    wrong is reported with the next sample, as no reading of this one depends on it.
+    """Writes the current (n,) into row 2 of `checked`, as `check_motion`.
+
+    Its fault is reported with the next sample, as no reading of this one depends on it.
     """
     for j in range(current.shape[0]):
-        wrong = _wrong_current(_Joint(table, state, period, j), current[j])
-        checked[2, j] = current[j] if wrong == 0 else np.nan
+        code = _wrong_current(_Joint(table, state, period, j), current[j])
+        checked[2, j] = current[j] if code == 0 else np.nan
 
 
 @kernel
@@ -204,39 +205,39 @@ def take_sample(
     checked: Array,
 ) -> None:
     """Single-sample kernel: takes a sample into `state`; `checked` is what both checks wrote."""
-    of_age, rise_fade, fade = np.nan, np.nan, np.nan
+    fade_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
-        own = _Joint(table, state, period, j)
+        joint = _Joint(table, state, period, j)
         age = state[_AGE, j] + period
-        if age != of_age:
-            of_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
-        known = np.isfinite(state[_Q, j]) and np.isfinite(q[j]) and np.isfinite(v[j])
-        recent = known and age <= max(RESTART_TIME, RESTART_TICKS * period)
-        wrong = BEYOND
+        if age != fade_age:
+            fade_age, rise_fade, fade = age, np.exp(-age / RISE_TIME), np.exp(-age / DRIFT_TIME)
+        is_known = np.isfinite(state[_Q, j]) and np.isfinite(q[j]) and np.isfinite(v[j])
+        is_recent = is_known and age <= max(RESTART_TIME, RESTART_TICKS * period)
+        code = BEYOND
         if np.isfinite(checked[0, j]) and np.isfinite(checked[1, j]):
-            wrong = 0
-        elif known:
-            wrong = _wrong_motion(own, fade, q[j], v[j])
-        if wrong == BEYOND:
+            code = 0
+        elif is_known:
+            code = _wrong_motion(joint, fade, q[j], v[j])
+        if code == BEYOND:
             state[_AGE, j] = age
-            r = abs(_disagreement(own, age, q[j], v[j])) if recent else np.inf
+            r = abs(_disagreement(joint, age, q[j], v[j])) if is_recent else np.inf
             # A disagreement that goes on is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
-                follows = 1.25 * _bound(own) / RISE
-                state[_LARGEST, j] = max(state[_LARGEST, j], min(r, follows))
-        else:  # a drift goes on being summed, or it would never be over
-            if recent:
-                r = _disagreement(own, age, q[j], v[j])
+                adapted = 1.25 * _bound(joint) / RISE
+                state[_LARGEST, j] = max(state[_LARGEST, j], min(r, adapted))
+        else:  # a drift is still summed, or it would never end
+            if is_recent:
+                r = _disagreement(joint, age, q[j], v[j])
                 state[_LARGEST, j] = max(abs(r), state[_LARGEST, j] * rise_fade)
-                total, disorder = _drift(own, age, fade, r, v[j])
-                # No more than is needed to tell it: a drift that is over is forgotten soon.
-                most = DRIFT_KEPT * table[_DRIFT, j]
-                state[_SUM, j] = min(max(total, -most), most)
-                state[_DISORDER, j] = min(disorder, most)
+                total, disorder = _drift(joint, age, fade, r, v[j])
+                # Capped, so that a drift that is over is forgotten soon.
+                cap = DRIFT_CAP * table[_DRIFT, j]
+                state[_SUM, j] = min(max(total, -cap), cap)
+                state[_DISORDER, j] = min(disorder, cap)
             else:
                 state[_SUM, j] = state[_DISORDER, j] = 0.0
             state[_Q, j], state[_V, j], state[_AGE, j] = q[j], v[j], 0.0
-        state[_BEFORE, j] = _wrong_current(own, current[j])
+        state[_PREVIOUS_CODE, j] = _wrong_current(joint, current[j])
         if current[j] != state[_I, j]:
             state[_SAME, j] = 0.0
         elif abs(v[j]) > table[_MOVING, j]:
@@ -247,9 +248,9 @@ def take_sample(
 
 
 @kernel(inline="always")
-def _wrong_motion(own: _Joint, fade: float, q: float, v: float) -> int:
-    """What is wrong with q and v of one joint; `fade` as `_drift`."""
-    table, state, period, j = own
+def _wrong_motion(joint: _Joint, fade: float, q: float, v: float) -> int:
+    """The fault code of q and v of one joint; `fade` as in `_drift`."""
+    table, state, period, j = joint
     if not (np.isfinite(q) and np.isfinite(v)):
         return 0
     if not (table[_LOW, j] <= q <= table[_HIGH, j]) or abs(v) > table[_SPEED, j]:
@@ -257,23 +258,23 @@ def _wrong_motion(own: _Joint, fade: float, q: float, v: float) -> int:
     age = state[_AGE, j] + period
     if not np.isfinite(state[_Q, j]) or age > max(RESTART_TIME, RESTART_TICKS * period):
         return 0
-    r = _disagreement(own, age, q, v)
+    r = _disagreement(joint, age, q, v)
     change = abs(v - state[_V, j]) - VELOCITY_NOISE * table[_SHARE, j]
-    if abs(r) > _bound(own) + table[_ENCODER, j] / age:
+    if abs(r) > _bound(joint) + table[_ENCODER, j] / age:
         return BEYOND
     if change > table[_ACCELERATION, j] * age:
         return BEYOND
     drift = table[_DRIFT, j] + 2.0 * table[_SHARE, j] * age
     if abs(r * age) > drift:  # in a single sample
         return BEYOND
-    total, disorder = _drift(own, age, fade, r, v)
+    total, disorder = _drift(joint, age, fade, r, v)
     return DISAGREES if abs(total) > drift or disorder > drift else 0
 
 
 @kernel(inline="always")
-def _wrong_current(own: _Joint, i: float) -> int:
-    """What is wrong with the current of one joint."""
-    table, state, period, j = own
+def _wrong_current(joint: _Joint, i: float) -> int:
+    """The fault code of the current of one joint."""
+    table, state, period, j = joint
     if np.isnan(i):
         return 0
     if abs(i) > table[_CURRENT, j]:
@@ -289,28 +290,28 @@ def _wrong_current(own: _Joint, i: float) -> int:
 
 
 @kernel(inline="always")
-def _disagreement(own: _Joint, age: float, q: float, v: float) -> float:
-    """r of one joint, rad/s (m/s)."""
-    r: float = (q - own.state[_Q, own.j]) / age - 0.5 * (v + own.state[_V, own.j])
+def _disagreement(joint: _Joint, age: float, q: float, v: float) -> float:
+    """The disagreement r of one joint, rad/s (m/s)."""
+    r: float = (q - joint.state[_Q, joint.j]) / age - 0.5 * (v + joint.state[_V, joint.j])
     return r
 
 
 @kernel(inline="always")
-def _drift(own: _Joint, age: float, fade: float, r: float, v: float) -> tuple[float, float]:
+def _drift(joint: _Joint, age: float, fade: float, r: float, v: float) -> tuple[float, float]:
     """Drift and disorder of one joint with a sample, rad (m); `fade` exp(-age / DRIFT_TIME)."""
-    table, state, _, j = own
-    slow = SMOOTH * table[_SHARE, j]
-    goes = abs(v) + slow + table[_ENCODER, j] / age
+    table, state, _, j = joint
+    slow_speed = SMOOTH * table[_SHARE, j]
+    path_speed = abs(v) + slow_speed + table[_ENCODER, j] / age
     disorder = fade * state[_DISORDER, j]
-    if abs(v) > slow:
-        disorder += (abs(r) - goes) * age
+    if abs(v) > slow_speed:
+        disorder += (abs(r) - path_speed) * age
     return fade * state[_SUM, j] + r * age, max(disorder, 0.0)
 
 
 @kernel(inline="always")
-def _bound(own: _Joint) -> float:
+def _bound(joint: _Joint) -> float:
     """Largest r of one joint, rad/s (m/s)."""
-    largest: float = max(own.table[_SHARE, own.j], RISE * own.state[_LARGEST, own.j])
+    largest: float = max(joint.table[_SHARE, joint.j], RISE * joint.state[_LARGEST, joint.j])
     return largest
 
 
@@ -329,7 +330,7 @@ def _check_log(
     table, state, checked = borrowed(table), borrowed(state), borrowed(checked)
     q, v, current = borrowed(q), borrowed(v), borrowed(current)
     for k in range(q.shape[0]):
-        own = checked[k]
-        codes[k] = check_motion(table, state, periods[k], q[k], v[k], own)
-        check_current(table, state, periods[k], current[k], own)
-        take_sample(table, state, periods[k], q[k], v[k], current[k], own)
+        checked_sample = checked[k]
+        codes[k] = check_motion(table, state, periods[k], q[k], v[k], checked_sample)
+        check_current(table, state, periods[k], current[k], checked_sample)
+        take_sample(table, state, periods[k], q[k], v[k], current[k], checked_sample)

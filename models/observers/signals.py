@@ -1,4 +1,4 @@
-"""The signals of a sample, for an observer whose stages are apart."""
+"""The signals of a sample, for an observer that is a block of its own."""
 
 from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.kernel import kernel
@@ -20,14 +20,15 @@ from wrenchsight.models.views import view_2d
 
 
 def signals_size(num_joints: int) -> int:
-    """Entries of J and signals, one after the other."""
+    """Number of entries of J and signals, one after the other."""
     return (6 + NUM_SIGNALS) * num_joints
 
 
 @kernel
 def write_signals(terms: Record, tau_f: Array, torque_error: Array, out: Array) -> None:
-    """Writes J (6, n), then the signals of a sample but for those of TAU_J and TAU_EXT, which are
-    zero.
+    """Writes J (6, n), then the signals of a sample.
+
+    TAU_J and TAU_EXT are zero: they are not known yet.
 
     Args:
         terms: of RigidBodyTerms.
@@ -36,20 +37,20 @@ def write_signals(terms: Record, tau_f: Array, torque_error: Array, out: Array) 
             (0,): they are zero.
         out: (`signals_size`,).
     """
-    at = terms[0]
+    terms_row = terms[0]
     n = tau_f.shape[0]
     J, signals = view_2d(out, 0, 6, n), view_2d(out, 6 * n, NUM_SIGNALS, n)
     for j in range(n):
         for i in range(6):
-            J[i, j] = at.J[i, j]
-        signals[Q, j], signals[V, j] = at.q[j], at.v[j]
+            J[i, j] = terms_row.J[i, j]
+        signals[Q, j], signals[V, j] = terms_row.q[j], terms_row.v[j]
         signals[MOMENTUM, j], signals[CTV, j], signals[GRAVITY, j] = (
-            at.momentum[j],
-            at.CTv[j],
-            at.G[j],
+            terms_row.momentum[j],
+            terms_row.CTv[j],
+            terms_row.G[j],
         )
         signals[TAU_J, j], signals[TAU_F, j], signals[TAU_EXT, j] = 0.0, tau_f[j], 0.0
-        known = torque_error.shape[0] > 0
-        signals[TORQUE_SD, j] = torque_error[j] if known else 0.0
-        signals[STICTION, j] = torque_error[n + j] if known else 0.0
-        signals[DRIFT, j] = torque_error[2 * n + j] if known else 0.0
+        has_error = torque_error.shape[0] > 0
+        signals[TORQUE_SD, j] = torque_error[j] if has_error else 0.0
+        signals[STICTION, j] = torque_error[n + j] if has_error else 0.0
+        signals[DRIFT, j] = torque_error[2 * n + j] if has_error else 0.0

@@ -7,8 +7,8 @@ rotation of the tool as a unit quaternion Q; its angle-axis form is the article'
     subject to  p_WE(q_i) = m + (i/k - 1/2) a n,  R_WE(q_i) = R(Q)          i = 0..k
                 lower + margin <= q_i <= upper - margin,  |q_i+1 - q_i| <= max_joint_step
                 |n| = 1,  |Q| = 1,  m in the box,  theta_min <= theta <= theta_max
-                n . z_E = 0 where the path lies in a surface,  z_E in a cone and clearance where
-                they are asked for
+                n . z_E = 0 where the path lies in a surface;  z_E in a cone, and clearance, if
+                the task states them
 
 All gradients are closed forms, computed by one kernel call for all points and handed to the solver
 as AutoDiffXd with their sparsity.
@@ -17,7 +17,7 @@ as AutoDiffXd with their sparsity.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ SOLVERS = ("snopt", "ipopt")
 
 @dataclass(frozen=True)
 class Placement:
-    """A path in its place, and the postures along it.
+    """A placed path, and the postures along it.
 
     Attributes:
         q: (k + 1, n) joint positions at the path's points.
@@ -75,22 +75,29 @@ class PlacementBatch:
         return iter((self.q, self.n_W, self.p_WM, self.R_WE))
 
     def __getitem__(self, index: "NDArray[np.intp] | Flags | slice") -> "PlacementBatch":
-        return PlacementBatch(*(array[index] for array in self))
+        return PlacementBatch(
+            q=self.q[index], n_W=self.n_W[index], p_WM=self.p_WM[index], R_WE=self.R_WE[index]
+        )
 
     @classmethod
     def joined(cls, batches: "Sequence[PlacementBatch]") -> "PlacementBatch":
         """All placements of several batches."""
-        return cls(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
+        return cls(
+            q=np.concatenate([batch.q for batch in batches]),
+            n_W=np.concatenate([batch.n_W for batch in batches]),
+            p_WM=np.concatenate([batch.p_WM for batch in batches]),
+            R_WE=np.concatenate([batch.R_WE for batch in batches]),
+        )
 
     def one(self, index: int) -> Placement:
-        """A placement of its own."""
+        """One of the placements."""
         quaternion = quaternion_from(self.R_WE[index])
         return Placement(self.q[index], self.n_W[index], self.p_WM[index], quaternion)
 
 
 @dataclass(frozen=True)
 class PlacementBounds:
-    """What a placement must keep.
+    """The bounds of a placement.
 
     Attributes:
         q_lower, q_upper: (n,) joint limits, margin already taken off.
@@ -138,7 +145,21 @@ class PlacementBounds:
         if self.tool_direction is not None:
             tilt = math.acos(np.clip(placement.R_WE[:, 2] @ self.tool_direction, -1.0, 1.0))
             parts.append(tilt - self.tool_tilt)
-        return max(0.0, *(float(part) for part in parts))
+        return max([0.0, *map(float, parts)])
+
+
+class PathPenalty(NamedTuple):
+    """A penalty of N placements, with its gradients.
+
+    Attributes:
+        value: (N,).
+        by_q: (N, k + 1, n).
+        by_path: (N, 9), in the coordinates of `pull_back`.
+    """
+
+    value: Array
+    by_q: Array
+    by_path: Array
 
 
 class PlacementClearance(Protocol):
@@ -147,28 +168,27 @@ class PlacementClearance(Protocol):
     def margins_and_gradients(
         self, q: Array, n_W: Array, p_WM: Array, quaternion: Array
     ) -> tuple[Array, Array]:
-        """Smooth margins (k + 1,), 0 or more where the clearance is kept, and their gradients
-        (k + 1, n + 10) by q_i, n_W, p_WM, quaternion.
+        """Smooth margins (k + 1,) and their gradients (k + 1, n + 10) by q_i, n_W, p_WM, Q.
+
+        A margin is 0 or more where the clearance is kept.
         """
 
     def deficit(self, q: Array, n_W: Array, p_WM: Array, quaternion: Array) -> float:
-        """By how much the worst of postures q (N, n) misses the distance to keep, m; or 0."""
+        """Distance that the worst of postures q (N, n) lacks, m; or 0."""
 
-    def penalties(self, batch: PlacementBatch) -> tuple[Array, Array, Array]:
-        """Of what is not kept (N,), with gradients by q (N, k + 1, n) and by the path (N, 9), in
-        the coordinates of `pull_back`.
-        """
+    def penalties(self, batch: PlacementBatch) -> PathPenalty:
+        """Penalties of distances that are not kept."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What a solver made of one start.
+    """The result of a solver from one start.
 
     Attributes:
-        placement: its last; direction and quaternion made unit.
-        cost: of the measure there.
-        converged: whether the solver says that it is an optimum.
-        status: in the solver's words.
+        placement: the last one; direction and quaternion made unit.
+        cost: mean of the measure there.
+        converged: whether the solver reports an optimum.
+        status: as the solver states it.
         evaluations: of cost and gradient.
     """
 
@@ -258,16 +278,11 @@ class PlacementProgram:
             clear = program.AddConstraint(
                 differentiable(self._margins), np.zeros(k + 1), np.full(k + 1, np.inf), x
             )
-            clear.evaluator().SetGradientSparsityPattern(
-                [
-                    (i, column)
-                    for i in range(k + 1)
-                    for column in (
-                        *range(i * n, (i + 1) * n),
-                        *range((k + 1) * n, (k + 1) * n + 10),
-                    )
-                ]
-            )
+            pattern = []
+            for i in range(k + 1):
+                pattern += [(i, column) for column in range(i * n, (i + 1) * n)]
+                pattern += [(i, (k + 1) * n + column) for column in range(10)]
+            clear.evaluator().SetGradientSparsityPattern(pattern)
         cost = differentiable(self._cost)
         program.AddCost(lambda q: cost(q)[0], vars=q.ravel())
         return program, x
@@ -300,7 +315,8 @@ class PlacementProgram:
         errors, _ = self.pose_errors(self.pack(placement))
         worst = max(self.bounds.violation(placement), float(np.max(np.abs(errors))))
         if self.clearance is not None:
-            worst = max(worst, self.clearance.deficit(*self._split(self.pack(placement))))
+            q, n_W, p_WM, Q = self._split(self.pack(placement))
+            worst = max(worst, self.clearance.deficit(q, n_W, p_WM, Q))
         return worst
 
     def violation_between(self, fine: Placement) -> float:
@@ -309,11 +325,11 @@ class PlacementProgram:
         A clearance that is not kept counts as a whole metre: between the points it has a pad.
         """
         bounds = self.bounds
-        over = max(np.max(bounds.q_lower - fine.q), np.max(fine.q - bounds.q_upper), 0.0)
+        excess = max(np.max(bounds.q_lower - fine.q), np.max(fine.q - bounds.q_upper), 0.0)
         if self.clearance is not None:
             deficit = self.clearance.deficit(fine.q, fine.n_W, fine.p_WM, fine.quaternion)
-            over += 1.0 if deficit > 0.0 else 0.0
-        return float(over)
+            excess += 1.0 if deficit > 0.0 else 0.0
+        return float(excess)
 
     def solve(
         self,
@@ -326,13 +342,13 @@ class PlacementProgram:
         Args:
             start: need not keep the constraints.
             solver: one of SOLVERS.
-            options: of the solver, over the program's own.
+            options: of the solver, in place of the defaults.
         """
         self._evaluations = 0
         settings = SolverOptions()
         if solver == "snopt":
             engine: Any = SnoptSolver()
-            chosen: dict[str, Any] = {
+            defaults: dict[str, Any] = {
                 "Major feasibility tolerance": 1e-9,
                 "Major optimality tolerance": 2e-5,
                 "Major iterations limit": 250,
@@ -341,25 +357,27 @@ class PlacementProgram:
             if self.clearance is not None:
                 # Distances between curved shapes are found iteratively. Taken as exact, the last
                 # digits of their differences stop the solver short of a place that keeps them.
-                chosen["Function precision"] = 1e-9
+                defaults["Function precision"] = 1e-9
         else:
             engine = IpoptSolver()
-            chosen = {
+            defaults = {
                 "tol": 1e-6,
                 "constr_viol_tol": 1e-9,
                 "max_iter": 300,
                 "hessian_approximation": "limited-memory",
-                # Where turns of the base and of the tool change nothing, its quasi-Newton matrix
-                # has nothing to learn, the gradient never vanishes, and it wanders about the
-                # optimum until its iterations end, wherever that is. So it ends where the
-                # constraints hold and the cost no longer changes.
+                # Where turns of the base and of the tool change nothing, the quasi-Newton matrix
+                # learns nothing, the gradient never vanishes, and the solver wanders about the
+                # optimum until its iterations end. So it ends where the constraints hold and the
+                # cost no longer changes.
                 "acceptable_tol": 0.1,
                 "acceptable_constr_viol_tol": 1e-8,
                 "acceptable_obj_change_tol": 1e-5,
                 "acceptable_iter": 2,
                 "print_level": 0,
             }
-        for name, value in {**chosen, **(options or {})}.items():
+        if options is not None:
+            defaults |= options
+        for name, value in defaults.items():
             settings.SetOption(engine.solver_id(), name, value)
         guess = np.empty(len(self.variables))
         guess[self._order] = self.pack(start)  # Drake numbers matrices column by column
@@ -390,16 +408,16 @@ class PlacementProgram:
 
     def _pose_sparsity(self) -> list[tuple[int, int]]:
         k, n = self.num_segments, self.chain.num_joints
-        shared = (k + 1) * n
+        path_column = (k + 1) * n
         pattern = []
         for i in range(k + 1):
-            own = range(i * n, (i + 1) * n)
+            posture_columns = range(i * n, (i + 1) * n)
             for axis in range(3):
-                pattern += [(6 * i + axis, column) for column in own]
-                pattern += [(6 * i + axis, shared + 6 + c) for c in range(4)]
-                pattern += [(6 * i + 3 + axis, column) for column in own]
-                pattern += [(6 * i + 3 + axis, shared + axis)]
-                pattern += [(6 * i + 3 + axis, shared + 3 + axis)]
+                pattern += [(6 * i + axis, column) for column in posture_columns]
+                pattern += [(6 * i + axis, path_column + 6 + c) for c in range(4)]
+                pattern += [(6 * i + 3 + axis, column) for column in posture_columns]
+                pattern += [(6 * i + 3 + axis, path_column + axis)]
+                pattern += [(6 * i + 3 + axis, path_column + 3 + axis)]
         return pattern
 
     def _cost(self, q: Array) -> tuple[Array, Array]:
@@ -417,7 +435,8 @@ class PlacementProgram:
     def _margins(self, x: Array) -> tuple[Array, Array]:
         assert self.clearance is not None
         k, n = self.num_segments, self.chain.num_joints
-        margins, by_block = self.clearance.margins_and_gradients(*self._split(x))
+        q, n_W, p_WM, Q = self._split(x)
+        margins, by_block = self.clearance.margins_and_gradients(q, n_W, p_WM, Q)
         gradient = np.zeros((k + 1, len(x)))
         for i in range(k + 1):
             gradient[i, i * n : (i + 1) * n] = by_block[i, :n]
@@ -470,10 +489,13 @@ def _pose_constraints(
     errors: Array,
     gradient: Array,
 ) -> None:
-    """Rows 6 i to 6 i + 2: 2 Im(conj(Q) Q_WE(q_i)); 6 i + 3 to 6 i + 5: p_WE(q_i) - p_i."""
+    """Writes the pose errors and their gradient.
+
+    Rows 6 i to 6 i + 2: 2 Im(conj(Q) Q_WE(q_i)); 6 i + 3 to 6 i + 5: p_WE(q_i) - p_i.
+    """
     count, n = q.shape
     k = count - 1
-    shared = count * n
+    path_column = count * n
     R, p, J = np.empty((3, 3)), np.empty(3), np.empty((6, n))
     scratch = np.empty((n, SCRATCH_COLUMNS))
     E = np.empty(4)
@@ -490,15 +512,15 @@ def _pose_constraints(
         errors[row] = 2.0 * (w * b - x * a - y * d + z * c)
         errors[row + 1] = 2.0 * (w * c + x * d - y * a - z * b)
         errors[row + 2] = 2.0 * (w * d - x * c + y * b - z * a)
-        by_Q = gradient[row : row + 3, shared + 6 : shared + 10]
+        by_Q = gradient[row : row + 3, path_column + 6 : path_column + 10]
         by_Q[0, 0], by_Q[0, 1], by_Q[0, 2], by_Q[0, 3] = 2.0 * b, -2.0 * a, -2.0 * d, 2.0 * c
         by_Q[1, 0], by_Q[1, 1], by_Q[1, 2], by_Q[1, 3] = 2.0 * c, 2.0 * d, -2.0 * a, -2.0 * b
         by_Q[2, 0], by_Q[2, 1], by_Q[2, 2], by_Q[2, 3] = 2.0 * d, -2.0 * c, 2.0 * b, -2.0 * a
         along = (i / k - 0.5) * path_length
         for r in range(3):
             errors[row + 3 + r] = p[r] - p_WM[r] - along * n_W[r]
-            gradient[row + 3 + r, shared + r] = -along
-            gradient[row + 3 + r, shared + 3 + r] = -1.0
+            gradient[row + 3 + r, path_column + r] = -along
+            gradient[row + 3 + r, path_column + 3 + r] = -1.0
         for j in range(n):
             # dE = (0, w_j) E / 2
             wx, wy, wz = J[0, j], J[1, j], J[2, j]
@@ -524,27 +546,27 @@ def on_all_branches(
     num_segments: int,
     max_joint_step: float,
 ) -> tuple[PlacementBatch, Flags, NDArray[np.intp]]:
-    """Paths from every posture in which E is at their midpoints; limits count at these only.
+    """Paths from every posture in which E is at their midpoints; joint limits count only there.
 
     Args:
         n_W, p_WM, R_WE: (N, 3), (N, 3) m, (N, 3, 3) of the paths.
 
     Returns:
-        M placements, (M,) whether the whole path is reached, and (M,) the path that each is of.
+        M placements, (M,) whether the whole path can be followed, and (M,) the index of its path.
     """
     q = all_branches(robot, R_WE, p_WM)
-    found = np.all(np.isfinite(q), axis=2)
-    row = np.nonzero(found)[0]
-    q, reached = track_paths(
-        robot.chain, q[found], n_W[row], path_length, num_segments, max_joint_step
+    is_posture = np.all(np.isfinite(q), axis=2)
+    row = np.nonzero(is_posture)[0]
+    q, is_reached = track_paths(
+        robot.chain, q[is_posture], n_W[row], path_length, num_segments, max_joint_step
     )
-    return PlacementBatch(q, n_W[row], p_WM[row], R_WE[row]), reached, row
+    return PlacementBatch(q, n_W[row], p_WM[row], R_WE[row]), is_reached, row
 
 
 def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement | None:
     """The same placement with each posture moved onto its point exactly; None if one cannot be."""
     q = placement.q[np.newaxis].copy()
-    reached = correct_paths(
+    is_reached = correct_paths(
         robot.chain,
         q,
         placement.n_W[np.newaxis],
@@ -552,7 +574,7 @@ def on_path(robot: Robot, placement: Placement, path_length: float) -> Placement
         placement.R_WE[np.newaxis],
         path_length,
     )
-    if not reached[0]:
+    if not is_reached[0]:
         return None
     return Placement(q[0], placement.n_W, placement.p_WM, placement.quaternion)
 
@@ -567,10 +589,10 @@ def between_points(
     points (and a rounding), all of them lie on one branch.
     """
     k = len(placement.q) - 1
-    at = np.linspace(0.0, k, parts * k + 1)
-    left = np.minimum(at.astype(int), k - 1)
-    share = (at - left)[:, np.newaxis]
-    q = (1.0 - share) * placement.q[left] + share * placement.q[left + 1]
+    index = np.linspace(0.0, k, parts * k + 1)
+    lower = np.minimum(index.astype(int), k - 1)
+    fraction = (index - lower)[:, np.newaxis]
+    q = (1.0 - fraction) * placement.q[lower] + fraction * placement.q[lower + 1]
     fine = on_path(
         robot,
         Placement(q, placement.n_W, placement.p_WM, placement.quaternion),

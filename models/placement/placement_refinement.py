@@ -1,4 +1,4 @@
-"""The last steps of a placement: an optimum's exact place, and one member of its family.
+"""Refinement of a placement: the exact optimum, and the standard member of its family.
 
 A solver's end is as near to the optimum as its tolerance, and where a measure has kinks the solver
 stops where it meets one. Whatever starts from such an end (a simulation, a reading) then has other
@@ -32,9 +32,9 @@ from wrenchsight.models.robot.robot import Robot
 
 SHARPNESS = (1e2, 1e3, 1e4, 1e5)  # of the smoothed measure, one solve each
 _NO_WORSE = 1e-6  # relative; what an exact optimum may lose by the remaining smoothing
-_AS_NEAR = 1e-6  # relative, of two postures' distances from the middle
+_SAME_DISTANCE = 1e-6  # relative, of two postures' distances from the middle
 _ALLOWED = 1e-7  # m and rad, of every constraint
-_ASTRAY = 1e-6  # m and rad; a solve that ends farther off its constraints has failed
+_FAILED = 1e-6  # m and rad; a solve that ends farther off its constraints has failed
 _TIGHT = {
     "Major optimality tolerance": 1e-8,
     "Major feasibility tolerance": 1e-10,
@@ -55,8 +55,8 @@ def finished(
         corrected: puts a placement on its path to rounding; None if it breaks a constraint.
 
     Returns:
-        It, its evaluations counted with the solution's. Where no optimum that keeps all constraints
-        and costs no more is found, the member of the solution's own family.
+        The optimum, its evaluations counted with the solution's. Where no optimum that keeps all
+        constraints and costs no more is found, the standard member of the solution's family.
     """
     exact, evaluations = refined(program, solution.placement)
     placement = corrected(exact)
@@ -72,19 +72,19 @@ def finished(
 
 
 def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement, int]:
-    """The optimum that a placement is near to; not yet put on its path to rounding.
+    """The optimum near a placement; its postures are on the path within the solver's tolerance.
 
     Each sharper measure starts where the last one ended. A measure without kinks is solved once.
 
     Returns:
-        The placement, and how often cost and gradient were evaluated.
+        The placement, and the number of evaluations of cost and gradient.
     """
     evaluations = 0
     for sharpness in SHARPNESS:
         measure = smoothed(program.chain, program.measure, sharpness)
         solution = program.with_measure(measure).solve(placement, options=_TIGHT)
         evaluations += solution.evaluations
-        if program.violation(solution.placement) > _ASTRAY:
+        if program.violation(solution.placement) > _FAILED:
             break
         placement = solution.placement
         if measure is program.measure:
@@ -93,7 +93,7 @@ def refined(program: PlacementProgram, placement: Placement) -> tuple[Placement,
 
 
 def standard_member(robot: Robot, program: PlacementProgram, placement: Placement) -> Placement:
-    """The one of a family of equal placements that stands for all; the same one if it is alone.
+    """The standard member of a family of equal placements; the placement itself if it is alone.
 
     Equal are placements with the same measure at every point, to 1e-9 of it, that keep all
     constraints. A turn or branch that changes the measure or breaks a constraint is not made. Of
@@ -103,21 +103,27 @@ def standard_member(robot: Robot, program: PlacementProgram, placement: Placemen
         placement: on its path to rounding, keeping all constraints.
     """
     branches = _branches(robot, program, placement)
-    equal = [placement, *(one for one in branches if _equal(program, placement, one))]
-    found = [_turned(robot, program, one) for one in equal]
+    equal_placements = [placement]
+    equal_placements += [branch for branch in branches if _equal(program, placement, branch)]
+    members = [_turned(robot, program, equal) for equal in equal_placements]
     middle = 0.5 * (robot.position_lower + robot.position_upper)
     middle = np.where(np.isfinite(middle), middle, 0.0)
-    distances = [float(np.linalg.norm(_at_midpoint(one.q) - middle)) for one in found]
-    placement = found[int(first_of_least(distances, tolerance=_AS_NEAR))]
+    distances = [float(np.linalg.norm(_at_midpoint(member.q) - middle)) for member in members]
+    placement = members[int(first_of_least(distances, tolerance=_SAME_DISTANCE))]
     axis = int(first_of_least(-np.abs(placement.n_W)))
-    back = Placement(placement.q[::-1].copy(), -placement.n_W, placement.p_WM, placement.quaternion)
-    if placement.n_W[axis] < 0.0 and _equal(program, placement, back):
-        return back
+    reversed_path = Placement(
+        placement.q[::-1].copy(), -placement.n_W, placement.p_WM, placement.quaternion
+    )
+    if placement.n_W[axis] < 0.0 and _equal(program, placement, reversed_path):
+        return reversed_path
     return placement
 
 
 def _turned(robot: Robot, program: PlacementProgram, placement: Placement) -> Placement:
-    """With the first and the last joint turned to their middle at the midpoint, where they may."""
+    """The placement with the first and last joint at the middle of their range, where allowed.
+
+    That is at the path's midpoint; a turn is made only where the placement stays equal.
+    """
     for joint in (0, robot.num_joints - 1):
         if robot.chain.prismatic[joint]:
             continue
@@ -127,14 +133,14 @@ def _turned(robot: Robot, program: PlacementProgram, placement: Placement) -> Pl
         q[:, joint] += middle - _at_midpoint(q)[joint]
         R, p = robot.chain.pose(q)
         along = p[-1] - p[0]
-        turned = Placement(
+        candidate = Placement(
             q,
             along / np.linalg.norm(along),
             0.5 * (p[0] + p[-1]),
             quaternion_from(R[len(q) // 2]),
         )
-        if _equal(program, placement, turned):
-            placement = turned
+        if _equal(program, placement, candidate):
+            placement = candidate
     return placement
 
 
@@ -145,15 +151,24 @@ def _at_midpoint(q: Array) -> Array:
 
 def _branches(robot: Robot, program: PlacementProgram, placement: Placement) -> list[Placement]:
     """The same path on every branch on which it can be followed."""
-    path = placement.n_W[np.newaxis], placement.p_WM[np.newaxis], placement.R_WE[np.newaxis]
-    size = program.path_length, program.num_segments, program.bounds.max_joint_step
-    found, reached, _ = on_all_branches(robot, *path, *size)
-    return [replace(placement, q=q) for q in found.q[reached]]
+    paths, is_reached, _ = on_all_branches(
+        robot,
+        placement.n_W[np.newaxis],
+        placement.p_WM[np.newaxis],
+        placement.R_WE[np.newaxis],
+        program.path_length,
+        program.num_segments,
+        program.bounds.max_joint_step,
+    )
+    return [replace(placement, q=q) for q in paths.q[is_reached]]
 
 
-def _equal(program: PlacementProgram, placement: Placement, other: Placement) -> bool:
-    """Whether measure and constraints do not tell two placements apart, whichever way they run."""
-    if program.violation(other) > max(_ALLOWED, program.violation(placement)):
+def _equal(program: PlacementProgram, placement: Placement, candidate: Placement) -> bool:
+    """Whether two placements are equal in measure and constraints, whichever way they run."""
+    if program.violation(candidate) > max(_ALLOWED, program.violation(placement)):
         return False
-    values, others = program.measure.values(placement.q), program.measure.values(other.q)
-    return any(np.allclose(one, values, rtol=SAME, atol=0.0) for one in (others, others[::-1]))
+    profile = program.measure.values(placement.q)
+    other_profile = program.measure.values(candidate.q)
+    return np.allclose(other_profile, profile, rtol=SAME, atol=0.0) or np.allclose(
+        other_profile[::-1], profile, rtol=SAME, atol=0.0
+    )

@@ -1,4 +1,4 @@
-"""Finds the best placement of a straight path from any start: a global stage, then the program.
+"""Global search for the best placement of a straight path.
 
 The cost has many local optima, and the best one's basin can be narrow. So
 
@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.motion.path_postures import solve_poses, track_paths, wrap_within
-from wrenchsight.models.placement.placement_descent import PlacementDescent
+from wrenchsight.models.placement.placement_descent import DescentEnds, PlacementDescent
 from wrenchsight.models.placement.placement_program import (
     Placement,
     PlacementBatch,
@@ -53,7 +53,7 @@ FEASIBLE = 1e-7  # m and rad, of every constraint; postures are then corrected t
 BETWEEN = 1e-3  # rad and m, of joint limits between the points; clearance there is kept in full
 SAME = 0.01  # relative, of the measure at every point: one optimum
 _ALIKE = 0.02  # the same of two descents that have not come to their end
-_LOOKED_AT = 3  # of a batch, after each step
+_NUM_CHECKED = 3  # of a batch, after each step
 _FEW = 30  # random placements; below it a shorter path is made longer
 _GROWTH = (0.55, 0.7, 0.8, 0.87, 0.91, 0.94, 0.96, 0.98, 0.99, 1.0)  # of its length
 _OTHER_KIND = 0.06  # the same of two that are worth varying
@@ -61,17 +61,17 @@ _OTHER_KIND = 0.06  # the same of two that are worth varying
 
 @dataclass(frozen=True)
 class SearchEffort:
-    """How hard to search.
+    """Size of a search.
 
     Attributes:
         num_samples: random candidates.
-        num_poses: of them, tried on all branches.
+        num_poses: candidates that are tried on all branches.
         num_starts: descents of a round.
-        num_rounds: after the first.
+        num_rounds: rounds after the first.
         num_kinds: ends that a round varies.
-        num_turns: of the tool about the path, of each of these.
-        num_steps: of each descent.
-        num_solves: of the program, at most.
+        num_turns: turns of the tool about the path, for each of these ends.
+        num_steps: steps of each descent.
+        num_solves: largest number of solves of the program.
     """
 
     num_samples: int = 8000
@@ -89,10 +89,10 @@ class Optimum:
     """One local optimum of the program.
 
     Attributes:
-        placement: it.
-        cost: of the measure.
-        values: (k + 1,) of the measure at its points.
-        starts: how many of the search's starts came to it.
+        placement: the path and its postures.
+        cost: mean of the measure.
+        values: (k + 1,) the measure at its points.
+        starts: number of the search's starts that ended at it.
         status: of the solver.
     """
 
@@ -105,16 +105,17 @@ class Optimum:
 
 @dataclass
 class SearchResult:
-    """What a search has found so far.
+    """The state of a search, and its result at the end.
 
     Attributes:
-        optima: distinct ones, best first; each keeps every constraint.
-        num_candidates: paths looked at in the global stage, `num_reached` of them reached.
-        num_starts: descents and solves, each from a start of its own.
-        num_unassigned: starts that came to none of the optima.
+        optima: distinct optima, best first; each keeps every constraint.
+        num_candidates: paths of the global stage.
+        num_reached: candidates that the arm can follow.
+        num_starts: descents, each from another start.
+        num_unassigned: starts that ended at none of the optima.
         evaluations: of a path's measure, all stages.
         interrupted: whether it was ended early.
-        history: (seconds, cost) whenever a better path that keeps the limits was known.
+        history: (seconds, cost) of each better path that keeps the limits.
     """
 
     optima: list[Optimum] = field(default_factory=list)
@@ -141,7 +142,7 @@ class PlacementSearch:
     Args:
         robot: the arm.
         program: as the attribute.
-        initial: the task's own guess as (n_W, p_WM, R_WE), tried on all branches; None for none.
+        initial: the task's guess as (n_W, p_WM, R_WE), tried on all branches; None for none.
     """
 
     def __init__(
@@ -161,9 +162,16 @@ class PlacementSearch:
         seed: int = 0,
         solver: str = "snopt",
         effort: SearchEffort | None = None,
-        progress: Callable[[float, str], None] = lambda fraction, what: None,
+        progress: Callable[[float, str], None] = lambda fraction, message: None,
     ) -> SearchResult:
-        """Searches; an interrupt (KeyboardInterrupt) ends it with the best found so far."""
+        """Searches; an interrupt (KeyboardInterrupt) ends it with the best placement so far.
+
+        Args:
+            seed: of the random candidates.
+            solver: one of `placement_program.SOLVERS`.
+            effort: size of the search; None: the default.
+            progress: called with the fraction done and a message.
+        """
         with one_thread():
             return self._run(seed, solver, effort or SearchEffort(), progress)
 
@@ -176,79 +184,82 @@ class PlacementSearch:
     ) -> SearchResult:
         result = SearchResult()
         clock = _Clock(result)
-        ends: list[tuple[PlacementBatch, Array]] = []
-        found: list[Solution] = []
+        ends: list[DescentEnds] = []
+        solutions: list[Solution] = []
         try:
             progress(0.02, "looking at random placements")
             starts = self.starts(seed, effort, result)
             if len(starts) == 0:
                 return result
             for number in range(1 + effort.num_rounds):
-                begun = 0.1 + 0.5 * number / (1 + effort.num_rounds)
-                progress(begun, f"round {number + 1}, {len(starts)} starts descend")
+                fraction = 0.1 + 0.5 * number / (1 + effort.num_rounds)
+                progress(fraction, f"round {number + 1}, {len(starts)} starts descend")
                 ends.append(self._descend(starts, effort.num_steps, result, clock))
                 if number < effort.num_rounds:
-                    starts = self._varied(*_joined(ends), effort, result)
-            batch, values = _joined(ends)
-            # A start that ranks behind may only have had fewer steps.
-            batch = batch[self._different(batch, values, 20)]
-            batch, values = self._descend(batch, 2 * effort.num_steps, result, clock)
-            chosen = self._different(batch, values, effort.num_solves)
+                    starts = self._varied(_joined(ends), effort, result)
+            # A start that ranks low may only have had fewer steps.
+            joined = _joined(ends)
+            starts = joined.batch[self._different(joined, 20)]
+            last_ends = self._descend(starts, 2 * effort.num_steps, result, clock)
+            chosen = self._different(last_ends, effort.num_solves)
             for count, index in enumerate(chosen):
                 progress(0.6 + 0.4 * count / len(chosen), f"{solver}, {count + 1}/{len(chosen)}")
-                solution = self._solve(batch, int(index), solver, result, clock)
+                solution = self._solve(last_ends.batch, int(index), solver, result, clock)
                 if solution is not None:
-                    found.append(solution)
+                    solutions.append(solution)
             progress(0.97, "the last steps")
-            found = [self._finished(solution, result, clock) for solution in self._kinds(found)]
+            solutions = [
+                self._finished(solution, result, clock) for solution in self._kinds(solutions)
+            ]
         except KeyboardInterrupt:
             result.interrupted = True
-        result.num_starts = sum(len(batch) for batch, _ in ends)
-        self._sort(found, ends, result)
-        known = None if result.optima else self._known(ends, clock)
-        if known is not None:
-            # Interrupted early, or no solve kept all constraints: what the descents had.
-            values = self._posture.values(known.q)
-            result.optima.append(Optimum(known, float(np.mean(values)), values, 0, "descent"))
+        result.num_starts = sum(len(descents.batch) for descents in ends)
+        self._sort(solutions, ends, result)
+        fallback = None if result.optima else self._best_corrected(ends, clock)
+        if fallback is not None:
+            # Interrupted early, or no solve kept all constraints: the best of the descents.
+            values = self._posture.values(fallback.q)
+            result.optima.append(Optimum(fallback, float(np.mean(values)), values, 0, "descent"))
         progress(1.0, "done")
         return result
 
-    def _known(self, ends: list[tuple[PlacementBatch, Array]], clock: "_Clock") -> Placement | None:
-        """The best placement without a solve that keeps all constraints between its points, too."""
+    def _best_corrected(self, ends: list[DescentEnds], clock: "_Clock") -> Placement | None:
+        """The best placement of the descents that keeps all constraints, also between points."""
         if clock.best is not None and self.corrected(clock.best) is not None:
             return clock.best
         if not ends:
             return None
-        batch, values = _joined(ends)
-        for index in in_order(values):
-            if not np.isfinite(values[index]):
+        joined = _joined(ends)
+        for index in in_order(joined.measure):
+            if not np.isfinite(joined.measure[index]):
                 break
-            placement = self.corrected(batch.one(int(index)))
+            placement = self.corrected(joined.batch.one(int(index)))
             if placement is not None:
                 return placement
         return None
 
     def starts(self, seed: int, effort: SearchEffort, result: SearchResult) -> PlacementBatch:
-        """The starts of the descents: reached paths, best first, each on its own branch."""
+        """The starts of the descents: paths that the arm can follow, on various branches."""
         rng = np.random.default_rng(seed)
-        own = self.initial_guess()
-        drawn = self.draw(rng, effort.num_samples, self.program.path_length, result)
-        if np.sum(np.isfinite(self._costs(drawn))) < _FEW:
-            drawn = PlacementBatch.joined([drawn, self.grown(rng, effort, result)])
-        costs = self._costs(drawn)
+        guesses = self.initial_guess()
+        random_paths = self.draw(rng, effort.num_samples, self.program.path_length, result)
+        if np.sum(np.isfinite(self._costs(random_paths))) < _FEW:
+            random_paths = PlacementBatch.joined([random_paths, self.grown(rng, effort, result)])
+        costs = self._costs(random_paths)
         order = in_order(costs)
-        poses = drawn[order[: effort.num_poses]]
-        others = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
-        pool = PlacementBatch.joined([drawn[order], others])
-        costs = self._costs(pool)
-        result.evaluations += len(drawn) + len(pool)
-        chosen = best_of_each(self._cells(pool), costs, effort.num_starts)
-        return PlacementBatch.joined([own, pool[chosen]])
+        poses = random_paths[order[: effort.num_poses]]
+        branches = self._on_all_branches(poses.n_W, poses.p_WM, poses.R_WE, result)
+        candidates = PlacementBatch.joined([random_paths[order], branches])
+        costs = self._costs(candidates)
+        result.evaluations += len(random_paths) + len(candidates)
+        chosen = best_of_each(self._cells(candidates), costs, effort.num_starts)
+        return PlacementBatch.joined([guesses, candidates[chosen]])
 
     def _cells(self, batch: PlacementBatch) -> NDArray[np.intp]:
-        """Which half of its range each joint is in at the midpoint, as one number a placement.
+        """(N,) one number a placement for the half of its range that each joint is in.
 
-        Branches of one pose lie in different halves, and so does what they descend to.
+        It is that at the midpoint. Branches of one pose lie in different halves, and so do the
+        ends of their descents.
         """
         bounds = self.program.bounds
         middle = 0.5 * (bounds.q_lower + bounds.q_upper)
@@ -257,7 +268,7 @@ class PlacementSearch:
         return np.asarray(halves @ (1 << np.arange(halves.shape[1])), dtype=np.intp)
 
     def initial_guess(self) -> PlacementBatch:
-        """The task's own guess on each branch on which it can be followed; empty without one."""
+        """The task's guess on each branch on which it can be followed; empty without one."""
         if self._initial is None:
             return self._empty()
         n_W, p_WM, R_WE = self._initial
@@ -276,9 +287,16 @@ class PlacementSearch:
         if len(n_W) == 0:
             return self._empty()
         program = self.program
-        size = program.path_length, program.num_segments, program.bounds.max_joint_step
-        paths, reached, _ = on_all_branches(self._robot, n_W, p_WM, R_WE, *size)
-        return self._counted(paths, reached, result)
+        paths, is_reached, _ = on_all_branches(
+            self._robot,
+            n_W,
+            p_WM,
+            R_WE,
+            program.path_length,
+            program.num_segments,
+            program.bounds.max_joint_step,
+        )
+        return self._counted(paths, is_reached, result)
 
     def _track(
         self,
@@ -289,70 +307,79 @@ class PlacementSearch:
         result: SearchResult,
         path_length: float,
     ) -> PlacementBatch:
+        """The paths that can be followed from their postures `q_mid` at the midpoint."""
         program = self.program
-        size = path_length, program.num_segments, program.bounds.max_joint_step
-        q, reached = track_paths(self._robot.chain, q_mid, n_W, *size)
+        q, is_reached = track_paths(
+            self._robot.chain,
+            q_mid,
+            n_W,
+            path_length,
+            program.num_segments,
+            program.bounds.max_joint_step,
+        )
         paths = PlacementBatch(q, n_W, p_WM, R_WE)
         if path_length != program.path_length:
-            return paths[reached]
-        return self._counted(paths, reached, result)
+            return paths[is_reached]
+        return self._counted(paths, is_reached, result)
 
     @staticmethod
-    def _counted(paths: PlacementBatch, reached: Flags, result: SearchResult) -> PlacementBatch:
-        result.num_candidates += len(reached)
-        result.num_reached += int(np.sum(reached))
-        return paths[reached]
+    def _counted(paths: PlacementBatch, is_reached: Flags, result: SearchResult) -> PlacementBatch:
+        result.num_candidates += len(is_reached)
+        result.num_reached += int(np.sum(is_reached))
+        return paths[is_reached]
 
     def grown(
         self, rng: np.random.Generator, effort: SearchEffort, result: SearchResult
     ) -> PlacementBatch:
-        """Placements of a path that few postures can follow: of a shorter one, made longer.
+        """Placements of a path that few postures can follow: shorter paths, made longer by steps.
 
-        A descent leads away from where the arm is stretched out, and so makes room.
+        A descent leads away from postures in which the arm is stretched out, and so makes room.
         """
         length = self.program.path_length
         batch = self.draw(rng, effort.num_samples, _GROWTH[0] * length, result)
         batch = batch[best_of_each(self._cells(batch), self._costs(batch), 2 * effort.num_starts)]
-        for share, longer in pairwise(_GROWTH):
+        for share, next_share in pairwise(_GROWTH):
             if len(batch) == 0:
                 break
-            batch, _ = self._descent.of_length(share * length).run(batch, effort.num_steps)
-            q_mid, reached = solve_poses(
+            batch = self._descent.of_length(share * length).run(batch, effort.num_steps).batch
+            q_mid, is_reached = solve_poses(
                 self._robot.chain, batch.R_WE, batch.p_WM, batch.q[:, batch.q.shape[1] // 2]
             )
-            batch = batch[reached]
+            batch = batch[is_reached]
             batch = self._track(
-                q_mid[reached], batch.n_W, batch.p_WM, batch.R_WE, result, longer * length
+                q_mid[is_reached], batch.n_W, batch.p_WM, batch.R_WE, result, next_share * length
             )
         return batch
 
     def draw(
         self, rng: np.random.Generator, count: int, path_length: float, result: SearchResult
     ) -> PlacementBatch:
-        """Random placements that are reached, their midpoints in the box."""
+        """Random placements that the arm can follow, their midpoints in the box."""
         bounds, chain = self.program.bounds, self._robot.chain
         lower = np.where(np.isfinite(bounds.q_lower), bounds.q_lower, -math.pi)
         upper = np.where(np.isfinite(bounds.q_upper), bounds.q_upper, math.pi)
         q = rng.uniform(lower, upper, (count, len(lower)))
         n_W = rng.normal(size=(count, 3))
-        inside = rng.uniform(bounds.p_lower, bounds.p_upper, (count, 3))
+        box_points = rng.uniform(bounds.p_lower, bounds.p_upper, (count, 3))
         angles = rng.uniform(bounds.angle_lower, bounds.angle_upper, count)
         R_WE, p_WM = chain.pose(q)
-        outside = np.any((p_WM < bounds.p_lower) | (p_WM > bounds.p_upper), axis=1)
-        p_WM[outside] = inside[outside]
+        is_outside = np.any((p_WM < bounds.p_lower) | (p_WM > bounds.p_upper), axis=1)
+        p_WM[is_outside] = box_points[is_outside]
         turn = Rotation.from_matrix(R_WE).as_rotvec()
         angle = np.linalg.norm(turn, axis=1)
-        beyond = (angle < bounds.angle_lower) | (angle > bounds.angle_upper)
-        turn[beyond] *= (angles / np.maximum(angle, 1e-12))[beyond, np.newaxis]
-        R_WE[beyond] = Rotation.from_rotvec(turn[beyond]).as_matrix()
-        leant = self._lean(rng, R_WE)
-        moved = outside | beyond | leant
-        if np.any(moved):
-            q[moved], reached = solve_poses(chain, R_WE[moved], p_WM[moved], q[moved])
-            q[moved] = wrap_within(q[moved], bounds.q_lower, bounds.q_upper, chain.prismatic)
-            keep = np.ones(count, dtype=bool)
-            keep[np.flatnonzero(moved)[~reached]] = False
-            q, n_W, p_WM, R_WE = q[keep], n_W[keep], p_WM[keep], R_WE[keep]
+        is_angle_off = (angle < bounds.angle_lower) | (angle > bounds.angle_upper)
+        turn[is_angle_off] *= (angles / np.maximum(angle, 1e-12))[is_angle_off, np.newaxis]
+        R_WE[is_angle_off] = Rotation.from_rotvec(turn[is_angle_off]).as_matrix()
+        is_turned = self._lean(rng, R_WE)
+        is_moved = is_outside | is_angle_off | is_turned
+        if np.any(is_moved):
+            q[is_moved], is_reached = solve_poses(
+                chain, R_WE[is_moved], p_WM[is_moved], q[is_moved]
+            )
+            q[is_moved] = wrap_within(q[is_moved], bounds.q_lower, bounds.q_upper, chain.prismatic)
+            is_solved = np.ones(count, dtype=bool)
+            is_solved[np.flatnonzero(is_moved)[~is_reached]] = False
+            q, n_W, p_WM, R_WE = q[is_solved], n_W[is_solved], p_WM[is_solved], R_WE[is_solved]
         if bounds.in_surface:
             z = R_WE[:, :, 2]
             n_W -= np.einsum("nc,nc->n", n_W, z)[:, np.newaxis] * z
@@ -360,39 +387,39 @@ class PlacementSearch:
         return self._track(q, n_W, p_WM, R_WE, result, path_length)
 
     def _lean(self, rng: np.random.Generator, R_WE: Array) -> Flags:
-        """Turns tools that point out of their cone into it, in place; which ones."""
+        """Turns tools that point out of their cone into it, in place; returns which ones (N,)."""
         bounds = self.program.bounds
         if bounds.tool_direction is None:
             return np.zeros(len(R_WE), dtype=bool)
         z, direction = R_WE[:, :, 2], bounds.tool_direction
         angle = np.arccos(np.clip(z @ direction, -1.0, 1.0))
         target = bounds.tool_tilt * np.sqrt(rng.uniform(size=len(R_WE)))
-        leant = angle > bounds.tool_tilt
+        is_turned = angle > bounds.tool_tilt
         axis = np.cross(z, direction)
         axis[np.linalg.norm(axis, axis=1) < 1e-9] = R_WE[0, :, 0]
         axis /= np.linalg.norm(axis, axis=1)[:, np.newaxis]
         turn = Rotation.from_rotvec(axis * (angle - target)[:, np.newaxis]).as_matrix()
-        R_WE[leant] = turn[leant] @ R_WE[leant]
-        return np.asarray(leant)
+        R_WE[is_turned] = turn[is_turned] @ R_WE[is_turned]
+        return np.asarray(is_turned)
 
     def _costs(self, batch: PlacementBatch) -> Array:
-        """The mean measure, infinite where a limit is passed by far: descents bring it back."""
+        """(N,) the mean measure, raised where a limit is passed, infinite where it is by far."""
         if len(batch) == 0:
             return np.empty(0)
         bounds = self.program.bounds
         mean = np.mean(self._posture.values(batch.q), axis=1)
-        over = np.maximum(bounds.q_lower - batch.q, batch.q - bounds.q_upper)
-        over = np.maximum(np.max(over, axis=(1, 2)), 0.0)
+        excess = np.maximum(bounds.q_lower - batch.q, batch.q - bounds.q_upper)
+        excess = np.maximum(np.max(excess, axis=(1, 2)), 0.0)
         if bounds.tool_direction is not None:
             cosine = np.clip(batch.R_WE[:, :, 2] @ bounds.tool_direction, -1.0, 1.0)
-            over = np.maximum(over, np.arccos(cosine) - bounds.tool_tilt)
-        return np.asarray(np.where(over < 0.5, mean * (1.0 + 2.0 * over), np.inf))
+            excess = np.maximum(excess, np.arccos(cosine) - bounds.tool_tilt)
+        return np.asarray(np.where(excess < 0.5, mean * (1.0 + 2.0 * excess), np.inf))
 
     def _varied(
-        self, batch: PlacementBatch, values: Array, effort: SearchEffort, result: SearchResult
+        self, ends: DescentEnds, effort: SearchEffort, result: SearchResult
     ) -> PlacementBatch:
         """The best kinds of placements with the tool turned about the path, on all branches."""
-        kinds = batch[self._different(batch, values, effort.num_kinds, _OTHER_KIND)]
+        kinds = ends.batch[self._different(ends, effort.num_kinds, _OTHER_KIND)]
         angles = np.linspace(0.0, 2.0 * math.pi, effort.num_turns, endpoint=False)
         n_W = np.repeat(kinds.n_W, len(angles), axis=0)
         turns = Rotation.from_rotvec(np.tile(angles, len(kinds))[:, np.newaxis] * n_W)
@@ -403,29 +430,27 @@ class PlacementSearch:
         costs = self._costs(varied)
         varied, costs = varied[np.isfinite(costs)], costs[np.isfinite(costs)]
         # Turned wrists are the same to the measure.
-        return varied[self._different(varied, costs, effort.num_starts, SAME)]
+        return varied[self._different(DescentEnds(varied, costs), effort.num_starts, SAME)]
 
     def _descend(
         self, starts: PlacementBatch, num_steps: int, result: SearchResult, clock: "_Clock"
-    ) -> tuple[PlacementBatch, Array]:
-        def watch(step: int, values: Array, batch: PlacementBatch) -> None:
+    ) -> DescentEnds:
+        def record_step(step: int, values: Array, batch: PlacementBatch) -> None:
             result.evaluations += len(batch)
             clock.look(batch, values, self.program.violation)
 
-        return self._descent.run(starts, num_steps, watch=watch)
+        return self._descent.run(starts, num_steps, watch=record_step)
 
-    def _different(
-        self, batch: PlacementBatch, values: Array, count: int, gap: float = _ALIKE
-    ) -> NDArray[np.intp]:
-        """Indices of the best descents, of each kind one, kinds told apart by their profiles."""
-        profiles = self._posture.values(batch.q)
-        kept: list[int] = []
-        for index in in_order(values):
-            if len(kept) == count:
+    def _different(self, ends: DescentEnds, count: int, gap: float = _ALIKE) -> NDArray[np.intp]:
+        """Indices of the best ends, one of each kind; kinds differ in their profiles by `gap`."""
+        profiles = self._posture.values(ends.batch.q)
+        chosen: list[int] = []
+        for index in in_order(ends.measure):
+            if len(chosen) == count:
                 break
-            if not kept or profile_gaps(profiles[index], profiles[kept]).min() > gap:
-                kept.append(int(index))
-        return np.array(kept, dtype=np.intp)
+            if not chosen or profile_gaps(profiles[index], profiles[chosen]).min() > gap:
+                chosen.append(int(index))
+        return np.array(chosen, dtype=np.intp)
 
     def _solve(
         self,
@@ -435,6 +460,7 @@ class PlacementSearch:
         result: SearchResult,
         clock: "_Clock",
     ) -> Solution | None:
+        """Solves the program from an end of the descents; None if it breaks a constraint."""
         start = batch.one(index)
         solution = self.program.solve(start, solver)
         result.evaluations += solution.evaluations
@@ -446,15 +472,15 @@ class PlacementSearch:
         return replace(solution, placement=placement, cost=cost)
 
     def _finished(self, solution: Solution, result: SearchResult, clock: "_Clock") -> Solution:
-        done = finished(self._robot, self.program, solution, self.corrected)
-        result.evaluations += done.evaluations - solution.evaluations
-        clock.better(done.cost, done.placement)
-        return done
+        refined_solution = finished(self._robot, self.program, solution, self.corrected)
+        result.evaluations += refined_solution.evaluations - solution.evaluations
+        clock.better(refined_solution.cost, refined_solution.placement)
+        return refined_solution
 
     def corrected(self, placement: Placement) -> Placement | None:
-        """The placement with postures on their path to rounding; None if it breaks a constraint.
+        """The placement with its postures exactly on the path; None if it breaks a constraint.
 
-        Joint limits, continuity and clearance are looked at between the points too.
+        Joint limits, continuity and clearance are checked between the points too.
         """
         program = self.program
         exact = on_path(self._robot, placement, program.path_length)
@@ -467,39 +493,45 @@ class PlacementSearch:
             return None
         return exact
 
-    def _kinds(self, found: list[Solution]) -> list[Solution]:
+    def _kinds(self, solutions: list[Solution]) -> list[Solution]:
         """Solutions that differ in their profiles, best first."""
-        kinds: list[tuple[Solution, Array]] = []
-        for index in in_order([solution.cost for solution in found]):
-            values = self._posture.values(found[index].placement.q)
-            if all(float(profile_gaps(values, other)) > SAME for _, other in kinds):
-                kinds.append((found[index], values))
-        return [solution for solution, _ in kinds]
+        kinds: list[Solution] = []
+        profiles: list[Array] = []
+        for index in in_order([solution.cost for solution in solutions]):
+            values = self._posture.values(solutions[index].placement.q)
+            if all(float(profile_gaps(values, profile)) > SAME for profile in profiles):
+                kinds.append(solutions[index])
+                profiles.append(values)
+        return kinds
 
     def _sort(
-        self,
-        found: list[Solution],
-        ends: list[tuple[PlacementBatch, Array]],
-        result: SearchResult,
+        self, solutions: list[Solution], ends: list[DescentEnds], result: SearchResult
     ) -> None:
-        """Distinct optima, best first, and the starts that came to each."""
-        kinds = [(one, self._posture.values(one.placement.q)) for one in self._kinds(found)]
-        counts = np.zeros(len(kinds), dtype=int)
-        for batch, _ in ends:
-            for profile in self._posture.values(batch.q):
-                gaps = [float(profile_gaps(profile, values)) for _, values in kinds]
+        """Writes the distinct optima, best first, with the number of starts that ended at each."""
+        kinds = self._kinds(solutions)
+        profiles = [self._posture.values(solution.placement.q) for solution in kinds]
+        num_starts = np.zeros(len(kinds), dtype=int)
+        for descents in ends:
+            for values in self._posture.values(descents.batch.q):
+                gaps = [float(profile_gaps(values, profile)) for profile in profiles]
                 if gaps and min(gaps) < 2.0 * _ALIKE:
-                    counts[int(np.argmin(gaps))] += 1
+                    num_starts[int(np.argmin(gaps))] += 1
                 else:
                     result.num_unassigned += 1
         result.optima = [
-            Optimum(solution.placement, solution.cost, values, int(count), solution.status)
-            for (solution, values), count in zip(kinds, counts, strict=True)
+            Optimum(
+                placement=solution.placement,
+                cost=solution.cost,
+                values=profiles[index],
+                starts=int(num_starts[index]),
+                status=solution.status,
+            )
+            for index, solution in enumerate(kinds)
         ]
 
 
 class _Clock:
-    """Notes when a better placement was known, and keeps it."""
+    """Records the best placement so far, and when each better one was found."""
 
     def __init__(self, result: SearchResult) -> None:
         self._began = time.perf_counter()
@@ -510,8 +542,8 @@ class _Clock:
     def look(
         self, batch: PlacementBatch, values: Array, violation: Callable[[Placement], float]
     ) -> None:
-        """Notes the best of a batch that keeps the constraints, if it is among the first few."""
-        for index in np.argsort(values, kind="stable")[:_LOOKED_AT]:
+        """Records the best of a batch that keeps the constraints, if it is among the first few."""
+        for index in np.argsort(values, kind="stable")[:_NUM_CHECKED]:
             if not values[index] < self._cost:
                 return
             placement = batch.one(int(index))
@@ -520,15 +552,18 @@ class _Clock:
                 return
 
     def better(self, cost: float, placement: Placement) -> None:
-        """Notes a placement, if it is better than what was known."""
+        """Records a placement, if it is better than the best so far."""
         if cost < self._cost:
             self._cost, self.best = cost, placement
             self._result.history.append((time.perf_counter() - self._began, cost))
 
 
-def _joined(ends: list[tuple[PlacementBatch, Array]]) -> tuple[PlacementBatch, Array]:
-    batches = PlacementBatch.joined([batch for batch, _ in ends])
-    return batches, np.concatenate([values for _, values in ends])
+def _joined(ends: list[DescentEnds]) -> DescentEnds:
+    """The ends of several rounds of descents."""
+    return DescentEnds(
+        PlacementBatch.joined([descents.batch for descents in ends]),
+        np.concatenate([descents.measure for descents in ends]),
+    )
 
 
 def best_of_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[np.intp]:
@@ -536,23 +571,25 @@ def best_of_each(cells: NDArray[np.intp], costs: Array, count: int) -> NDArray[n
     order = in_order(costs)
     order = order[np.isfinite(costs[order])]
     rank = np.empty(len(order), dtype=int)
-    seen: dict[int, int] = {}
+    counts: dict[int, int] = {}
     for position, index in enumerate(order):
         cell = int(cells[index])
-        rank[position] = seen.get(cell, 0)
-        seen[cell] = rank[position] + 1
+        rank[position] = counts.get(cell, 0)
+        counts[cell] = rank[position] + 1
     return np.asarray(order[np.argsort(rank, kind="stable")][:count])
 
 
-def profile_gaps(profile: Array, others: Array) -> Array:
-    """How unlike profiles (..., k + 1) are: their largest relative difference point by point.
+def profile_gaps(profile: Array, profiles: Array) -> Array:
+    """The difference of profiles (..., k + 1) from one: the largest relative one of all points.
 
     The path may run in either direction. Ten times the relative difference of their means counts
     too: two optima may look alike at every point and yet not be the same.
     """
-    forward = np.max(np.abs(others - profile) / np.minimum(others, profile), axis=-1)
-    turned = profile[::-1]
-    backward = np.max(np.abs(others - turned) / np.minimum(others, turned), axis=-1)
+    forward = np.max(np.abs(profiles - profile) / np.minimum(profiles, profile), axis=-1)
+    reversed_profile = profile[::-1]
+    backward = np.max(
+        np.abs(profiles - reversed_profile) / np.minimum(profiles, reversed_profile), axis=-1
+    )
     mean = np.mean(profile)
-    means = 10.0 * np.abs(np.mean(others, axis=-1) - mean) / mean
+    means = 10.0 * np.abs(np.mean(profiles, axis=-1) - mean) / mean
     return np.asarray(np.maximum(np.minimum(forward, backward), means))

@@ -1,4 +1,4 @@
-"""The task file of `place`: a straight path, what is free about it, and what stands around it."""
+"""The task file of `place`: a straight path, its bounds, and what stands around it."""
 
 import math
 from dataclasses import dataclass, field
@@ -146,25 +146,28 @@ def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
             "shorten the path",
         )
     nearest_point = np.clip(centre, bounds.p_lower, bounds.p_upper)
-    off = float(np.linalg.norm(nearest_point - centre))
+    distance = float(np.linalg.norm(nearest_point - centre))
     # The longest chord of the ball whose middle is that far from its centre.
-    longest = 2.0 * math.sqrt(max(0.0, reach**2 - off**2))
-    if task.path_length > longest:
+    longest_path = 2.0 * math.sqrt(max(0.0, reach**2 - distance**2))
+    if task.path_length > longest_path:
         text = ", ".join(f"{value:.2f}" for value in nearest_point)
-        problem = (
-            f"the box excludes the workspace: its point nearest to {robot.name} is ({text}) m"
-            if off >= reach
-            else f"a path of {task.path_length:g} m fits nowhere in the box; at most {longest:.3f} "
-            f"m do, at ({text}) m"
-        )
+        if distance >= reach:
+            problem = (
+                f"the box excludes the workspace: its point nearest to {robot.name} is ({text}) m"
+            )
+        else:
+            problem = (
+                f"a path of {task.path_length:g} m fits nowhere in the box; "
+                f"at most {longest_path:.3f} m do, at ({text}) m"
+            )
         raise InputError(source, "midpoint_lower, midpoint_upper", problem, "move the box")
     if task.initial is not None and task.initial.posture is not None:
-        given = len(task.initial.posture)
-        if given != robot.num_joints:
+        num_positions = len(task.initial.posture)
+        if num_positions != robot.num_joints:
             raise InputError(
                 source,
                 "initial.posture",
-                f"{given} positions, {robot.name} has {robot.num_joints} joints",
+                f"{num_positions} positions, {robot.name} has {robot.num_joints} joints",
             )
 
 
@@ -191,11 +194,11 @@ def _unit(direction: list[float]) -> Array:
 
 
 def _check_numbers(task: PlacementTask, source: Path) -> None:
-    def expect(values: list[float], length: int, place: str) -> None:
+    def expect(values: list[float], length: int, key: str) -> None:
         if len(values) != length:
-            raise InputError(source, place, f"{len(values)} numbers, expected {length}")
+            raise InputError(source, key, f"{len(values)} numbers, expected {length}")
         if not all(math.isfinite(value) for value in values):
-            raise InputError(source, place, f"{values} is not finite")
+            raise InputError(source, key, f"{values} is not finite")
 
     check_numbers(task, str(source))
     if not 0.0 < task.path_length < math.inf:
@@ -209,7 +212,7 @@ def _check_numbers(task: PlacementTask, source: Path) -> None:
             raise InputError(
                 source,
                 "midpoint_lower, midpoint_upper",
-                f"{axis} from {low:g} to {high:g} is no range",
+                f"{axis} from {low:g} to {high:g}, expected the lower end first",
             )
     low, high = task.angle_lower_deg, task.angle_upper_deg
     if not 0.0 <= low <= high <= 180.0:
@@ -254,7 +257,12 @@ def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Pa
     names = [obstacle.name for obstacle in clearance.obstacles]
     for index, name in enumerate(names):
         if name in names[:index] or name == "workpiece":
-            raise InputError(source, f"clearance.obstacles[{index}]", f'"{name}" is taken')
+            raise InputError(
+                source,
+                f"clearance.obstacles[{index}]",
+                f'the name "{name}" is taken',
+                "give it another name",
+            )
     if clearance.workpiece is not None:
         sizes.append(("workpiece", clearance.workpiece.size))
         if not task.path_in_surface:
@@ -264,6 +272,6 @@ def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Pa
                 "the path runs along the workpiece's face, so it is perpendicular to the tool",
                 "set it to true",
             )
-    for place, size in sizes:
+    for key, size in sizes:
         if len(size) != 3 or not all(0.0 < side < math.inf for side in size):
-            raise InputError(source, f"clearance.{place}.size", "expected 3 sides above 0, m")
+            raise InputError(source, f"clearance.{key}.size", "expected 3 sides above 0, m")

@@ -1,4 +1,4 @@
-"""Functions with closed-form gradients, as a MathematicalProgram evaluates them."""
+"""Functions with closed-form gradients for a MathematicalProgram."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from wrenchsight.models.arrays import Array
 def differentiable(
     function: Callable[[Array], tuple[Array, Array]],
 ) -> Callable[[NDArray[Any]], Any]:
-    """From x (D,) to values (M,), of numbers as well as of AutoDiffXd.
+    """Returns a function from x (D,) to values (M,), of numbers as well as of AutoDiffXd.
 
     Args:
         function: from x (D,) to the values (M,) and their gradient (M, D).

@@ -1,8 +1,8 @@
-"""The least of a smooth function within bounds, to as many digits as its gradient has.
+"""The minimum of a smooth function within bounds, to as many digits as its gradient has.
 
-A quasi-Newton method stops where its own tolerance is met: from another start, or with another last
-bit in a sum, some 1e-5 away. Newton's method from there doubles the digits at each step, so that
-the result depends on the optimum and not on the path to it.
+A quasi-Newton method stops where its tolerance is met: from another start, or with another last bit
+in a sum, some 1e-5 away. Newton's method from there doubles the digits at each step, so that the
+result depends on the optimum and not on the path to it.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ def bounded_minimum(
     starts: Sequence[ArrayLike],
     bounds: ArrayLike,
 ) -> tuple[Array, float]:
-    """The least of the local minima that are downhill from some starts.
+    """The lowest of the local minima that descents from some starts reach.
 
     Args:
         value_and_gradient: of x (D,): the function, and its gradient (D,), exact to rounding.
@@ -41,9 +41,9 @@ def bounded_minimum(
     from scipy.optimize import minimize
 
     limits = np.asarray(bounds, dtype=np.float64)
-    best: tuple[Array, float] | None = None
+    best_x, best_value = None, np.inf
     for start in starts:
-        climb = minimize(
+        descent = minimize(
             value_and_gradient,
             np.clip(np.asarray(start, dtype=np.float64), limits[:, 0], limits[:, 1]),
             method="L-BFGS-B",
@@ -51,12 +51,12 @@ def bounded_minimum(
             bounds=limits,
             options=_OPTIONS,
         )
-        x, value = np.asarray(climb.x), float(climb.fun)
-        if best is None or value < best[1] - SAME * max(1.0, abs(best[1])):
-            best = x, value
-    if best is None:
+        x, value = np.asarray(descent.x), float(descent.fun)
+        if best_x is None or value < best_value - SAME * max(1.0, abs(best_value)):
+            best_x, best_value = x, value
+    if best_x is None:
         raise ValueError("no start")
-    x = _newton(value_and_gradient, best[0], limits)
+    x = _newton(value_and_gradient, best_x, limits)
     value = value_and_gradient(x)[0]
     for i in np.flatnonzero(np.isfinite(limits[:, 0])):
         lower = x.copy()
@@ -78,24 +78,27 @@ def _newton(
             break
         curvature = np.empty((len(free), len(free)))
         for row, i in enumerate(free):
-            ahead, behind = x.copy(), x.copy()
-            ahead[i], behind[i] = x[i] + _DIFFERENCE, x[i] - _DIFFERENCE
-            change = value_and_gradient(ahead)[1] - value_and_gradient(behind)[1]
+            x_plus, x_minus = x.copy(), x.copy()
+            x_plus[i], x_minus[i] = x[i] + _DIFFERENCE, x[i] - _DIFFERENCE
+            change = value_and_gradient(x_plus)[1] - value_and_gradient(x_minus)[1]
             curvature[row] = change[free] / (2.0 * _DIFFERENCE)
         values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
         if not values[0] > _FLAT * values[-1]:
             break
-        trial = x.copy()
-        trial[free] -= vectors @ ((vectors.T @ gradient[free]) / values)
-        trial = np.clip(trial, limits[:, 0], limits[:, 1])
-        _, after = value_and_gradient(trial)
-        if not np.max(np.abs(after[_free(trial, after, limits)]), initial=0.0) < size:
+        x_trial = x.copy()
+        x_trial[free] -= vectors @ ((vectors.T @ gradient[free]) / values)
+        x_trial = np.clip(x_trial, limits[:, 0], limits[:, 1])
+        _, trial_gradient = value_and_gradient(x_trial)
+        if (
+            not np.max(np.abs(trial_gradient[_free(x_trial, trial_gradient, limits)]), initial=0.0)
+            < size
+        ):
             break
-        x, gradient = trial, after
+        x, gradient = x_trial, trial_gradient
     return x
 
 
 def _free(x: Array, gradient: Array, limits: Array) -> NDArray[np.intp]:
     """Variables that no bound holds: inside, or on one that the descent leads away from."""
-    held = ((x <= limits[:, 0]) & (gradient >= 0.0)) | ((x >= limits[:, 1]) & (gradient <= 0.0))
-    return np.flatnonzero(~held)
+    is_held = ((x <= limits[:, 0]) & (gradient >= 0.0)) | ((x >= limits[:, 1]) & (gradient <= 0.0))
+    return np.flatnonzero(~is_held)

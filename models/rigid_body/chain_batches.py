@@ -1,4 +1,4 @@
-"""The kernels of a serial chain over many samples, one after another; threads may share them out.
+"""The kernels of a serial chain over many samples; threads may take blocks of them.
 
 Each loop calls the kernel of one sample, so that a sample and a row of a million agree bit for bit.
 """
@@ -41,10 +41,10 @@ def jacobian_rows(table: Array, q: Array, J: Array, scratch: Array) -> None:
 
 
 @kernel(nogil=True)
-def condition_number_rows(table: Array, q: Array, out: Array, scratch: Array) -> None:
+def condition_number_rows(table: Array, q: Array, condition_numbers: Array, scratch: Array) -> None:
     J = np.empty((q.shape[0], 6, q.shape[1]))  # of a block of rows
     jacobian_rows(table, q, J, scratch)
-    condition_numbers_of(J, out)
+    condition_numbers_of(J, condition_numbers)
 
 
 @kernel(nogil=True)

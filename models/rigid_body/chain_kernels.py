@@ -494,7 +494,7 @@ def observer_terms(
     p_WE: Array,
     scratch: Array,
 ) -> None:
-    """What a momentum observer and a wrench reading need of one sample, for other kernels.
+    """Writes the terms of a momentum observer and of a wrench reading, for other kernels.
 
     Args:
         table: SerialChain.table, (n + 1, TABLE_COLUMNS).
@@ -512,21 +512,34 @@ def observer_terms(
 
 @kernel
 def all_terms(table: Array, terms: Record, scratch: Array) -> None:
-    """Writes all of RigidBodyTerms at its own q and v.
+    """Writes all fields of RigidBodyTerms at the record's q and v.
 
     Args:
         table: SerialChain.table, (n + 1, TABLE_COLUMNS).
         terms: (1,) of `terms_type`; q and v are read.
         scratch: written; (n, SCRATCH_COLUMNS).
     """
-    at = terms[0]
-    q, v, p_WE, V_WE = plain(at.q), plain(at.v), plain(at.p_WE), plain(at.V_WE)
-    observer_terms(
-        *(table, q, v, plain(at.momentum), plain(at.CTv), plain(at.G)),
-        *(plain(at.J), plain(at.R_WE), p_WE, scratch),
+    terms_row = terms[0]
+    q, v, p_WE, V_WE = (
+        plain(terms_row.q),
+        plain(terms_row.v),
+        plain(terms_row.p_WE),
+        plain(terms_row.V_WE),
     )
-    composite_mass_matrix(table, plain(at.M), scratch)
-    coriolis_torque(table, v, plain(at.Cv), scratch)
+    observer_terms(
+        table,
+        q,
+        v,
+        plain(terms_row.momentum),
+        plain(terms_row.CTv),
+        plain(terms_row.G),
+        plain(terms_row.J),
+        plain(terms_row.R_WE),
+        p_WE,
+        scratch,
+    )
+    composite_mass_matrix(table, plain(terms_row.M), scratch)
+    coriolis_torque(table, v, plain(terms_row.Cv), scratch)
     n = q.shape[0]
     for i in range(3):
         V_WE[i] = scratch[n - 1, 18 + i]
@@ -540,9 +553,9 @@ def all_terms(table: Array, terms: Record, scratch: Array) -> None:
 def dynamics_terms(
     table: Array, q: Array, v: Array, Cv: Array, G: Array, M: Array, scratch: Array
 ) -> None:
-    """M, C v and G of one sample to the bit as `all_terms` gives them, where the rest is not asked.
+    """Writes only M, C v and G of one sample, bit by bit as `all_terms`.
 
-    Leaves in `scratch` what `tool_pose` and `tool_jacobian` need.
+    `scratch` then serves `tool_pose` and `tool_jacobian`.
     """
     place_links(table, q, scratch)
     place_inertia(table, scratch)

@@ -1,4 +1,4 @@
-"""Condition number of Jacobians, one or a million.
+"""Condition numbers of Jacobians, one or a million.
 
 One-sided Jacobi (Hestenes, 1958; Demmel and Veselic, 1992): pairs of rows of J (of its columns
 where n < 6) are turned until all are orthogonal; their lengths are then the singular values. Their
@@ -46,11 +46,11 @@ def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
             for k in range(6):
                 work[i, k] = J[k, i]
     for _ in range(MAX_SWEEPS):
-        turned = False
+        has_turned = False
         for i in range(count - 1):
             for j in range(i + 1, count):
-                turned = turn_rows(work, i, j, length)[1] != 0.0 or turned
-        if not turned:
+                has_turned = turn_rows(work, i, j, length)[1] != 0.0 or has_turned
+        if not has_turned:
             break
     return count, length
 
@@ -104,7 +104,7 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
         borrowed(c),
         borrowed(s),
     )
-    turned = 0.0
+    num_turned = 0.0
     for i in range(count - 1):
         for j in range(i + 1, count):
             for m in range(lanes):
@@ -129,7 +129,7 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
                 # Not t itself: what is not finite in one lane must not end the others' turns.
                 g[m] = 1.0 if abs(t) > 0.0 else 0.0
             for m in range(lanes):
-                turned += g[m]
+                num_turned += g[m]
             for k in range(length):
                 x = rows[i, k]
                 y = rows[j, k]
@@ -138,11 +138,11 @@ def _turn_side_by_side(rows: Array, a: Array, b: Array, g: Array, c: Array, s: A
                     w = y[m]
                     x[m] = c[m] * u - s[m] * w
                     y[m] = s[m] * u + c[m] * w
-    return turned > 0.0
+    return num_turned > 0.0
 
 
 @kernel
-def _squared_singular_values(J: Array, out: Array) -> None:
+def _squared_singular_values(J: Array, squares: Array) -> None:
     """Squares (N, min(6, n)), in no order, of N Jacobians: in groups, the rest one by one."""
     n = J.shape[2]
     count, length = min(6, n), max(6, n)
@@ -166,7 +166,7 @@ def _squared_singular_values(J: Array, out: Array) -> None:
                 for m in range(_LANES):
                     a[m] += rows[i, k, m] * rows[i, k, m]
             for m in range(_LANES):
-                out[first + m, i] = a[m]
+                squares[first + m, i] = a[m]
     if grouped < J.shape[0]:
         work = np.empty((6, length))
         for m in range(grouped, J.shape[0]):
@@ -175,16 +175,16 @@ def _squared_singular_values(J: Array, out: Array) -> None:
                 total = 0.0
                 for k in range(length):
                     total += work[i, k] * work[i, k]
-                out[m, i] = total
+                squares[m, i] = total
 
 
 @kernel(nogil=True)
-def condition_numbers_of(J: Array, out: Array) -> None:
+def condition_numbers_of(J: Array, condition_numbers: Array) -> None:
     """Condition numbers (N,) of Jacobians (N, 6, n), for other kernels' blocks of samples."""
     squares = np.empty((J.shape[0], min(6, J.shape[2])))
     _squared_singular_values(J, squares)
     for m in range(J.shape[0]):
-        out[m] = _ratio(squares[m], max(6, J.shape[2]))
+        condition_numbers[m] = _ratio(squares[m], max(6, J.shape[2]))
 
 
 def condition_number(J: ArrayLike) -> Array:
@@ -198,6 +198,8 @@ def condition_number(J: ArrayLike) -> Array:
     if array.ndim < 2 or array.shape[-2] != 6 or array.shape[-1] == 0:
         raise ValueError(f"expected Jacobians of shape (..., 6, n), n > 0, got {array.shape}")
     rows = np.ascontiguousarray(array).reshape(-1, 6, array.shape[-1])
-    out = np.empty(len(rows))
-    in_row_blocks(lambda part: condition_numbers_of(rows[part], out[part]), len(rows), _BLOCK)
-    return out.reshape(array.shape[:-2])
+    condition_numbers = np.empty(len(rows))
+    in_row_blocks(
+        lambda part: condition_numbers_of(rows[part], condition_numbers[part]), len(rows), _BLOCK
+    )
+    return condition_numbers.reshape(array.shape[:-2])

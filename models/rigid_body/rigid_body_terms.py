@@ -1,4 +1,4 @@
-"""Every term of the equation of motion at one sample, in one record."""
+"""All terms of the equation of motion at one sample, in one record."""
 
 from functools import cache
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from wrenchsight.models.arrays import Array, Record, record_type
 
 @cache
 def terms_type(num_joints: int) -> np.dtype[np.void]:
-    """The record's fields, as RigidBodyTerms names them; one after another in memory."""
+    """The record type of RigidBodyTerms, its fields one after another in memory."""
     n = num_joints
     return record_type(
         momentum=(n,),
@@ -41,7 +41,7 @@ class RigidBodyTerms:
         p_WE: (3,) m.
         V_WE: (6,) velocity of E in W [angular; linear], rad/s and m/s.
         q: (n,) rad (m for a prismatic joint), v: (n,) its rate.
-        record: (1,) of `terms_type`; the attributes are views of it, made when first asked for.
+        record: (1,) of `terms_type`; the attributes are views of it, made when first read.
     """
 
     if TYPE_CHECKING:

@@ -1,6 +1,6 @@
-"""A serial chain, read from the MultibodyPlant that Drake simulates: every term of its motion.
+"""A serial chain, read from the MultibodyPlant that Drake simulates: all terms of its motion.
 
-The kernels, and the conventions that they keep, are those of `models.rigid_body.chain_kernels`.
+The kernels and their conventions are those of `models.rigid_body.chain_kernels`.
 """
 
 from collections.abc import Callable
@@ -137,12 +137,12 @@ class SerialChain:
 
     @property
     def num_joints(self) -> int:
-        """n."""
+        """Number of joints, n."""
         return len(self.joint_names)
 
     @property
     def rotor_matrix(self) -> Array:
-        """(n, n) what the rotors add to M, kg m^2."""
+        """(n, n) the rotors' part of M, kg m^2."""
         if not self.motor_rates.size:
             return np.diag(self.reflected_inertia)
         return np.asarray(self.motor_rates.T @ (self.reflected_inertia[:, None] * self.motor_rates))
@@ -228,16 +228,16 @@ class SerialChain:
         return J.reshape(*shape, 6, self.num_joints)
 
     def condition_number(self, q: ArrayLike) -> Array:
-        """Condition number (...) of the Jacobian at q, which is not kept: for many samples."""
+        """Condition number (...) of the Jacobian at q, which is not stored: for many samples."""
         shape, rows = self._rows(q)
-        out = np.empty(len(rows[0]))
-        self._run(condition_number_rows, *rows, out)
-        return out.reshape(shape)
+        condition_numbers = np.empty(len(rows[0]))
+        self._run(condition_number_rows, *rows, condition_numbers)
+        return condition_numbers.reshape(shape)
 
     def momentum_terms(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array, Array]:
         """M v, C^T v and G in one pass; each (..., n)."""
         shape, rows = self._rows(q, v)
-        momentum, CTv, G = (np.empty_like(rows[0]) for _ in range(3))
+        momentum, CTv, G = np.empty_like(rows[0]), np.empty_like(rows[0]), np.empty_like(rows[0])
         self._run(momentum_terms_rows, *rows, momentum, CTv, G)
         n = self.num_joints
         return momentum.reshape(*shape, n), CTv.reshape(*shape, n), G.reshape(*shape, n)
@@ -268,7 +268,7 @@ class SerialChain:
         return Y.reshape(*shape, n, 10 * n)
 
     def terms(self, q: ArrayLike, v: ArrayLike) -> RigidBodyTerms:
-        """Every term at one sample, q and v (n,), in one pass.
+        """All terms at one sample, q and v (n,), in one pass.
 
         Raises:
             ValueError: q or v is not (n,).
@@ -282,7 +282,7 @@ class SerialChain:
         return result
 
     def write_terms(self, terms: RigidBodyTerms) -> None:
-        """Writes every term at its own q and v, which are (n,): without new memory, for a tick."""
+        """Writes all terms at the record's q and v (n,), without new memory: for a tick."""
         all_terms(self.table, terms.record, self._scratch)
 
     def _rows(self, *signals: ArrayLike) -> tuple[tuple[int, ...], list[Array]]:
@@ -303,7 +303,8 @@ class SerialChain:
         shape = self.num_joints, SCRATCH_COLUMNS
 
         def run(rows: slice) -> None:
-            kernel(self.table, *(array[rows] for array in arrays), np.empty(shape))
+            blocks = [array[rows] for array in arrays]
+            kernel(self.table, *blocks, np.empty(shape))
 
         in_row_blocks(run, len(arrays[0]), _BLOCK)
 
@@ -320,10 +321,11 @@ class _Tree:
         self._inboard = {joint.child_body().index(): joint for joint in joints}
 
     def moving_joints(self) -> list[Joint]:
-        """Those between the world and E, from the base on.
+        """The moving joints between the world and E, from the base on.
 
         Raises:
-            InputError: no way to the world, none on it, or one neither revolute nor prismatic.
+            InputError: E is not connected to the world, no joint moves between them, or one is
+                neither revolute nor prismatic.
         """
         chain: list[Joint] = []
         body, name_E = self._frame_E.body(), self._frame_E.name()
@@ -362,7 +364,7 @@ class _Tree:
         return None, X
 
     def inertial_parameters(self, position: dict[JointIndex, int]) -> Array:
-        """(n, 10) of all that each joint of the chain carries, up to the next one.
+        """(n, 10) parameters of all bodies that each joint carries, up to the next joint.
 
         Args:
             position: of each joint in the chain.

@@ -1,7 +1,7 @@
 """The order of a wrench's six numbers.
 
-In code rotation comes first: [moment; force], [angular; linear]. Where people read them, in files,
-tables and figures, force comes first.
+In code rotation comes first: [moment; force], [angular; linear]. In files, tables and figures for
+people force comes first.
 """
 
 AXES = ("x", "y", "z")

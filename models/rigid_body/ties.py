@@ -1,4 +1,4 @@
-"""Choices among candidates that cost the same: by a rule, not by the last bit of a sum.
+"""Choice among candidates of equal cost by a rule, not by the last bit of a sum.
 
 Turning the wrist over, mirroring a posture or walking a path backwards often changes no measure at
 all. Such candidates' costs then differ by rounding alone, and which of them is the smallest depends
@@ -27,9 +27,9 @@ def first_of_least(costs: ArrayLike, axis: int = -1, tolerance: float = SAME) ->
         tolerance: relative to the smallest cost's size.
     """
     costs = np.asarray(costs, dtype=np.float64)
-    least = np.min(costs, axis=axis, keepdims=True)
-    most = least + tolerance * np.where(np.isfinite(least), np.abs(least), 0.0)
-    return np.asarray(np.argmax(costs <= most, axis=axis))
+    smallest = np.min(costs, axis=axis, keepdims=True)
+    upper = smallest + tolerance * np.where(np.isfinite(smallest), np.abs(smallest), 0.0)
+    return np.asarray(np.argmax(costs <= upper, axis=axis))
 
 
 def in_order(costs: ArrayLike, tolerance: float = SAME) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""The collision shapes of a URDF that Drake cannot take as they stand."""
+"""The collision meshes of a URDF that Drake cannot read, and their convex hulls."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -11,26 +11,26 @@ class CollisionMeshes:
 
     def __init__(self) -> None:
         self._meshes: list[tuple[str, ET.Element, Path]] = []  # link, element, mesh
-        self._lost: list[str] = []
+        self._unusable: list[str] = []
         self._hulls: list[tuple[str, ET.Element]] | None = None
 
     @property
     def count(self) -> int:
-        """How many of them are meshes in files that a hull may be made of."""
+        """Number of elements with a mesh file of which a hull may be made."""
         return len(self._meshes)
 
     def add(self, link: str, element: ET.Element, mesh: Path | None, reason: str) -> None:
-        """Notes an element of a link; `mesh` is None where no hull can stand for it."""
+        """Adds an element of a link; `mesh` is None where no hull can be made of it."""
         if mesh is None:
-            self._lost.append(f"{link} ({reason})")
+            self._unusable.append(f"{link} ({reason})")
         else:
             element.set("name", f"{link}_hull_{len(self._meshes)}")
             self._meshes.append((link, element, mesh))
 
     def unusable(self) -> tuple[str, ...]:
-        """Links with a shape that nothing stands for, each with the reason; hulls are made now."""
+        """Links with a shape that has no hull, each with the reason; hulls are made now."""
         self.hulls()
-        return tuple(self._lost)
+        return tuple(self._unusable)
 
     def hulls(self) -> list[tuple[str, ET.Element]]:
         """The hulls as collision elements, each with its link's name; made at the first call."""
@@ -40,7 +40,7 @@ class CollisionMeshes:
                 try:
                     hull = hull_file(mesh)
                 except UnusableMeshError as error:
-                    self._lost.append(f"{link} ({error})")
+                    self._unusable.append(f"{link} ({error})")
                     continue
                 shape = element.find("geometry/mesh")
                 assert shape is not None

@@ -1,8 +1,8 @@
 """Convex hulls of collision meshes, in files that Drake reads.
 
-Drake's distances know convex shapes only, and its hulls are made of .obj, .vtk and .gltf files
-alone. Robots come with STL and COLLADA files: their hull is computed once and kept in the user's
-cache, under the digest of the mesh.
+Drake's distances know convex shapes only, and it makes hulls of .obj, .vtk and .gltf files alone.
+Robots come with STL and COLLADA files: their hull is computed once and stored in the user's cache,
+under the digest of the mesh.
 
 A hull contains its mesh, so that a motion that keeps clear of it keeps clear of the mesh.
 """
@@ -81,9 +81,9 @@ def convex_hull(points: Array) -> tuple[Array, Any]:
             corners = points[hull.vertices]
             normals = _spread_directions(_DIRECTIONS)
             heights = (normals @ corners.T).max(axis=1)
-            inside = corners.mean(axis=0)
+            inner_point = corners.mean(axis=0)
             planes = np.column_stack([normals, -heights])
-            outer = HalfspaceIntersection(planes, inside).intersections
+            outer = HalfspaceIntersection(planes, inner_point).intersections
             hull = ConvexHull(outer)
             points = outer
     except (QhullError, ValueError) as error:
@@ -93,8 +93,8 @@ def convex_hull(points: Array) -> tuple[Array, Any]:
     faces = hull.simplices.copy()
     corners = points[faces]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    turned = np.einsum("ij,ij->i", outward, hull.equations[:, :3]) < 0
-    faces[turned] = faces[turned][:, [0, 2, 1]]
+    is_inward = np.einsum("ij,ij->i", outward, hull.equations[:, :3]) < 0
+    faces[is_inward] = faces[is_inward][:, [0, 2, 1]]
     return points[hull.vertices], index[faces]
 
 
@@ -127,7 +127,7 @@ def _vertices(mesh: Path) -> Array:
 
 
 def _cache_folders() -> list[Path]:
-    """Where hulls are kept: the user's cache, else a folder for the user in the temporary one."""
+    """Folders for hulls: the user's cache, else a folder for the user in the temporary one."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path("~").expanduser() / ".cache")
     user = os.getuid() if hasattr(os, "getuid") else 0
     temporary = Path(tempfile.gettempdir()) / f"wrenchsight-{user}"

@@ -37,8 +37,8 @@ def coupling_of(rows: Sequence[Sequence[float]], num_joints: int, source: Path) 
         return np.eye(num_joints)
     lengths = {len(row) for row in rows}
     if len(rows) != num_joints or lengths != {num_joints}:
-        found = f"{len(rows)} rows of {' or '.join(str(k) for k in sorted(lengths))} numbers"
-        problem = f"{found}, expected {num_joints} rows of {num_joints}"
+        size = f"{len(rows)} rows of {' or '.join(str(k) for k in sorted(lengths))} numbers"
+        problem = f"{size}, expected {num_joints} rows of {num_joints}"
         remedy = "one row a joint: how far each motor, behind its own gear, turns it"
         raise InputError(source, "coupling", problem, remedy)
     matrix = np.array(rows, dtype=np.float64)
@@ -52,9 +52,9 @@ def coupling_of(rows: Sequence[Sequence[float]], num_joints: int, source: Path) 
 def motor_rates(coupling: Array) -> Array:
     """C^-1 (n, n): v_motor = C^-1 v_joint. Exact for a matrix of ones and zeros."""
     inverse = np.linalg.inv(coupling)
-    whole = np.round(inverse)
-    exact = bool(np.array_equal(coupling @ whole, np.eye(len(coupling))))
-    return np.asarray(whole + 0.0 if exact else inverse)
+    rounded = np.round(inverse)
+    exact = bool(np.array_equal(coupling @ rounded, np.eye(len(coupling))))
+    return np.asarray(rounded + 0.0 if exact else inverse)
 
 
 def is_coupled(coupling: Array) -> bool:
@@ -63,21 +63,22 @@ def is_coupled(coupling: Array) -> bool:
 
 
 def coupling_notice(coupling: Array, joint_names: Sequence[str]) -> str:
-    """Which motors move which joints, and what the simulation leaves out, as a sentence."""
-    moved = []
+    """A sentence on the motors that move several joints, and on what the simulation leaves out."""
+    coupled_joints = []
     for j, row in enumerate(coupling):
-        others = [joint_names[int(k)] for k in np.flatnonzero(row) if k != j]
-        if others:
-            moved.append(f"{joint_names[j]} (also by that of {', '.join(others)})")
+        other_motors = [joint_names[int(k)] for k in np.flatnonzero(row) if k != j]
+        if other_motors:
+            coupled_joints.append(f"{joint_names[j]} (also by that of {', '.join(other_motors)})")
+    joints = ", ".join(coupled_joints) or "joints at other rates"
     return (
-        f"several motors move {', '.join(moved) or 'joints at other rates'}: friction and rotors "
-        "are the motors'; in a simulation they are the joints'"
+        f"several motors move {joints}: friction and rotors are the motors'; "
+        "in a simulation they are the joints'"
     )
 
 
-def refuse_coupling(coupling: Array, source: Path, what: str) -> None:
-    """Raises InputError where joints are coupled and `what` is written for single joints."""
+def refuse_coupling(coupling: Array, source: Path, purpose: str) -> None:
+    """Raises InputError where joints are coupled, for a `purpose` that needs single joints."""
     if is_coupled(coupling):
-        problem = f"{what} is for joints that each have a motor of their own"
+        problem = f"{purpose} is for joints that each have a motor of their own"
         remedy = "identify the whole model again from free motion: that knows the coupling"
         raise InputError(source, "coupling", problem, remedy)

@@ -18,7 +18,7 @@ from wrenchsight.models.robot.urdf_elements import set_pose
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What the URDF says of a moving joint."""
+    """The limits of a moving joint in the URDF."""
 
     name: str
     line: int  # of the file; 0 where it was no URDF
@@ -47,30 +47,34 @@ class EffectiveUrdf:
         self.notices = notices
         self.source = source
         self._standing = standing  # links around the arm and their joints, where distances count
-        self.inertia_fault = inertia_fault  # the first, where dynamics cannot be told
+        self.inertia_fault = inertia_fault  # the first, where dynamics cannot be computed
 
-    def with_moved_joints(self, moved: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
+    def with_moved_joints(self, joint_poses: Mapping[str, tuple[Array, Array]]) -> "EffectiveUrdf":
         """A copy with the frames of some joints moved.
 
         Args:
-            moved: by joint, translation (3,) m and rotation vector (3,) rad, in its frame's axes.
+            joint_poses: by joint, translation (3,) m and rotation vector (3,) rad, in axes of its
+                frame.
         """
         root = copy.deepcopy(self._root)
         for joint in root.iter("joint"):
-            if joint.get("name") not in moved or joint.find("axis") is None:
+            if joint.get("name") not in joint_poses or joint.find("axis") is None:
                 continue
-            translation, rotation = moved[str(joint.get("name"))]
+            translation, rotation = joint_poses[str(joint.get("name"))]
             stated = {} if (origin := joint.find("origin")) is None else origin.attrib
-            xyz, rpy = (
-                np.array(stated.get(key, "0 0 0").split(), dtype=np.float64)
-                for key in ("xyz", "rpy")
-            )
+            xyz = np.array(stated.get("xyz", "0 0 0").split(), dtype=np.float64)
+            rpy = np.array(stated.get("rpy", "0 0 0").split(), dtype=np.float64)
             angle = float(np.linalg.norm(rotation))
             axis = rotation / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
             step = RigidTransform(RotationMatrix(AngleAxis(angle, axis)), translation)
             set_pose(joint, RigidTransform(RollPitchYaw(rpy), xyz) @ step)
         return EffectiveUrdf(
-            *(root, self.joints, self.notices, self.source, self.meshes, self.inertia_fault),
+            root,
+            self.joints,
+            self.notices,
+            self.source,
+            self.meshes,
+            self.inertia_fault,
             self._standing,
         )
 

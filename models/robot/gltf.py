@@ -9,24 +9,24 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".ktx2")
 
 
 def gltf_fault(path: Path) -> str:
-    """Why a glTF must not be drawn, in a few words; '' if it may.
+    """The reason why a glTF must not be drawn, in a few words; '' if it may.
 
-    Its buffers are .bin files and its images pictures, in its folder or below, by a path without a
-    link that leads out. A page with the drawn robot in it is passed on to others: it must not carry
-    any other file of this machine.
+    Its buffers must be .bin files and its images pictures, in its folder or below, by a path
+    without a link that leads out. A page with the drawn robot is passed on to others: it must not
+    carry any other file of this machine.
     """
     try:
         if path.stat().st_size > _LARGEST:
             return ".gltf, too large"
         content = json.loads(path.read_text(encoding="utf-8"))
-        named = [
+        uris = [
             (str(item["uri"]), kinds)
             for key, kinds in (("buffers", (".bin",)), ("images", _PICTURES))
             for item in content.get(key, [])
             if "uri" in item
         ]
         folder = path.resolve().parent
-        for uri, kinds in named:
+        for uri, kinds in uris:
             if uri.startswith("data:"):
                 continue
             target = (folder / unquote(uri)).resolve()

@@ -20,7 +20,7 @@ def leader_of(joint: ET.Element) -> str:
 def followed_positions(
     joints: Mapping[str, ET.Element], locked: Mapping[str, float]
 ) -> dict[str, float]:
-    """Positions in rad or m of the joints that follow one which stands still, however far off.
+    """Positions in rad or m of the joints that follow a joint at rest, directly or by others.
 
     Args:
         joints: of the URDF, by name.
@@ -34,18 +34,16 @@ def followed_positions(
     waiting = {
         name: joint for name, joint in joints.items() if leader_of(joint) and name not in positions
     }
-    found: dict[str, float] = {}
+    followed: dict[str, float] = {}
     while True:
-        ready = [name for name, joint in waiting.items() if leader_of(joint) in positions]
-        if not ready:
-            return found
-        for name in ready:
+        followers = [name for name, joint in waiting.items() if leader_of(joint) in positions]
+        if not followers:
+            return followed
+        for name in followers:
             joint = waiting.pop(name)
-            multiplier, offset = (
-                _number(joint, key, default)
-                for key, default in (("multiplier", 1.0), ("offset", 0.0))
-            )
-            found[name] = positions[name] = multiplier * positions[leader_of(joint)] + offset
+            multiplier = _number(joint, "multiplier", 1.0)
+            offset = _number(joint, "offset", 0.0)
+            followed[name] = positions[name] = multiplier * positions[leader_of(joint)] + offset
 
 
 def _number(joint: ET.Element, key: str, default: float) -> float:

@@ -1,4 +1,4 @@
-"""A serial arm: its URDF, its drives, its tool, and how it joins a MultibodyPlant.
+"""A serial arm: its URDF, its drives and its tool, to be added to a MultibodyPlant.
 
 A robot is a `robot.yaml` beside a URDF. The URDF is read once, checked, and turned into one
 self-contained text (`Robot.urdf_text`) that Drake and any other URDF reader load alike: base link
@@ -116,7 +116,7 @@ class Robot:
         """Loads a bundled robot by its name, or any robot by the path of its robot.yaml.
 
         Raises:
-            InputError: one line for whatever is wrong with robot.yaml or the URDF.
+            InputError: robot.yaml or the URDF is wrong; the line says what and where.
         """
         path = _robot_file(name_or_path)
         config = load_configuration(path, RobotConfig)
@@ -170,7 +170,7 @@ class Robot:
 
     @property
     def current_limit(self) -> Array:
-        """(n,) A, of the motors: what the joints' effort limits take."""
+        """(n,) A, currents of the motors at the joints' effort limits."""
         effort = self.effort_limit
         if self.is_coupled:
             effort = np.abs(self.coupling.T) @ effort
@@ -186,15 +186,22 @@ class Robot:
         """Whether the URDF states inertias that its links can have."""
         return self._urdf.inertia_fault is None
 
-    def require_inertias(self, what: str) -> None:
-        """Raises InputError, with the URDF's fault, where `what` needs inertias that are none."""
+    def require_inertias(self, source: str) -> None:
+        """Checks that the URDF states inertias that its links can have.
+
+        Args:
+            source: the command or file that needs them, for the error line.
+
+        Raises:
+            InputError: the URDF's fault.
+        """
         fault = self._urdf.inertia_fault
         if fault is not None:
             problem = f"needs the inertias of {self.name}: {fault}"
             remedy = (
                 "correct the link's <inertial> in the URDF (CAD, data sheet); `jcn-map`, `place`"
             )
-            raise InputError(what, "", problem, f"{remedy} and `redundancy` need none")
+            raise InputError(source, "", problem, f"{remedy} and `redundancy` need none")
 
     @cached_property
     def unusable_collisions(self) -> tuple[str, ...]:
@@ -203,12 +210,12 @@ class Robot:
 
     @cached_property
     def kinematics_digest(self) -> str:
-        """Short hash of what fixes the joint motions: names, kinds, frames and axes."""
+        """Short hash of the kinematics: names, kinds, frames and axes of the joints."""
         chain = self.chain
         digest = hashlib.sha256("\n".join(self.joint_names).encode())
         for array in (chain.R_PJ, chain.p_PJ, chain.axis, chain.prismatic):
-            # Rounded, and without the sign of zero, so that the last bit of another machine's
-            # sine does not make another robot of it.
+            # Rounded, and without the sign of zero, so that the hash does not depend on the last
+            # bit of a machine's sine.
             digest.update((np.round(np.asarray(array, dtype=np.float64), 9) + 0.0).tobytes())
         return digest.hexdigest()[:16]
 
@@ -245,7 +252,7 @@ class Robot:
         return Robot(replace(self.config, simulated_truth=truth), self.source, self._urdf)
 
     def without_coupling(self) -> "Robot":
-        """Returns the robot with rotors that each turn with their own joint, as Drake has them."""
+        """Returns the robot with one rotor for each joint, as Drake models it."""
         return Robot(replace(self.config, coupling=[]), self.source, self._urdf)
 
     def with_moved_joints(self, translation: Array, rotation: Array) -> "Robot":
@@ -268,7 +275,7 @@ class Robot:
 
         Args:
             plant: with or without a SceneGraph.
-            name: of the model instance; the robot's own without it.
+            name: of the model instance; None: the robot's.
             hulls: with collision meshes that Drake does not read as their convex hulls: for
                 distances. In a simulation hulls of neighbours, which overlap, would push.
         """
@@ -345,13 +352,13 @@ def _frozen(values: Sequence[float] | Array) -> Array:
 
 
 def _check_config(config: RobotConfig, source: Path) -> None:
-    """Sizes of numbers and lengths of lists, that the YAML schema cannot state."""
-    known = replace(config, simulated_truth=SimulatedTruthConfig())  # which may hold inf
-    check_numbers(known, str(source), _LIMITS)
+    """Checks sizes of numbers and lengths of lists, which the YAML schema cannot state."""
+    checked_config = replace(config, simulated_truth=SimulatedTruthConfig())  # which may hold inf
+    check_numbers(checked_config, str(source), _LIMITS)
 
-    def expect(values: Sequence[float], length: int, place: str) -> None:
+    def expect(values: Sequence[float], length: int, key: str) -> None:
         if len(values) != length:
-            raise InputError(source, place, f"{len(values)} numbers, expected {length}")
+            raise InputError(source, key, f"{len(values)} numbers, expected {length}")
 
     expect(config.tool_frame.xyz, 3, "tool_frame.xyz")
     expect(config.tool_frame.rpy, 3, "tool_frame.rpy")
@@ -362,17 +369,17 @@ def _check_config(config: RobotConfig, source: Path) -> None:
     expect(config.tool.inertia, 6, "tool.inertia (ixx, iyy, izz, ixy, ixz, iyz)")
     for kind in ("visual", "collision"):
         for index, shape in enumerate(getattr(config.tool, kind)):
-            place = f"tool.{kind}[{index}]"
-            expect(shape.pose.xyz, 3, f"{place}.pose.xyz")
-            expect(shape.pose.rpy, 3, f"{place}.pose.rpy")
-            expect(shape.rgba, 4, f"{place}.rgba")
-            given = [n for n in ("sphere", "cylinder", "box") if getattr(shape, n) is not None]
-            if len(given) != 1:
-                raise InputError(source, place, "expected one of sphere, cylinder and box")
+            shape_key = f"tool.{kind}[{index}]"
+            expect(shape.pose.xyz, 3, f"{shape_key}.pose.xyz")
+            expect(shape.pose.rpy, 3, f"{shape_key}.pose.rpy")
+            expect(shape.rgba, 4, f"{shape_key}.rgba")
+            kinds = [n for n in ("sphere", "cylinder", "box") if getattr(shape, n) is not None]
+            if len(kinds) != 1:
+                raise InputError(source, shape_key, "expected one of sphere, cylinder and box")
             if shape.cylinder is not None:
-                expect(shape.cylinder, 2, f"{place}.cylinder (radius, length)")
+                expect(shape.cylinder, 2, f"{shape_key}.cylinder (radius, length)")
             if shape.box is not None:
-                expect(shape.box, 3, f"{place}.box")
+                expect(shape.box, 3, f"{shape_key}.box")
 
 
 def _ordered_drives(
@@ -381,20 +388,20 @@ def _ordered_drives(
     """The drives in joint order, each checked."""
     by_joint: dict[str, DriveConfig] = {}
     for index, drive in enumerate(config.drives):
-        place = f"drives[{index}]"
+        key = f"drives[{index}]"
         if drive.joint not in joint_names:
-            known = nearest(drive.joint, joint_names) or f"it has {', '.join(joint_names)}"
+            hint = nearest(drive.joint, joint_names) or f"it has {', '.join(joint_names)}"
             problem = f'"{drive.joint}" is no moving joint of the arm'
-            raise InputError(source, place, problem, known)
+            raise InputError(source, key, problem, hint)
         if drive.joint in by_joint:
-            raise InputError(source, place, f'a second drive for "{drive.joint}"')
+            raise InputError(source, key, f'a second drive for "{drive.joint}"')
         by_joint[drive.joint] = drive
         if drive.current_sign not in (-1, 1):
             problem = f"{drive.current_sign}, expected 1 or -1"
-            raise InputError(source, f"{place}.current_sign", problem)
+            raise InputError(source, f"{key}.current_sign", problem)
         if drive.rotor_inertia_side not in ("motor", "joint"):
             problem = f'"{drive.rotor_inertia_side}", expected "motor" or "joint"'
-            raise InputError(source, f"{place}.rotor_inertia_side", problem)
+            raise InputError(source, f"{key}.rotor_inertia_side", problem)
     missing = [name for name in joint_names if name not in by_joint]
     if missing:
         problem = f"no drive for {', '.join(missing)}"
@@ -404,22 +411,18 @@ def _ordered_drives(
 
 
 def _torque_per_ampere(drive: DriveConfig, source: Path) -> float:
-    place = f"drive of {drive.joint}"
+    key = f"drive of {drive.joint}"
     if drive.torque_per_ampere is not None:
         if drive.torque_constant is not None:
-            raise InputError(
-                source, place, "gives torque_per_ampere and torque_constant", "drop one"
-            )
+            raise InputError(source, key, "gives torque_per_ampere and torque_constant", "drop one")
         value = drive.torque_per_ampere
     elif drive.torque_constant is not None and drive.gear_ratio is not None:
         value = drive.torque_constant * drive.gear_ratio
     else:
-        raise InputError(
-            source, place, "needs torque_per_ampere, or torque_constant with gear_ratio"
-        )
+        raise InputError(source, key, "needs torque_per_ampere, or torque_constant with gear_ratio")
     if not _WEAK <= value <= _STRONG:
         problem = f"{value:g} N m/A, expected a positive number, {_WEAK:g} to {_STRONG:g}"
-        raise InputError(source, place, problem, "the sign belongs in current_sign")
+        raise InputError(source, key, problem, "the sign belongs in current_sign")
     return value
 
 
@@ -457,15 +460,15 @@ def _true_friction(
     checked: dict[str, Array] = {}
     for field in fields(JointFrictionConfig):
         values: Array = getattr(friction, field.name)
-        place = f"simulated_truth.friction.{field.name}"
+        key = f"simulated_truth.friction.{field.name}"
         if not values.size:
             # One rad/s, so that no kernel divides by a Stribeck velocity of zero.
             values = np.full(num_joints, 1.0 if field.name == "stribeck_velocity" else 0.0)
         if values.shape != (num_joints,):
-            raise InputError(source, place, f"{len(values)} numbers, expected {num_joints}")
+            raise InputError(source, key, f"{len(values)} numbers, expected {num_joints}")
         if not np.all((values >= 0.0) & (values <= _STRONG)):
             problem = f"{values.tolist()}, expected numbers of 0 to {_STRONG:g}"
-            raise InputError(source, place, problem)
+            raise InputError(source, key, problem)
         checked[field.name] = _frozen(values)
     if np.any(checked["stiction"] < checked["coulomb"]) and friction.stiction.size:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What stands in a robot.yaml, key by key."""
+"""The keys of a robot.yaml."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

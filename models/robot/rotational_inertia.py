@@ -16,7 +16,7 @@ def inertia_matrix(values: Sequence[float] | Array) -> Array:
 def inertia_values(inertia: Array) -> list[float]:
     """ixx, iyy, izz, ixy, ixz, iyz of a matrix (3, 3)."""
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    return [float(inertia[place]) for place in places]
+    return [float(inertia[key]) for key in places]
 
 
 def unphysical(inertia: Array) -> str:

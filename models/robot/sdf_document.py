@@ -106,12 +106,12 @@ def _add_inertial(link: ET.Element, body: Any, X_LB: RigidTransform) -> None:
     add_inertial(link, mass, X_LB @ RigidTransform(com), (xx, yy, zz, xy, xz, yz))
 
 
-def _add_shapes(link: ET.Element, given: ET.Element | None, X_LB: RigidTransform) -> None:
-    if given is None:
+def _add_shapes(link: ET.Element, sdf_link: ET.Element | None, X_LB: RigidTransform) -> None:
+    if sdf_link is None:
         return
     for kind in _SHAPES:
-        for number, shape in enumerate(given.findall(kind)):
-            name = f"{given.get('name')}_{kind}_{number}"
+        for number, shape in enumerate(sdf_link.findall(kind)):
+            name = f"{sdf_link.get('name')}_{kind}_{number}"
             element = ET.SubElement(link, kind, name=name)
             pose = shape.find("pose")
             geometry = ET.SubElement(element, "geometry")
@@ -125,8 +125,8 @@ def _add_shapes(link: ET.Element, given: ET.Element | None, X_LB: RigidTransform
             _add_geometry(geometry, shape.find("geometry"))
 
 
-def _add_geometry(geometry: ET.Element, given: ET.Element | None) -> None:
-    shape = None if given is None else next(iter(given), None)
+def _add_geometry(geometry: ET.Element, sdf_geometry: ET.Element | None) -> None:
+    shape = None if sdf_geometry is None else next(iter(sdf_geometry), None)
     if shape is None:
         return
 

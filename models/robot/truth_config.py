@@ -1,7 +1,7 @@
-"""What a simulated arm truly does: the part of robot.yaml that no model or estimator reads.
+"""The truth of a simulated arm: the part of robot.yaml that no model or estimator reads.
 
 `friction` is the plain truth: dry friction with stiction, a load share and a ripple, everything
-else exact. `mechanisms` adds, one by one, what real arms do besides; each is off where its key is
+else exact. `mechanisms` adds further effects of real arms, one by one; each is off where its key is
 left out. SI units, radians, one number per joint, on the joint side; an empty list is zero for all.
 
 Where the numbers and the equations come from:
@@ -70,13 +70,13 @@ class JointFrictionConfig:
     ripple_periods: np.ndarray = field(default_factory=_not_given)  # per turn of the joint
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            setattr(self, one.name, np.asarray(getattr(self, one.name), dtype=np.float64))
+        for item in fields(self):
+            setattr(self, item.name, np.asarray(getattr(self, item.name), dtype=np.float64))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, JointFrictionConfig):
             return NotImplemented
-        names = [one.name for one in fields(self)]
+        names = [item.name for item in fields(self)]
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     __hash__ = None  # type: ignore[assignment]  # the arrays may be changed

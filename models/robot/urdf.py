@@ -1,4 +1,4 @@
-"""Reads a URDF, checks it, and turns it into the effective URDF of a serial arm.
+"""The reader of a URDF: checks it, and turns it into the effective URDF of a serial arm.
 
 Drake's own messages about a broken URDF name neither line nor remedy, and some faults pass in
 silence (no effort limit, a mesh that cannot be drawn). So the file is checked here first.
@@ -35,15 +35,15 @@ from wrenchsight.models.robot.urdf_shapes import settle_colours, settle_filters
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _KNOWN_TYPES = (*_MOVING, "fixed", "floating", "planar")
-_KEPT = ("link", "joint", "material", "drake:collision_filter_group")
+_KEPT_TAGS = ("link", "joint", "material", "drake:collision_filter_group")
 _LARGEST = 1e6  # of any number in it, in SI units; a joint limit beyond means no limit
 
 
 def read_urdf(path: Path, config: RobotConfig, config_source: Path) -> EffectiveUrdf:
     """Reads and checks `path` as the arm that `config` (from `config_source`) describes.
 
-    Inertias that are missing or that no body can have are left out and told
-    (`EffectiveUrdf.inertia_fault`): kinematics do without.
+    Inertias that are missing or that no body can have are left out and reported
+    (`EffectiveUrdf.inertia_fault`): kinematics need none.
 
     Raises:
         InputError: the file is no URDF; its tree is broken; a joint has an unknown type; the arm
@@ -65,8 +65,8 @@ class _Reader:
         self.links: dict[str, ET.Element] = {}
         self.joints: dict[str, ET.Element] = {}
         self.standing: dict[str, tuple[ET.Element, ET.Element]] = {}
-        """Shapes around the arm that its base does not carry, and what places them, by name: a
-        torso's arm may hit its own machine."""
+        """Links around the arm that its base does not carry, and the joints that place them, by
+        name: a torso's arm may hit its own machine."""
         self.parent_joint: dict[str, ET.Element] = {}  # by child link
         self.child_joints: dict[str, list[ET.Element]] = {}  # by parent link
 
@@ -89,7 +89,13 @@ class _Reader:
         fault = self.inertia_faults[0] if self.inertia_faults else None
         standing = tuple(self.standing.values())
         return EffectiveUrdf(
-            self.root, limits, tuple(self.notices), self.path, self.meshes, fault, standing
+            root=self.root,
+            joints=limits,
+            notices=tuple(self.notices),
+            source=self.path,
+            meshes=self.meshes,
+            inertia_fault=fault,
+            standing=standing,
         )
 
     # Reading ----------------------------------------------------------------------------------
@@ -132,13 +138,13 @@ class _Reader:
         if exact != [float(word) for word in words]:
             origin.set("rpy", text_of(exact))
 
-    def _register(self, element: ET.Element, known: dict[str, ET.Element]) -> str:
+    def _register(self, element: ET.Element, elements: dict[str, ET.Element]) -> str:
         name = element.get("name", "")
         if not name:
             self._fail(element, f"a <{element.tag}> without a name")
-        if name in known:
+        if name in elements:
             self._fail(element, f'a second {element.tag} "{name}"')
-        known[name] = element
+        elements[name] = element
         return name
 
     def _check_tree(self) -> None:
@@ -158,9 +164,9 @@ class _Reader:
                 f"the tree has {len(roots)} roots: {listed}",
                 "join them with a fixed joint",
             )
-        reached = set(self._below(roots[0])) if roots else set()
+        connected = set(self._below(roots[0])) if roots else set()
         for name, link in self.links.items():
-            if name not in reached:
+            if name not in connected:
                 self._fail(link, f'link "{name}" is part of a loop of joints', "a URDF is a tree")
         if not self.links:
             self._fail(self.root, "holds no <link>")
@@ -197,7 +203,7 @@ class _Reader:
             joint.set("type", "fixed")
 
     def _keep_below_base(self) -> None:
-        """Drops all that does not hang on the base link: W is the base link's frame."""
+        """Drops all links that the base link does not carry: W is the base link's frame."""
         base = self.config.base_link
         if base not in self.links or base == "world":
             problem = f'"{base}" is no link of the robot in {self.path.name}'
@@ -209,8 +215,8 @@ class _Reader:
                 f'the mounting of "{base}" in the URDF is ignored: W is "{base}", '
                 "gravity is as robot.yaml states it"
             )
-        kept = set(self._below(base))
-        dropped = [name for name in self.links if name not in kept]
+        arm_links = set(self._below(base))
+        dropped = [name for name in self.links if name not in arm_links]
         for name in dropped:
             link = self.links.pop(name)
             self.root.remove(link)
@@ -221,21 +227,21 @@ class _Reader:
                 joint = fixed_joint(f"{name} stands", base, name, X_BL)
                 self.standing[name] = (obstacle, joint)
         for name, element in list(self.joints.items()):
-            if self._child(element) not in kept or self._parent(element) not in kept:
+            if self._child(element) not in arm_links or self._parent(element) not in arm_links:
                 self.root.remove(self.joints.pop(name))
         self.parent_joint.pop(base, None)
         if self.standing:
             self.notices.append(
-                f'links not carried by "{base}" stand still around it where clearance is asked '
-                f"for: {', '.join(self.standing)}"
+                f'links not carried by "{base}" count as obstacles at rest in clearance checks: '
+                f"{', '.join(self.standing)}"
             )
         dropped = [name for name in dropped if name not in self.standing]
         if dropped and dropped != ["world"]:
             self.notices.append(f'links not carried by "{base}" dropped: {", ".join(dropped)}')
         for element in list(self.root):
-            if element.tag not in _KEPT:
+            if element.tag not in _KEPT_TAGS:
                 self.root.remove(element)
-        settle_filters(self.root, kept)
+        settle_filters(self.root, arm_links)
 
     def _serial_chain(self) -> list[ET.Element]:
         """The moving joints from base to flange; any other moving joint is a branch."""
@@ -262,10 +268,10 @@ class _Reader:
                     "for every joint from base to flange",
                     "choose a base or a flange that leaves it out, or lock both in robot.yaml",
                 )
-        off = [j for j in self.joints.values() if j.get("type") != "fixed" and j not in chain]
-        # What follows one of these stands still as soon as that is locked.
-        leaders = {joint.get("name", "") for joint in off}
-        branches = [joint for joint in off if leader_of(joint) not in leaders] or off
+        off_chain = [j for j in self.joints.values() if j.get("type") != "fixed" and j not in chain]
+        # A follower of one of these is at rest as soon as its leader is locked.
+        leaders = {joint.get("name", "") for joint in off_chain}
+        branches = [joint for joint in off_chain if leader_of(joint) not in leaders] or off_chain
         if branches:
             names = ", ".join(f'"{joint.get("name")}"' for joint in branches)
             self._fail(
@@ -284,8 +290,8 @@ class _Reader:
                 if any(values):
                     damped.append(joint.get("name", ""))
             for child in list(joint):
-                kept = ("parent", "child", "origin", "axis", "limit")
-                if child.tag not in kept or (child.tag == "limit" and joint not in moving):
+                standard_tags = ("parent", "child", "origin", "axis", "limit")
+                if child.tag not in standard_tags or (child.tag == "limit" and joint not in moving):
                     joint.remove(child)
         if damped:
             self.notices.append(
@@ -361,7 +367,7 @@ class _Reader:
                 self.inertia_faults.append(fault)
         if self.inertia_faults:
             self.notices.append(
-                f"what needs inertias will refuse this robot, all else works: "
+                "commands that need inertias will refuse this robot, all others work: "
                 f"{self.inertia_faults[0]}"
             )
 
@@ -412,13 +418,13 @@ class _Reader:
         if problem:
             raise InputError(self.config_source, "tool.inertia", f"not physical: {problem}")
 
-    def _check_physical(self, link: ET.Element, what: str, inertia: Array) -> None:
+    def _check_physical(self, link: ET.Element, description: str, inertia: Array) -> None:
         problem = unphysical(inertia)
         if problem:
             inertial = link.find("inertial")
             self._fail(
                 inertial if inertial is not None else link,
-                f"{what} has no physical inertia: {problem}",
+                f"{description} has no physical inertia: {problem}",
                 "expected values about the centre of mass in kg m^2",
             )
 
@@ -504,14 +510,14 @@ class _Reader:
         return values
 
     def _number(
-        self, element: ET.Element, key: str, default: float, most: float = _LARGEST
+        self, element: ET.Element, key: str, default: float, largest: float = _LARGEST
     ) -> float:
         text = element.get(key)
         try:
             value = default if text is None else float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or abs(value) > most:
+        if not math.isfinite(value) or abs(value) > largest:
             self._fail(element, f'{key}="{text}" of <{element.tag}>, expected a number')
         return value
 

@@ -1,4 +1,4 @@
-"""The document that describes a robot: URDF as it stands, xacro and SDF turned into it."""
+"""The document that describes a robot: URDF, or xacro and SDF converted to it."""
 
 import xml.etree.ElementTree as ET
 import xml.parsers.expat
@@ -19,13 +19,13 @@ def read_document(
     """Reads a robot's description.
 
     Args:
-        path: .urdf, .xacro or .sdf; what it is the root element says.
-        named_by: the file that names it, told where it is missing.
+        path: .urdf, .xacro or .sdf; the root element decides which.
+        named_by: the file that names it, for the error line where it is missing.
         arguments: of a xacro file, by name.
 
     Returns:
-        The <robot> element of a URDF, and the lines of its elements in the file; none for what was
-        turned into a URDF.
+        The <robot> element of a URDF, and the lines of its elements in the file; none for a
+        document that was converted to a URDF.
 
     Raises:
         InputError: no such file, no valid XML, another root element, or as `urdf_of_xacro` and
@@ -44,9 +44,9 @@ def read_document(
     for element in root.iter():
         name = element.get("name", "")
         if not name.isprintable():
-            place = f"line {lines[element]}" if lines else f"<{element.tag}>"
+            location = f"line {lines[element]}" if lines else f"<{element.tag}>"
             problem = f"the name {name!r} holds characters that cannot be printed"
-            raise InputError(path, place, problem, "rename it")
+            raise InputError(path, location, problem, "rename it")
     return root, lines
 
 
@@ -66,10 +66,10 @@ def _parsed(data: bytes, path: Path) -> tuple[ET.Element, dict[ET.Element, int]]
     except xml.parsers.expat.ExpatError as error:
         if path.suffix in {".yaml", ".yml"}:
             problem = "is a YAML file, expected a URDF, xacro or SDF"
-            remedy = f"a robot.yaml is looked at by: wrenchsight robot show {path}"
+            remedy = f"show a robot.yaml with: wrenchsight robot show {path}"
             raise InputError(path, "", problem, remedy) from error
-        what = xml.parsers.expat.ErrorString(error.code)
-        raise InputError(path, f"line {error.lineno}", f"no valid XML: {what}") from error
+        reason = xml.parsers.expat.ErrorString(error.code)
+        raise InputError(path, f"line {error.lineno}", f"no valid XML: {reason}") from error
     except (ValueError, LookupError) as error:  # of the encoding that it states
         raise InputError(path, "line 1", f"cannot be read: {error}", "save it as UTF-8") from error
     return builder.close(), lines

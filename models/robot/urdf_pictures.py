@@ -1,4 +1,4 @@
-"""The visual and collision shapes of a URDF: what Drake can take, and what becomes of the rest."""
+"""The visual and collision shapes of a URDF: shapes that Drake cannot read are dropped."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -16,15 +16,15 @@ _SHAPES = ("box", "cylinder", "sphere", "capsule", "ellipsoid", "drake:capsule",
 def drop_pictures(
     links: dict[str, ET.Element], urdf: Path, collisions: CollisionMeshes
 ) -> list[str]:
-    """Drops the shapes that Drake cannot take; collision meshes go to `collisions`.
+    """Drops the shapes that Drake cannot read; collision meshes go to `collisions`.
 
     Args:
         links: by name, changed.
-        urdf: the file; meshes are looked for beside it and above.
+        urdf: the file; meshes are searched for beside it and above.
         collisions: takes the meshes whose convex hulls can be made.
 
     Returns:
-        What happened, a sentence each.
+        Sentences on the dropped shapes.
     """
     dropped: dict[tuple[str, str], int] = {}
     for name, link in links.items():
@@ -43,8 +43,8 @@ def drop_pictures(
     notices = []
     if collisions.count:
         notices.append(
-            f"{collisions.count} collision meshes count as their convex hulls where clearance "
-            "is asked for; in a simulation nothing collides with them"
+            f"{collisions.count} collision meshes count as their convex hulls in clearance checks; "
+            "in a simulation nothing collides with them"
         )
     without = {"visual": "it is drawn without them", "collision": "nothing collides with them"}
     for (kind, reason), count in dropped.items():
@@ -54,7 +54,7 @@ def drop_pictures(
 
 
 def _undrawable(element: ET.Element, urdf: Path) -> str:
-    """Why Drake cannot take a visual or collision element; '' if it can."""
+    """The reason why Drake cannot read a visual or collision element; '' if it can."""
     geometry = element.find("geometry")
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:
@@ -69,30 +69,30 @@ def _undrawable(element: ET.Element, urdf: Path) -> str:
     suffix = Path(name).suffix.lower()
     if suffix not in _MESHES:
         return suffix or "no file name"
-    found = resolved_mesh(name, urdf)
-    if found is None:
+    mesh_file = resolved_mesh(name, urdf)
+    if mesh_file is None:
         return f"{suffix}, file not found"
-    about_to_read(found)
-    if suffix == ".gltf" and (fault := gltf_fault(found)):
+    about_to_read(mesh_file)
+    if suffix == ".gltf" and (fault := gltf_fault(mesh_file)):
         return fault
-    if element.tag == "collision" and (fault := hull_fault(found)):
+    if element.tag == "collision" and (fault := hull_fault(mesh_file)):
         return fault
-    shape.set("filename", found.as_uri())
+    shape.set("filename", mesh_file.as_uri())
     return ""
 
 
 def _mesh_for_hull(element: ET.Element, urdf: Path) -> tuple[Path | None, str]:
-    """The file of a collision mesh whose hull can be made, or that the file is not there."""
+    """The file of a collision mesh whose hull can be made, and an error where it is missing."""
     shape = element.find("geometry/mesh")
     name = "" if shape is None else shape.get("filename", "")
-    found = resolved_mesh(name, urdf) if name else None
-    if name and found is None:
-        return None, f"{name} not found, looked for at {_mesh_places(name, urdf)[0]} and above"
-    return found if Path(name).suffix.lower() in HULL_SUFFIXES else None, ""
+    mesh_file = resolved_mesh(name, urdf) if name else None
+    if name and mesh_file is None:
+        return None, f"{name} not found, searched for at {_mesh_places(name, urdf)[0]} and above"
+    return mesh_file if Path(name).suffix.lower() in HULL_SUFFIXES else None, ""
 
 
 def resolved_mesh(name: str, urdf: Path) -> Path | None:
-    """The file that a mesh's URI means; package:// is looked for upwards from the URDF."""
+    """The file of a mesh's URI; package:// is searched for upwards from the URDF."""
     return next((path for path in _mesh_places(name, urdf) if path.is_file()), None)
 
 
@@ -100,10 +100,10 @@ def _mesh_places(name: str, urdf: Path) -> list[Path]:
     folder = urdf.resolve().parent
     if name.startswith("package://"):
         relative = name.removeprefix("package://").lstrip("/")  # package:///p/f is written, too
-        inside = relative.partition("/")[2]
+        path_in_package = relative.partition("/")[2]
         candidates = [parent / relative for parent in (folder, *folder.parents)]
         candidates += [
-            parent / inside
+            parent / path_in_package
             for parent in (folder, *folder.parents)
             if (parent / "package.xml").is_file()
         ]

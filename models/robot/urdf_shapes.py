@@ -22,12 +22,12 @@ _IGNORED = "drake:ignored_collision_filter_group"
 
 
 def size_fault(shape: ET.Element) -> str:
-    """Why a shape's size makes no sense, in a few words; '' if it does."""
+    """The reason why a shape's size is impossible, in a few words; '' if it is not."""
     name = shape.tag.removeprefix("drake:")
     if name == "mesh":
         scale = _numbers(shape.get("scale", "1 1 1"))
         if len(scale) not in (1, 3) or not all(1e-9 < abs(x) <= LARGEST_SHAPE for x in scale):
-            return "scale that makes no sense"
+            return "impossible scale"
         return ""
     for key, count in _SIZES.get(name, {}).items():
         values = _numbers(shape.get(key, ""))
@@ -37,7 +37,7 @@ def size_fault(shape: ET.Element) -> str:
 
 
 def hull_fault(path: Path) -> str:
-    """Why Drake can make no convex hull of a collision mesh that it reads; '' if it can."""
+    """The reason why Drake can make no convex hull of a collision mesh; '' if it can."""
     from pydrake.geometry import Convex
 
     try:
@@ -48,32 +48,32 @@ def hull_fault(path: Path) -> str:
 
 
 def settle_colours(root: ET.Element, links: Collection[ET.Element]) -> None:
-    """Gives each visual its own colour. A name without a colour, or with two, is not an error."""
-    known: dict[str, list[float]] = {}
+    """Gives each visual its material. A name without a colour, or with two, is no error."""
+    colours: dict[str, list[float]] = {}
     for material in root.findall("material"):
-        known.setdefault(material.get("name", ""), _colour(material))
+        colours.setdefault(material.get("name", ""), _colour(material))
         root.remove(material)
     visuals = [visual for link in links for visual in link.findall("visual")]
     for visual in visuals:
         for material in visual.findall("material"):
             name = material.get("name", "")
-            known[name] = known.get(name) or _colour(material)
+            colours[name] = colours.get(name) or _colour(material)
     for number, visual in enumerate(visuals):
         materials = visual.findall("material")
         for material in materials:
             visual.remove(material)
         if not materials:
             continue
-        colour = _colour(materials[0]) or known.get(materials[0].get("name", ""), [])
+        colour = _colour(materials[0]) or colours.get(materials[0].get("name", ""), [])
         if colour:
-            own = ET.SubElement(visual, "material", name=f"colour_{number}")
-            ET.SubElement(own, "color", rgba=" ".join(repr(x) for x in colour))
+            new_material = ET.SubElement(visual, "material", name=f"colour_{number}")
+            ET.SubElement(new_material, "color", rgba=" ".join(repr(x) for x in colour))
 
 
 def settle_filters(root: ET.Element, links: Collection[str]) -> None:
     """Keeps the collision filter groups that name links of the arm and groups that exist."""
     groups = root.findall(_FILTER)
-    kept: list[ET.Element] = []
+    valid_groups: list[ET.Element] = []
     names: set[str] = set()
     for group in groups:
         name = group.get("name", "")
@@ -83,10 +83,10 @@ def settle_filters(root: ET.Element, links: Collection[str]) -> None:
                 group.remove(child)
         if name and name not in names and group.find(_MEMBER) is not None:
             names.add(name)
-            kept.append(group)
+            valid_groups.append(group)
         else:
             root.remove(group)
-    for group in kept:
+    for group in valid_groups:
         for child in group.findall(_IGNORED):
             if child.get("name") not in names:
                 group.remove(child)

@@ -1,4 +1,4 @@
-"""xacro written out, without ROS: by the package `xacro` of PyPI, which sees no more than it needs.
+"""Conversion of xacro to URDF without ROS, by the package `xacro` of PyPI in a restricted copy.
 
 A robot's file comes from anyone, and xacro evaluates its expressions as Python, reads any file and
 repeats without end. Here a private copy of the package works with `xacro_expression`, reads files
@@ -63,8 +63,8 @@ def urdf_of_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> byt
     specification.loader.exec_module(xacro)
     try:
         _Document(xacro, path)
-        given = {str(name): str(value) for name, value in (arguments or {}).items()}
-        document = xacro.process_file(str(path), mappings=given)
+        mappings = {str(name): str(value) for name, value in (arguments or {}).items()}
+        document = xacro.process_file(str(path), mappings=mappings)
         return bytes(document.toxml(encoding="utf-8"))
     # What xacro raises has no common class, and SystemExit is among it.
     except (Exception, SystemExit) as error:
@@ -88,7 +88,7 @@ class _Document:
         self._yaml: dict[Path, Any] = {}
         self._work = Work(WORK)
         self._eval_all, self._eval_text = xacro.eval_all, xacro.eval_text
-        own = Namespace(
+        namespace = Namespace(
             {
                 "load_yaml": self._load_yaml,
                 "abs_filename": lambda name: str(xacro.abs_filename_spec(str(name))),
@@ -99,7 +99,7 @@ class _Document:
                 **dict.fromkeys(("message", "warning", "error", "print_location"), _silent),
             }
         )
-        xacro._global_symbols = {**FUNCTIONS, **own, "xacro": own}
+        xacro._global_symbols = {**FUNCTIONS, **namespace, "xacro": namespace}
         xacro.re_macro_arg = _MACRO_ARGUMENT
         xacro.warning = xacro.error = xacro.message = xacro.print_location = _silent
         xacro.safe_eval = self._safe_eval
@@ -176,8 +176,8 @@ class _Document:
             return
         folder = Path(re.split("[*[?]", name, maxsplit=1)[0] + "_").parent
         self._inside(str(folder / "any"))  # before the disk is gone through
-        for found in sorted(folder.glob(str(Path(name).relative_to(folder)))):
-            yield str(self._inside(str(found)))
+        for file in sorted(folder.glob(str(Path(name).relative_to(folder)))):
+            yield str(self._inside(str(file)))
 
     def _parse(self, _: Any, name: str) -> xml.dom.minidom.Document:
         path = Path(name)
@@ -207,13 +207,13 @@ class _Document:
 
 def _is_package(folder: Path, name: str) -> bool:
     """Whether a folder is the package of that name: by its package.xml, or its own name."""
-    described = folder / "package.xml"
-    if not described.is_file():
+    package_file = folder / "package.xml"
+    if not package_file.is_file():
         return False
-    named = re.search(
-        rb"<name>\s*([\w.-]+)\s*</name>", read_limited(described, 1 << 20, "a package.xml")
+    match = re.search(
+        rb"<name>\s*([\w.-]+)\s*</name>", read_limited(package_file, 1 << 20, "a package.xml")
     )
-    return folder.name == name or (named is not None and named[1].decode() == name)
+    return folder.name == name or (match is not None and match[1].decode() == name)
 
 
 def _loader(work: Work) -> type[yaml.SafeLoader]:

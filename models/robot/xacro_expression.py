@@ -1,4 +1,4 @@
-"""Expressions of xacro, `${...}`, worked out by a parser of arithmetic: no code of Python runs.
+"""Evaluation of xacro's expressions, `${...}`, by a parser of arithmetic: no Python code runs.
 
 A robot's file comes from anyone. Its expressions know numbers, strings, lists, dicts, names,
 arithmetic, comparisons, `a if c else b`, indices, the functions of `FUNCTIONS` and a few methods of
@@ -26,13 +26,13 @@ class ExpressionError(ValueError):
 
 @dataclass
 class Work:
-    """How much work a document may still cause: an attack by repetition ends here.
+    """The work that a document may still cause: an attack by repetition ends here.
 
     Attributes:
-        left: units, about a microsecond each.
+        units_left: about a microsecond each.
     """
 
-    left: int
+    units_left: int
 
     def spend(self, units: int) -> None:
         """Counts work about to be done.
@@ -40,8 +40,8 @@ class Work:
         Raises:
             ExpressionError: the document has had its share.
         """
-        self.left -= units
-        if self.left < 0:
+        self.units_left -= units
+        if self.units_left < 0:
             raise ExpressionError("the document takes too much work")
 
 
@@ -74,11 +74,11 @@ def bounded(value: Any) -> Any:
     Raises:
         ExpressionError: it is something else, or too large.
     """
-    stack, left = [value], _LEAVES
+    stack, leaves_left = [value], _LEAVES
     while stack:
         item = stack.pop()
-        left -= 1
-        if left < 0:
+        leaves_left -= 1
+        if leaves_left < 0:
             raise ExpressionError("the value is too large")
         if isinstance(item, str):
             if len(item) > LONGEST_STRING:
@@ -87,10 +87,10 @@ def bounded(value: Any) -> Any:
             if item.bit_length() > LARGEST_BITS:
                 raise ExpressionError("the number is too large")
         elif isinstance(item, list | tuple):
-            stack.extend(item[: left + 1])
+            stack.extend(item[: leaves_left + 1])
         elif isinstance(item, dict):
-            stack.extend(key for key, _ in zip(item, range(left + 1), strict=False))
-            stack.extend(dict.__getitem__(item, key) for key in list(item)[: left + 1])
+            stack.extend(key for key, _ in zip(item, range(leaves_left + 1), strict=False))
+            stack.extend(dict.__getitem__(item, key) for key in list(item)[: leaves_left + 1])
         elif item is not None and not isinstance(item, float):
             raise ExpressionError(f"the value is a {type(item).__name__}")
     return value
@@ -108,19 +108,19 @@ def _power(base: Any, exponent: Any) -> Any:
     return power
 
 
-def _product(left: Any, right: Any) -> Any:
-    for some, times in ((left, right), (right, left)):
-        if isinstance(some, str | list | tuple):
-            most = LONGEST_STRING if isinstance(some, str) else LARGEST_COLLECTION
-            if not isinstance(times, int) or len(some) * times > most:
+def _product(first: Any, second: Any) -> Any:
+    for sequence, times in ((first, second), (second, first)):
+        if isinstance(sequence, str | list | tuple):
+            limit = LONGEST_STRING if isinstance(sequence, str) else LARGEST_COLLECTION
+            if not isinstance(times, int) or len(sequence) * times > limit:
                 raise ExpressionError("repeated too often")
-    return left * right
+    return first * second
 
 
-def _remainder(left: Any, right: Any) -> Any:
-    if not (isinstance(left, int | float) and isinstance(right, int | float)):
+def _remainder(dividend: Any, divisor: Any) -> Any:
+    if not (isinstance(dividend, int | float) and isinstance(divisor, int | float)):
         raise ExpressionError("% needs numbers")
-    return left % right
+    return dividend % divisor
 
 
 def _range(*limits: int) -> list[int]:
@@ -230,15 +230,15 @@ class _Evaluator:
         return value
 
     def _compare(self, node: ast.Compare) -> Any:
-        left, holds = self.value(node.left), True
+        first, result = self.value(node.left), True
         for kind, operand in zip(node.ops, node.comparators, strict=True):
-            right = self.value(operand)
-            self._work.spend(_size(right))
-            holds = _COMPARISON[type(kind)](left, right)
-            if not holds:
+            second = self.value(operand)
+            self._work.spend(_size(second))
+            result = _COMPARISON[type(kind)](first, second)
+            if not result:
                 break
-            left = right
-        return holds
+            first = second
+        return result
 
     def _ifexp(self, node: ast.IfExp) -> Any:
         return self.value(node.body if self.value(node.test) else node.orelse)
@@ -259,21 +259,23 @@ class _Evaluator:
         }
 
     def _subscript(self, node: ast.Subscript) -> Any:
-        some = self.value(node.value)
+        collection = self.value(node.value)
         if isinstance(node.slice, ast.Slice):
             parts = (node.slice.lower, node.slice.upper, node.slice.step)
-            return some[slice(*(None if part is None else self.value(part) for part in parts))]
-        return some[self.value(node.slice)]
+            return collection[
+                slice(*(None if part is None else self.value(part) for part in parts))
+            ]
+        return collection[self.value(node.slice)]
 
     def _attribute(self, node: ast.Attribute) -> Any:
         """A key of a dict, as xacro gives those of YAML, or one of a few methods."""
-        some, name = self.value(node.value), node.attr
-        if isinstance(some, dict) and name in some:
-            return some[name]
-        if type(some) is dict and name in _DICT_METHODS:
-            return _listing(getattr(some, name)) if name != "get" else some.get
-        if type(some) is str and name in _STRING_METHODS:
-            return getattr(some, name)
+        owner, name = self.value(node.value), node.attr
+        if isinstance(owner, dict) and name in owner:
+            return owner[name]
+        if type(owner) is dict and name in _DICT_METHODS:
+            return _listing(getattr(owner, name)) if name != "get" else owner.get
+        if type(owner) is str and name in _STRING_METHODS:
+            return getattr(owner, name)
         raise ExpressionError(f"'{name}' is not defined")
 
     def _call(self, node: ast.Call) -> Any:
@@ -289,7 +291,7 @@ class _Evaluator:
 
 
 def _size(value: Any) -> int:
-    """What a function has to go through of an argument, about."""
+    """About how many items a function has to go through in an argument."""
     if isinstance(value, str):
         return len(value) // 10
     return len(value) if isinstance(value, list | tuple | dict) else 1

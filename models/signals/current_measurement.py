@@ -1,4 +1,4 @@
-"""What a drive reports of the current in its motor: first-order bandwidth, noise, resolution."""
+"""A drive's measurement of its motor current: first-order bandwidth, noise, resolution."""
 
 import math
 

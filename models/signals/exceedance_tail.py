@@ -1,4 +1,4 @@
-"""How often a statistic exceeds a level far above what was seen, from how it exceeds lower ones.
+"""The tail of a statistic: how often it exceeds a high level, from its excesses over lower ones.
 
 Excesses over a high level follow a generalised Pareto law (Pickands, 1975), so that an exceedance
 of `level` + x happens
@@ -8,9 +8,9 @@ of `level` + x happens
 times an hour. Samples of one excursion are one exceedance: excursions that begin less than GAP
 after another's end belong to it, and its largest sample counts.
 
-Scale and shape are the most likely ones, given that the shape is 0 within SHAPE_SD: the norms that
-are looked at here have exponential tails, and the most likely shape of some 30 excursions alone is
-known within .2, which makes the level that is exceeded once an hour a matter of chance (penalised
+Scale and shape are the most likely ones, given that the shape is 0 within SHAPE_SD. The norms that
+are judged here have exponential tails. The most likely shape of some 30 excursions alone is known
+within .2, which makes the level that is exceeded once an hour a matter of chance (penalised
 likelihood: Coles and Dixon, 1999). A tail is never taken as bounded, and the shape is at least one
 over the number of excursions: the law that an exponential tail of unknown scale has for the next
 one to come (Lomax). So a level from few excursions lies higher than one from many.
@@ -35,7 +35,7 @@ _RARE = 1e-3  # share of a Gaussian tail's level
 
 @dataclass
 class ExceedanceTail:
-    """The law of this module."""
+    """The tail of a statistic, by the law of this module."""
 
     level: float = 0.0  # of the statistic, above which the law holds
     rate_per_hour: float = 0.0  # of excursions above it
@@ -43,13 +43,13 @@ class ExceedanceTail:
     shape: float = 0.0  # of the generalised Pareto law; 0: exponential
 
     def check(self) -> None:
-        """Raises ValueError where no tail has these numbers."""
+        """Raises ValueError where a number is negative or not finite, or the scale is zero."""
         values = (self.level, self.rate_per_hour, self.scale, self.shape)
         if not all(np.isfinite(x) and x >= 0.0 for x in values) or self.scale == 0.0:
             raise ValueError(f"expected numbers of zero or more, scale above zero, not {values}")
 
     def level_at(self, rate_per_hour: float) -> float:
-        """The level that is exceeded so often, or `level` where that is less often."""
+        """The level that is exceeded `rate_per_hour` times an hour; at least `level`."""
         ratio = np.log(max(self.rate_per_hour / rate_per_hour, 1.0))
         if self.shape * ratio < 1e-9:
             return float(self.level + self.scale * ratio)
@@ -59,10 +59,10 @@ class ExceedanceTail:
 def peaks_above(statistic: ArrayLike, level: float, time_step: float) -> Array:
     """The largest sample of each excursion above `level` of a statistic (N,)."""
     values = np.asarray(statistic, float)
-    above = np.flatnonzero(values > level)
-    if not len(above):
+    rows_above = np.flatnonzero(values > level)
+    if not len(rows_above):
         return np.empty(0)
-    parts = np.split(above, np.flatnonzero(np.diff(above) * time_step > GAP) + 1)
+    parts = np.split(rows_above, np.flatnonzero(np.diff(rows_above) * time_step > GAP) + 1)
     return np.array([values[part].max() for part in parts])
 
 
@@ -73,13 +73,13 @@ def fit_exceedances(runs: Sequence[ArrayLike], time_step: float) -> ExceedanceTa
         runs: every sample counts.
         time_step: s.
     """
-    values = [np.asarray(own, float) for own in runs]
+    values = [np.asarray(run, float) for run in runs]
     pooled = np.concatenate(values)
     if not len(pooled):
         return None
     for share in SHARES:
         level = float(np.quantile(pooled, 1.0 - share))
-        excess = np.concatenate([peaks_above(own, level, time_step) for own in values]) - level
+        excess = np.concatenate([peaks_above(run, level, time_step) for run in values]) - level
         if len(excess) >= ENOUGH:
             break
     if len(excess) < FEWEST:
@@ -102,8 +102,8 @@ def _most_likely(excess: Array) -> tuple[float, float]:
 
     def cost(x: Array) -> float:
         shape, scale = float(x[0]), float(np.exp(x[1]))
-        own = genpareto.logpdf(excess, shape, scale=scale).sum()
-        return float(0.5 * (shape / SHAPE_SD) ** 2 - own)
+        log_likelihood = genpareto.logpdf(excess, shape, scale=scale).sum()
+        return float(0.5 * (shape / SHAPE_SD) ** 2 - log_likelihood)
 
     start = np.array([0.01, np.log(excess.mean())])
     shape, size = minimize(cost, start, method="Nelder-Mead").x
@@ -111,10 +111,11 @@ def _most_likely(excess: Array) -> tuple[float, float]:
 
 
 def gaussian_tail(size: int, correlation_time: float) -> ExceedanceTail:
-    """The tail where nothing was learnt: of the norm of `size` standard normal variables, each of
-    covariance exp(-|t| / correlation_time). Such a process stays above a high level u for
-    correlation_time / u^2 at a time (Aldous, 1989). Beyond its level the tail is exponential, which
-    is wider than Gaussian.
+    """The tail of the norm of `size` standard normal variables, where nothing was learnt.
+
+    Each has the covariance exp(-|t| / correlation_time). Such a process stays above a high level u
+    for correlation_time / u^2 at a time (Aldous, 1989). Beyond its level the tail is exponential,
+    which is wider than Gaussian.
     """
     level = float(np.sqrt(2.0 * gammainccinv(0.5 * size, _RARE)))  # as scipy.stats.chi has it
     log_density = np.log(2.0) - 0.5 * np.log(2.0) * size - gammaln(0.5 * size)

@@ -1,4 +1,4 @@
-"""A first-order low-pass sample by sample, as an observer's pole is one."""
+"""A first-order low-pass sample by sample, like an observer's."""
 
 import numpy as np
 
@@ -7,25 +7,26 @@ from wrenchsight.models.kernel import kernel
 
 
 @kernel
-def low_pass(keep: Array, memory: Array, x: Array) -> None:
-    """A first-order low-pass along the first axis, in place.
+def low_pass(decay: Array, memory: Array, x: Array) -> None:
+    """Filters along the first axis, in place.
 
-    What is not finite is replaced by what the filter holds; the first finite sample starts it.
+    A value that is not finite is replaced by the filter's last one; the first finite sample starts
+    the filter.
 
     Args:
-        keep: (n,) exp(-pole T).
+        decay: (n,) exp(-pole T).
         memory: (n, m) of the sample before, changed; NaN: nothing yet.
         x: (N, n, m), changed.
     """
     for k in range(x.shape[0]):
         for i in range(x.shape[1]):
             for c in range(x.shape[2]):
-                new, old = x[k, i, c], memory[i, c]
-                if not np.isfinite(new):
-                    new = old if np.isfinite(old) else 0.0
-                elif np.isfinite(old):
-                    new = keep[i] * old + (1.0 - keep[i]) * new
-                    memory[i, c] = new
+                value, previous = x[k, i, c], memory[i, c]
+                if not np.isfinite(value):
+                    value = previous if np.isfinite(previous) else 0.0
+                elif np.isfinite(previous):
+                    value = decay[i] * previous + (1.0 - decay[i]) * value
+                    memory[i, c] = value
                 else:
-                    memory[i, c] = new
-                x[k, i, c] = new
+                    memory[i, c] = value
+                x[k, i, c] = value

@@ -1,4 +1,4 @@
-"""What touches the tool, in one array of ten: wrench at E, normal force and normal.
+"""The contact of the tool in one array of ten: wrench at E, normal force and normal.
 
 The tip is a ball with its centre on E's z axis and E on its surface: the normal points from the
 contact to its centre, exact on any smooth surface.
@@ -55,7 +55,7 @@ def add_contact(
 def sum_with_contact(
     applied: Array, contact: Array, J: Array, tau_contact: Array, out: Array
 ) -> None:
-    """Writes (6 + n + 4,) wrench and joint torque of all that acts, normal force and normal.
+    """Writes (6 + n + 4,): total wrench and joint torque of the environment, normal force, normal.
 
     Args:
         applied: (6,) F_E_W of all but contact, rotation first, N m, N.

@@ -1,4 +1,4 @@
-"""From the reaction at the tool's mount to the wrench that the environment applies at E."""
+"""The wrench of the environment at E, from the reaction at the tool's mount."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ _MASS, _COM, _INERTIA, _GRAVITY, _P_EJ, _R_EJ, _NUM_ROWS = 0, 1, 2, 5, 6, 7, 10
 def tool_table(
     mass: float, p_EC: Array, I_C: Array, gravity: Array, R_EJ: Array, p_EJ: Array
 ) -> Array:
-    """Packs what `contact_wrench` needs to know of a tool that E is fixed to.
+    """Packs the constants of a tool that E is fixed to, for `contact_wrench`.
 
     Args:
         mass: kg.
@@ -83,7 +83,7 @@ def tool_acceleration(J: Array, v: Array, vdot: Array, out: Array) -> None:
 def contact_wrench(
     table: Array, R_WE: Array, w_WE: Array, A_WE: Array, reaction: Array, out: Array
 ) -> None:
-    """Writes what acts on the tool besides gravity and its mount: (6,) at E in W, rotation first.
+    """Writes the wrench on the tool besides gravity and its mount: (6,) at E in W, rotation first.
 
     Newton and Euler about the tool's centre of mass C, worked in axes of E, the mount's reaction
     being known:
@@ -155,7 +155,7 @@ def measure_contact_wrench(
     wrench: Array,
     state: Array,
 ) -> None:
-    """Takes a sample of the contact's wrench: `wrench` (6,) is written, `state` moved on.
+    """Measures the contact's wrench: writes `wrench` (6,), and takes the sample into `state`.
 
     Args:
         reaction: as in `contact_wrench`.

@@ -1,4 +1,4 @@
-"""Filtering of whole logs, where the future is known: no delay, no phase."""
+"""Filters of whole logs, without delay or phase."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -49,6 +49,6 @@ def derivative(x: Array, time_step: float) -> Array:
     At a twentieth of the sampling rate their amplitude is 0.03 % short, that of three-point
     differences 1.6 %. The two samples at each end use lower orders.
     """
-    out = np.gradient(x, time_step, axis=0)
-    out[2:-2] = (x[:-4] - 8.0 * x[1:-3] + 8.0 * x[3:-1] - x[4:]) / (12.0 * time_step)
-    return np.asarray(out)
+    slope = np.gradient(x, time_step, axis=0)
+    slope[2:-2] = (x[:-4] - 8.0 * x[1:-3] + 8.0 * x[3:-1] - x[4:]) / (12.0 * time_step)
+    return np.asarray(slope)

@@ -2,10 +2,10 @@
 
 A simulation calls four kernels, in their order and around the plant's own solution:
 
-    arm_motion   what is known of a sample before anything is commanded
-    arm_drives   what the joints do with a command
-    arm_truth    what acts from outside, once the plant has solved for contact
-    arm_memory   what joints, sensors and process remember of the tick
+    arm_motion   rigid-body terms, encoder readings and the scripted wrench, before a command
+    arm_drives   response of the joints to a command
+    arm_truth    external wrench and torque, once the plant has solved for contact
+    arm_memory   state of joints, sensors and process after the tick
 
 The mathematics is that of `joint_kernels`, `current_measurement`, `tool_contact`, `tool_wrench`,
 `machining_process` and `chain_kernels`. Constants come as tuples, in the order of the classes here.
@@ -47,9 +47,9 @@ from wrenchsight.models.views import copy_to, plain
 
 
 class ArmLayout(NamedTuple):
-    """Where things lie in the state: joints, lagged currents (n), process, its wrench (6), sensor.
+    """Layout of the state: joints, lagged currents (n), process, its wrench (6), sensor.
 
-    The sensor's part is its wrench (6) and what its filter remembers.
+    The sensor's part is its wrench (6) and the state of its filter.
 
     Attributes:
         joints: entries of the joints' state.
@@ -63,7 +63,7 @@ class ArmLayout(NamedTuple):
 
 
 class MotionConstants(NamedTuple):
-    """What `arm_motion` reads that does not change.
+    """The constants of `arm_motion`.
 
     Attributes:
         chain: SerialChain.table of the true robot.
@@ -84,13 +84,13 @@ class MotionConstants(NamedTuple):
 
 
 class DriveConstants(NamedTuple):
-    """What `arm_drives` reads that does not change.
+    """The constants of `arm_drives`.
 
     Attributes:
         joints: table of TrueJoints.
         motors: of TrueJoints.
         current: (3, n) table of `measure_current`; (0, n): the true current is reported.
-        seed, current_seed: of what friction wanders by, and of the current sensor's noise.
+        seed, current_seed: of friction's wander, and of the current sensor's noise.
         in_contact: whether contact is solved for after the drives: then that of the tick before
             counts for friction.
     """
@@ -104,7 +104,7 @@ class DriveConstants(NamedTuple):
 
 
 class MemoryConstants(NamedTuple):
-    """What `arm_memory` reads that does not change.
+    """The constants of `arm_memory`.
 
     Attributes:
         current: as in DriveConstants.
@@ -132,11 +132,14 @@ class MemoryConstants(NamedTuple):
 
 
 def motion_type(num_joints: int) -> np.dtype[np.void]:
-    """The record that `arm_motion` writes: the rigid-body terms of the links' q and v, and then
+    """The type of the record that `arm_motion` writes.
 
-    q_read and v_read (n,) as the encoders say, rad, rad/s; wrench (6,) and torque (n,) of the
-    environment without contact, F_E_W and N m; applied (6,), that wrench with the spindle's; sensed
-    (6,), what the force/torque sensor reads.
+    Its fields are those of the rigid-body terms of the links' q and v, and then:
+
+        q_read, v_read  (n,) rad, rad/s, as the encoders read
+        wrench, torque  (6,) F_E_W and (n,) N m, of the environment without contact
+        applied         (6,) that wrench with the spindle's
+        sensed          (6,) as the force/torque sensor reads
     """
     n = num_joints
     terms = terms_type(n)
@@ -160,7 +163,7 @@ def _tick_of(t: float, time_step: float) -> int:
 
 @kernel
 def arm_motion(
-    constants: tuple[Any, ...],
+    packed_constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
     x: Array,
@@ -168,10 +171,10 @@ def arm_motion(
     scratch: Array,
     motion: Record,
 ) -> None:
-    """Writes what is known of a sample before anything is commanded.
+    """Writes the terms, encoder readings and wrench of a sample, before anything is commanded.
 
     Args:
-        constants: MotionConstants.
+        packed_constants: MotionConstants.
         layout: ArmLayout.
         t: s.
         x: (2n,) q and v of the links, rad, rad/s.
@@ -179,30 +182,38 @@ def arm_motion(
         scratch: (n, SCRATCH_COLUMNS), overwritten.
         motion: (1,) of `motion_type`, written.
     """
-    of = MotionConstants(*constants)
-    of_joints, of_process, time_step = layout
-    n = of.joints.shape[0]
-    at = motion[0]
-    copy_to(at.q, x[:n])
-    copy_to(at.v, x[n:])
-    all_terms(of.chain, motion, scratch)
-    rows = state[:of_joints].reshape(of_joints // n, n)
+    constants = MotionConstants(*packed_constants)
+    joints_size, process_size, time_step = layout
+    n = constants.joints.shape[0]
+    sample = motion[0]
+    copy_to(sample.q, x[:n])
+    copy_to(sample.v, x[n:])
+    all_terms(constants.chain, motion, scratch)
+    rows = state[:joints_size].reshape(joints_size // n, n)
     tick = _tick_of(t, time_step)
     encoder_reading(
-        *(of.joints, rows, plain(at.G), plain(at.q), plain(at.v), of.on_motor, of.seed, tick),
-        *(plain(at.q_read), plain(at.v_read)),
+        constants.joints,
+        rows,
+        plain(sample.G),
+        plain(sample.q),
+        plain(sample.v),
+        constants.on_motor,
+        constants.seed,
+        tick,
+        plain(sample.q_read),
+        plain(sample.v_read),
     )
-    wrench = plain(at.wrench)
+    wrench = plain(sample.wrench)
     wrench[:] = 0.0
-    if of.script.shape[0] > 0:
-        sample_script(of.script, of.tones, t, wrench)
-    own = of_joints + n + of_process
-    wrench += state[own : own + 6]
-    copy_to(at.applied, wrench)
-    copy_to(at.sensed, state[own + 6 : own + 12])
-    if of_process > 0:
-        add_unbalance_force(of.process, t, plain(at.R_WE), at.applied[3:])
-    torque, J = at.torque, at.J
+    if constants.script.shape[0] > 0:
+        sample_script(constants.script, constants.tones, t, wrench)
+    wrench_start = joints_size + n + process_size
+    wrench += state[wrench_start : wrench_start + 6]
+    copy_to(sample.applied, wrench)
+    copy_to(sample.sensed, state[wrench_start + 6 : wrench_start + 12])
+    if process_size > 0:
+        add_unbalance_force(constants.process, t, plain(sample.R_WE), sample.applied[3:])
+    torque, J = sample.torque, sample.J
     for j in range(n):
         torque[j] = 0.0
         for i in range(6):
@@ -211,7 +222,7 @@ def arm_motion(
 
 @kernel
 def arm_drives(
-    constants: tuple[Any, ...],
+    packed_constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
     motion: Record,
@@ -220,10 +231,10 @@ def arm_drives(
     work: Array,
     drives: Array,
 ) -> None:
-    """Writes what the joints do with a command.
+    """Writes the joints' response to a command.
 
     Args:
-        constants: DriveConstants.
+        packed_constants: DriveConstants.
         layout, t, state: as in `arm_motion`.
         motion: of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
@@ -231,40 +242,42 @@ def arm_drives(
         drives: ((SIGNALS + 1) n + joints' state,), written: the signals of `joint_tick`, the
             current as it is reported, A, and the joints' state at the tick's end.
     """
-    of = DriveConstants(*constants)
-    of_joints, _, time_step = layout
-    n, tick = of.joints.shape[0], _tick_of(t, time_step)
+    constants = DriveConstants(*packed_constants)
+    joints_size, _, time_step = layout
+    n, tick = constants.joints.shape[0], _tick_of(t, time_step)
     noise = np.empty(2 * n)
-    gaussian_noise(of.seed, tick, noise)
-    rows = state[:of_joints].reshape(of_joints // n, n)
+    gaussian_noise(constants.seed, tick, noise)
+    rows = state[:joints_size].reshape(joints_size // n, n)
     signals = drives[: SIGNALS * n].reshape(SIGNALS, n)
     current = drives[SIGNALS * n : (SIGNALS + 1) * n]
-    at = motion[0]
-    asked = command
-    if of.motors.shape[0] > 0:
-        asked = np.empty(n)
-        mixed_currents(of.motors[0], command, asked)
+    sample = motion[0]
+    joint_command = command
+    if constants.motors.shape[0] > 0:
+        joint_command = np.empty(n)
+        mixed_currents(constants.motors[0], command, joint_command)
     joint_tick(
-        of.joints,
+        constants.joints,
         time_step,
-        Links(plain(at.M), plain(at.Cv), plain(at.G), plain(at.q), plain(at.v)),
-        asked,
-        rows[EXTERNAL] if of.in_contact else plain(at.torque),
+        Links(plain(sample.M), plain(sample.Cv), plain(sample.G), plain(sample.q), plain(sample.v)),
+        joint_command,
+        rows[EXTERNAL] if constants.in_contact else plain(sample.torque),
         noise,
         rows,
-        drives[(SIGNALS + 1) * n :].reshape(of_joints // n, n),
+        drives[(SIGNALS + 1) * n :].reshape(joints_size // n, n),
         signals,
         work,
     )
-    if of.motors.shape[0] > 0:
-        copy_to(asked, signals[MOTOR_CURRENT])
-        mixed_currents(of.motors[1], asked, signals[MOTOR_CURRENT])
-    if of.current.shape[0] == 0:
+    if constants.motors.shape[0] > 0:
+        copy_to(joint_command, signals[MOTOR_CURRENT])
+        mixed_currents(constants.motors[1], joint_command, signals[MOTOR_CURRENT])
+    if constants.current.shape[0] == 0:
         copy_to(current, signals[MOTOR_CURRENT])
     else:
-        gaussian_noise(of.current_seed, tick, noise[:n])
-        lagged = state[of_joints : of_joints + n]
-        measure_current(of.current, time_step, signals[MOTOR_CURRENT], noise[:n], lagged, current)
+        gaussian_noise(constants.current_seed, tick, noise[:n])
+        lagged = state[joints_size : joints_size + n]
+        measure_current(
+            constants.current, time_step, signals[MOTOR_CURRENT], noise[:n], lagged, current
+        )
 
 
 @kernel
@@ -276,7 +289,7 @@ def arm_truth(
     motion: Record,
     truth: Array,
 ) -> None:
-    """Writes what acts on the arm from outside, as `sum_with_contact`.
+    """Writes the external wrench and torque on the arm, as `sum_with_contact`.
 
     Args:
         tip_radius: m, of the ball at the tool's tip.
@@ -285,17 +298,17 @@ def arm_truth(
         motion: of `arm_motion`.
         truth: (6 + n + 4,), written.
     """
-    contact, at = np.zeros(CONTACT_SIZE), motion[0]
-    R_WE, p_WE = plain(at.R_WE), plain(at.p_WE)
+    contact, sample = np.zeros(CONTACT_SIZE), motion[0]
+    R_WE, p_WE = plain(sample.R_WE), plain(sample.p_WE)
     for i in range(count):
         c = contacts[i]
         add_contact(p_WE, R_WE, tip_radius, c[:3], c[3:6], c[6:], contact)
-    sum_with_contact(plain(at.wrench), contact, plain(at.J), tau_contact, truth)
+    sum_with_contact(plain(sample.wrench), contact, plain(sample.J), tau_contact, truth)
 
 
 @kernel
 def arm_memory(
-    constants: tuple[Any, ...],
+    packed_constants: tuple[Any, ...],
     layout: tuple[float, ...],
     t: float,
     motion: Record,
@@ -305,10 +318,10 @@ def arm_memory(
     reaction: Array,
     state: Array,
 ) -> None:
-    """Takes a tick into what joints, sensors and process remember.
+    """Takes a tick into the state of joints, sensors and process.
 
     Args:
-        constants: MemoryConstants.
+        packed_constants: MemoryConstants.
         layout, t: as in `arm_motion`.
         motion, drives: of the tick.
         truth: (6 + n + 4,) of `arm_truth`; without entries where there is no contact.
@@ -316,38 +329,60 @@ def arm_memory(
         reaction: (6,) on the tool at its mount, N m, N.
         state: see ArmLayout, changed.
     """
-    of = MemoryConstants(*constants)
-    of_joints, of_process, time_step = layout
+    constants = MemoryConstants(*packed_constants)
+    joints_size, process_size, time_step = layout
     n = vdot.shape[0]
-    own = of_joints + n + of_process
-    at = motion[0]
-    R_WE, p_WE, V_WE = plain(at.R_WE), plain(at.p_WE), plain(at.V_WE)
-    state[:of_joints] = drives[(SIGNALS + 1) * n :]
+    wrench_start = joints_size + n + process_size
+    sample = motion[0]
+    R_WE, p_WE, V_WE = plain(sample.R_WE), plain(sample.p_WE), plain(sample.V_WE)
+    state[:joints_size] = drives[(SIGNALS + 1) * n :]
     if truth.shape[0] > 0:
         state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
-    if of.current.shape[0] > 0:
+    if constants.current.shape[0] > 0:
         current = drives[MOTOR_CURRENT * n : (MOTOR_CURRENT + 1) * n]
-        update_lag(of.current[0], time_step, current, state[of_joints : of_joints + n])
-    if of_process > 0:
-        law, contact = state[of_joints + n : own], truth[6 + n :]
-        if of.variations.shape[0] == 0:
-            advance_process(of.process, time_step, contact, V_WE, law)
+        update_lag(constants.current[0], time_step, current, state[joints_size : joints_size + n])
+    if process_size > 0:
+        process_state, contact = state[joints_size + n : wrench_start], truth[6 + n :]
+        if constants.variations.shape[0] == 0:
+            advance_process(constants.process, time_step, contact, V_WE, process_state)
         else:
             advance_varying_process(
-                *(of.process, of.variations, of.waviness, of.patches, of.pose, of.ends),
-                *(time_step, t, contact, V_WE, p_WE, law),
+                constants.process,
+                constants.variations,
+                constants.waviness,
+                constants.patches,
+                constants.pose,
+                constants.ends,
+                time_step,
+                t,
+                contact,
+                V_WE,
+                p_WE,
+                process_state,
             )
-        state[own + 3 : own + 6] = law[FORCE]
-        shaken = state[VIBRATION * n : (VIBRATION + 1) * n]
+        state[wrench_start + 3 : wrench_start + 6] = process_state[FORCE]
+        vibration = state[VIBRATION * n : (VIBRATION + 1) * n]
         joint_vibration(
-            of.process, plain(at.M), plain(at.J), law[NORMAL_FORCE], law[NORMAL], shaken
+            constants.process,
+            plain(sample.M),
+            plain(sample.J),
+            process_state[NORMAL_FORCE],
+            process_state[NORMAL],
+            vibration,
         )
-    if of.tool.shape[0] > 0:
+    if constants.tool.shape[0] > 0:
         noise = np.zeros(6)
-        if of.noise_seed >= 0:
-            gaussian_noise(of.noise_seed, _tick_of(t, time_step), noise)
+        if constants.noise_seed >= 0:
+            gaussian_noise(constants.noise_seed, _tick_of(t, time_step), noise)
         measure_contact_wrench(
-            ToolSensor(of.tool, of.A, of.B, of.C, of.noise_sd),
-            *(plain(at.J), R_WE, V_WE, plain(at.v), vdot, reaction),
-            *(noise, state[own + 6 : own + 12], state[own + 12 :]),
+            ToolSensor(constants.tool, constants.A, constants.B, constants.C, constants.noise_sd),
+            plain(sample.J),
+            R_WE,
+            V_WE,
+            plain(sample.v),
+            vdot,
+            reaction,
+            noise,
+            state[wrench_start + 6 : wrench_start + 12],
+            state[wrench_start + 12 :],
         )

@@ -1,4 +1,4 @@
-"""What a simulated arm's controller records where it touches nothing but a hand: a fast log.
+"""Fast logs of a simulated arm that touches nothing, but for a scripted push at its tool.
 
 The same joints (`joint_kernels`), rigid bodies, controller and current sensor as in the cell of
 `diagrams.robot_cell`, in one compiled loop: some ten microseconds a tick in place of a hundred.
@@ -6,7 +6,7 @@ The same joints (`joint_kernels`), rigid bodies, controller and current sensor a
     encoders -> controller's torque -> current -> drive, friction, gear -> M (v+ - v) / h = ...
     q+ = q + h v+
 
-as a time-stepping plant takes it. At each tick all see the state before it.
+as a time-stepping plant takes it. At each tick every part sees the state before it.
 """
 
 from dataclasses import dataclass
@@ -82,9 +82,9 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class FreeLog:
-    """A log, one row a logged tick, and what only the simulation knows.
+    """A log and its truth, one row a logged tick.
 
-    Of q_true, v_true, tau_J_true and rise there are no rows where they were not asked for.
+    q_true, v_true, tau_J_true and rise have no rows unless they were requested.
 
     Attributes:
         t: (T,) s.
@@ -122,7 +122,7 @@ def simulate_free_arm(
     duration: float | None = None,
     whole: bool = True,
 ) -> FreeLog:
-    """Lets the true robot follow a trajectory where nothing touches it but what a script says.
+    """Lets the true robot follow a trajectory where nothing touches it but a scripted push.
 
     Args:
         robot: with its simulated truth.
@@ -137,7 +137,7 @@ def simulate_free_arm(
             goes on where another ended.
         wrench: of the environment on the robot at E, over time.
         duration: s; the trajectory's where it is not given.
-        whole: whether also what neither log nor estimator has is kept, see `FreeLog`.
+        whole: whether q_true, v_true, tau_J_true and rise are logged, too.
 
     Raises:
         InputError: the robot's truth is out of range.
@@ -164,28 +164,36 @@ def simulate_free_arm(
         friction_velocity=servo.friction_velocity,
         time_step=time_step,
     )
-    inner = np.empty((4, rows if whole else 0, n))
-    log = _Rows(np.empty((4, rows, n)), inner, np.zeros((rows, 6)))
-    arm = _Arm(joints.table, joints.motors, joints.on_motor, chain.table, time_step, seed, every)
+    truth_rows = np.empty((4, rows if whole else 0, n))
+    log = _Rows(np.empty((4, rows, n)), truth_rows, np.zeros((rows, 6)))
+    arm = _Arm(
+        table=joints.table,
+        motors=joints.motors,
+        on_motor=joints.on_motor,
+        chain=chain.table,
+        time_step=time_step,
+        seed=seed,
+        every=every,
+    )
     control = _Control(servo.chain.table, law, gain, sensor)
     pushes = _Script(script.table, script.tones, float(trajectory.t[0]))
     memory = np.stack([q, v, np.zeros(n), np.full(n, np.nan)])
     for first in range(0, ticks, _CHUNK):
-        wanted = np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1)
-        _run(arm, control, pushes, first, wanted, state, memory, log)
-    q_read, v_read, current, tau_f = log.seen
-    q_true, v_true, tau_J, rise = inner
+        reference = np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1)
+        _run(arm, control, pushes, first, reference, state, memory, log)
+    q_read, v_read, current, tau_f = log.logged
+    q_true, v_true, tau_J, rise = truth_rows
     return FreeLog(
-        times[::every].copy(),
-        q_read,
-        v_read,
-        current,
-        q_true,
-        v_true,
-        tau_J,
-        tau_f,
-        rise,
-        log.wrenches,
+        t=times[::every].copy(),
+        q=q_read,
+        v=v_read,
+        current=current,
+        q_true=q_true,
+        v_true=v_true,
+        tau_J_true=tau_J,
+        tau_f_true=tau_f,
+        rise=rise,
+        wrench_true=log.wrenches,
     )
 
 
@@ -219,10 +227,16 @@ class _Script(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """What is logged: (4, rows, n) of FreeLog's columns each, and (rows, 6) wrenches."""
+    """The rows of a log.
 
-    seen: Array
-    inner: Array
+    Attributes:
+        logged: (4, rows, n) q, v, current and tau_f_true of FreeLog.
+        truth_rows: (4, rows, n) q_true, v_true, tau_J_true and rise; perhaps without rows.
+        wrenches: (rows, 6).
+    """
+
+    logged: Array
+    truth_rows: Array
     wrenches: Array
 
 
@@ -240,11 +254,11 @@ def _run(
     """Ticks `first`, `first` + 1, ... as `reference` (ticks, 3n) has rows.
 
     Goes on from `state`, and from q, v, the controller's integral and the sensor's lagged current
-    in the rows of `memory`; both are changed. `inner` may have no rows.
+    in the rows of `memory`; both are changed. `truth_rows` may have no rows.
     """
     table, motors, on_motor, chain, time_step, seed, every = arm
     model, law, gain, sensor = control
-    seen, inner, wrenches = log
+    logged, truth_rows, wrenches = log
     n = memory.shape[1]
     q, v, integral, lagged = memory[0], memory[1], memory[2], memory[3]
     Cv, G = np.empty(n), np.empty(n)
@@ -253,17 +267,17 @@ def _run(
     R_WE, p_WE = np.empty((3, 3)), np.empty(3)
     scratch = np.empty((n, SCRATCH_COLUMNS))
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
-    draws = np.empty(2 * n)
+    wander_noise = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
     tau_ext, vdot = np.zeros(n), np.empty(n)
     wrench = np.zeros(6)
-    signals, after = np.empty((SIGNALS, n)), np.empty_like(state)
+    signals, next_state = np.empty((SIGNALS, n)), np.empty_like(state)
     work = tick_work(state)
-    before, pushed = read_only(state), read_only(tau_ext)  # as a cell of Drake's has them
+    state_view, tau_ext_view = read_only(state), read_only(tau_ext)  # as a cell of Drake's has them
     motor_current = signals[MOTOR_CURRENT]
     bandwidth, noise_sd, resolution = sensor[0], sensor[1], sensor[2]
     for k in range(reference.shape[0]):
-        tick, wanted = first + k, reference[k]
+        tick, reference_row = first + k, reference[k]
         dynamics_terms(chain, q, v, Cv, G, M, scratch)
         if script.table.shape[0] > 0:
             sample_script(script.table, script.tones, script.start + tick * time_step, wrench)
@@ -274,15 +288,28 @@ def _run(
                 for axis in range(6):
                     tau_ext[i] += J[axis, i] * wrench[axis]
         encoder_reading(
-            table, before, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
+            table, state_view, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
         )
         dynamics_terms(model, q_read, v_read, Cv_m, G_m, M_m, scratch)
-        tracking_torque(law, M_m, Cv_m, G_m, q_read, v_read, wanted, read_only(integral), tau)
+        tracking_torque(
+            law, M_m, Cv_m, G_m, q_read, v_read, reference_row, read_only(integral), tau
+        )
         for i in range(n):
             command[i] = tau[i] / gain[i]
-        gaussian_noise(seed + WANDER_STREAM, tick, draws)
+        gaussian_noise(seed + WANDER_STREAM, tick, wander_noise)
         links = Links(M, Cv, G, q, v)
-        joint_tick(table, time_step, links, command, pushed, draws, before, after, signals, work)
+        joint_tick(
+            table,
+            time_step,
+            links,
+            command,
+            tau_ext_view,
+            wander_noise,
+            state_view,
+            next_state,
+            signals,
+            work,
+        )
         if motors.shape[0] > 0:
             copy_to(current, motor_current)
             mixed_currents(motors[1], current, motor_current)
@@ -294,15 +321,15 @@ def _run(
                 current[i] = lagged[i]
             report_current(noise_sd, resolution, motor_current, noise, current)
             for i in range(n):
-                seen[0, row, i], seen[1, row, i] = q_read[i], v_read[i]
-                seen[2, row, i], seen[3, row, i] = current[i], signals[TAU_F, i]
-            if inner.shape[1] > 0:
+                logged[0, row, i], logged[1, row, i] = q_read[i], v_read[i]
+                logged[2, row, i], logged[3, row, i] = current[i], signals[TAU_F, i]
+            if truth_rows.shape[1] > 0:
                 for i in range(n):
-                    inner[0, row, i], inner[1, row, i] = q[i], v[i]
-                    inner[2, row, i], inner[3, row, i] = signals[TAU_J, i], state[RISE, i]
+                    truth_rows[0, row, i], truth_rows[1, row, i] = q[i], v[i]
+                    truth_rows[2, row, i], truth_rows[3, row, i] = signals[TAU_J, i], state[RISE, i]
             for axis in range(6):
                 wrenches[row, axis] = wrench[axis]
-        advance_integral(law, q_read, wanted, tau, integral)
+        advance_integral(law, q_read, reference_row, tau, integral)
         for i in range(n):
             vdot[i] = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i] - Cv[i] - G[i]
         if n == 6:  # as in `joint_tick`
@@ -311,7 +338,7 @@ def _run(
             _step(n, M, time_step, vdot, q, v)
         for i in range(state.shape[0]):
             for j in range(n):
-                state[i, j] = after[i, j]
+                state[i, j] = next_state[i, j]
 
 
 @kernel(inline="always")

@@ -4,14 +4,14 @@ The current loop lags the command, the motor turns current into torque with its 
 
     i_k   = a i_{k-1} + (1 - a) command,  a = exp(-2 pi bandwidth h);     tau_J = gain i
 
-Friction is what slides, what flows and what depends on position, under the load L = tau_J - tau_f
-of the tick before:
+Friction has dry, viscous and position-dependent parts, under the load L = tau_J - tau_f of the tick
+before:
 
     tau_f = sum_k s_k + c v + (A + A_L |L|) sin(p q + phase) + ... + cogging
             + sum_m A_m sin(p_m (q + d) + phase_m)               d: the gear's deflection, below
             + E x^2 / (1 + x^2) sin(p_E q + phase_E),   x = v / v_E
 
-    s_k   <- clip(kept_k s_k + k_k h v, -w_k limit_-, w_k limit_+)      N m, in element k's spring
+    s_k   <- clip(decay_k s_k + k_k h v, -w_k limit_-, w_k limit_+)     N m, in element k's spring
     limit = (coulomb + (stiction - coulomb) exp(-(v / v_s)^2)) (1 +- asymmetry)
             + (motoring where L drives the motion, else generating) |L|
     c     = viscous exp(-share rise) / (1 + |v| / saturation)
@@ -23,9 +23,9 @@ transition velocity v_t dry friction is a function of velocity, as in grease, an
 
     sum_k s_k = limit tanh(v / v_t)
 
-A tool that works shakes the joints, at frequencies far above all that is simulated or read here.
-What it leaves is the mean of dry friction over its period (dither): of a joint shaken by a cos(wt)
-in velocity sign(v + a cos(wt)) has the mean
+A working tool shakes the joints, at frequencies far above all that is simulated or read here. Its
+effect is the mean of dry friction over its period (dither). With the joint's velocity v + a cos(wt)
+sign(v + a cos(wt)) has the mean
 
     limit <- limit 2 / pi asin(min(1, |v| / a))
 
@@ -35,7 +35,7 @@ All of it but the load's part wanders: coulomb, stiction and viscous times 1 + w
 
     w_k = a w_{k-1} + sqrt(1 - a^2) sd N(0, 1),   a = exp(-h / time)
 
-and kept_k = exp(-h / creep_time_k): a spring creeps as a Maxwell element does. s_k and c v are
+and decay_k = exp(-h / creep_time_k): a spring creeps as a Maxwell element does. s_k and c v are
 taken at the velocity v+ at the tick's end, with limit and c of its beginning:
 
     M (v+ - v) / h + sum_k s_k(v+) + c v+ = tau_J + tau_ext - C v - G - (what depends on position)
@@ -87,20 +87,20 @@ MOVING = 0.05
 LEAST_WANDER = 0.2
 """Below this share of itself friction does not wander."""
 
-# Columns of the table; then (weight, stiffness, kept) for each slip element, and (amplitude,
+# Columns of the table; then (weight, stiffness, decay) for each slip element, and (amplitude,
 # periods, phase) for each harmonic of the motor's position.
 STICTION, COULOMB, SPEED, VISCOUS, INVERSE_SATURATION, TEMPERATURE_SHARE = range(6)
 HEATING, INVERSE_TIME, FORWARDS, BACKWARDS, MOTORING, GENERATING = range(6, 12)
 RIPPLES = 12  # three of (amplitude, load share, periods, phase): gear, its other wheel, cogging
 GAIN, POLE, COMPLIANCE, FREQUENCY, RESOLUTION, VELOCITY_NOISE, VELOCITY_RESOLUTION = range(24, 31)
-WANDER_SD, WANDER_KEPT, MOVING_NOISE, TRANSITION = range(31, 35)
+WANDER_SD, WANDER_DECAY, MOVING_NOISE, TRANSITION = range(31, 35)
 ERROR = 35  # of the transmission error: amplitude, periods, phase, 1 / speed
 HARMONICS, ELEMENTS = 39, 40
 # Rows of the state; then three rows a slip element: torque of its spring before the last tick's
 # displacement, and its limits in that tick, N m.
 # VIBRATION: amplitude of the joint's own velocity, rad/s, by a tool that works.
 CURRENT, TRANSMITTED, RISE, DEFLECTION, RATE, EXTERNAL, WANDER, VIBRATION, SLIPS = range(9)
-# Rows of what a tick gives.
+# Rows of the signals of a tick.
 TAU_J, TORQUE, TAU_F, MOTOR_CURRENT = range(4)
 SIGNALS = 4
 # Rows of the work: torque that is not solved for, damper, velocity at the end, Newton's step and
@@ -126,7 +126,7 @@ class Links(NamedTuple):
 
 @kernel
 def tick_work(state: Array) -> Array:
-    """What `joint_tick` overwrites: made once, as memory that is come by takes time."""
+    """Working memory that `joint_tick` overwrites: made once, as each allocation takes time."""
     n = state.shape[1]
     K = (state.shape[0] - SLIPS) // 3
     return np.empty((MATRIX + 2 * n + 4 * K, n))
@@ -141,7 +141,7 @@ def joint_tick(
     tau_ext: Array,
     noise: Array,
     state: Array,
-    after: Array,
+    next_state: Array,
     signals: Array,
     work: Array,
 ) -> None:
@@ -153,10 +153,10 @@ def joint_tick(
         links: at the tick's beginning.
         command: (n,) A, commanded current.
         tau_ext: (n,) N m, of the environment during the tick.
-        noise: (2n,) unit Gaussian draws of the tick: of what wanders, and of the currents.
+        noise: (2n,) unit Gaussian draws of the tick: of friction's wander, and of the currents.
         state: (SLIPS + 3 K, n) at the beginning; NaN currents and deflections start settled.
-        after: (SLIPS + 3 K, n), written: at the end.
-        signals: (SIGNALS, n), written: motor torque, the rest of the generalized force on the links
+        next_state: (SLIPS + 3 K, n), written: at the end.
+        signals: (SIGNALS, n), written: motor torque, all other generalized force on the links
             (friction, ripple, cogging), true friction (minus the former), N m; motor current with
             the noise of its motion, A.
         work: of `tick_work`, overwritten.
@@ -166,12 +166,16 @@ def joint_tick(
     state, tau_ext = read_only(state), read_only(tau_ext)
     # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
     if n == 6 and K == 3:
-        _tick(6, 3, table, time_step, links, command, tau_ext, noise, state, after, signals, work)
+        _tick(
+            6, 3, table, time_step, links, command, tau_ext, noise, state, next_state, signals, work
+        )
     else:
-        _tick(n, K, table, time_step, links, command, tau_ext, noise, state, after, signals, work)
+        _tick(
+            n, K, table, time_step, links, command, tau_ext, noise, state, next_state, signals, work
+        )
 
 
-# Above 100 lines: inlined twice, for six joints and for any number. Steps of its own would hand a
+# Above 100 lines: inlined twice, for six joints and for any number. Separate steps would hand a
 # dozen numbers of a joint from one to the next.
 @kernel(forceinline=True)
 def _tick(
@@ -184,14 +188,14 @@ def _tick(
     tau_ext: Array,
     noise: Array,
     state: Array,
-    after: Array,
+    next_state: Array,
     signals: Array,
     work: Array,
 ) -> None:
     """`joint_tick` of n joints with K slip elements each."""
     M, Cv, G, q, v = links
-    stiff = MATRIX + 2 * n
-    before, low, high = stiff + K, stiff + 2 * K, stiff + 3 * K
+    stiffness_row = MATRIX + 2 * n
+    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
     for i in range(n):
         pole = table[i, POLE]
         current = state[CURRENT, i]
@@ -200,96 +204,105 @@ def _tick(
         load = state[TRANSMITTED, i]
         if math.isnan(load):
             load = G[i]
-        after[CURRENT, i] = current
+        next_state[CURRENT, i] = current
         rate = state[RATE, i]
-        motor = v[i] + rate
-        noisy = table[i, MOVING_NOISE] * math.tanh(abs(motor) / MOVING) * noise[n + i]
-        signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current + noisy
+        motor_velocity = v[i] + rate
+        current_noise = (
+            table[i, MOVING_NOISE] * math.tanh(abs(motor_velocity) / MOVING) * noise[n + i]
+        )
+        signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current + current_noise
 
-        x = motor / table[i, SPEED]
-        kept = table[i, WANDER_KEPT]
+        x = motor_velocity / table[i, SPEED]
+        decay = table[i, WANDER_DECAY]
         wander = table[i, WANDER_SD] * noise[i]  # from the first tick on as far as ever
         if not math.isnan(state[WANDER, i]):
-            wander = kept * state[WANDER, i] + math.sqrt(1.0 - kept * kept) * wander
-        after[WANDER, i] = wander
+            wander = decay * state[WANDER, i] + math.sqrt(1.0 - decay * decay) * wander
+        next_state[WANDER, i] = wander
         wander = max(1.0 + wander, LEAST_WANDER)
         level = table[i, COULOMB] + (table[i, STICTION] - table[i, COULOMB]) * math.exp(-x * x)
         level *= wander
-        ahead, behind = table[i, MOTORING], table[i, GENERATING]
+        load_forwards, load_backwards = table[i, MOTORING], table[i, GENERATING]
         if load < 0.0:
-            ahead, behind = behind, ahead
-        forwards = level * table[i, FORWARDS] + ahead * abs(load)
-        backwards = level * table[i, BACKWARDS] + behind * abs(load)
-        after[VIBRATION, i] = state[VIBRATION, i]
+            load_forwards, load_backwards = load_backwards, load_forwards
+        forwards = level * table[i, FORWARDS] + load_forwards * abs(load)
+        backwards = level * table[i, BACKWARDS] + load_backwards * abs(load)
+        next_state[VIBRATION, i] = state[VIBRATION, i]
         if state[VIBRATION, i] > 0.0:
-            held = held_share(motor, state[VIBRATION, i])
-            forwards, backwards = held * forwards, held * backwards
-        slipping, dry = 1.0, 0.0
+            dither_share = held_share(motor_velocity, state[VIBRATION, i])
+            forwards, backwards = dither_share * forwards, dither_share * backwards
+        element_share, dry_damper = 1.0, 0.0
         if table[i, TRANSITION] > 0.0:
-            slipping = 0.0
-            dry = (forwards if motor > 0.0 else backwards) * _even_slope(
-                motor, table[i, TRANSITION]
+            element_share = 0.0
+            dry_damper = (forwards if motor_velocity > 0.0 else backwards) * _even_slope(
+                motor_velocity, table[i, TRANSITION]
             )
         for k in range(K):
-            weight = slipping * table[i, ELEMENTS + 3 * k]
-            work[stiff + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
-            kept = table[i, ELEMENTS + 3 * k + 2]
-            work[before + k, i] = kept * spring_torque(table, time_step, state, i, k, v[i])
-            if kept > 0.0:
-                work[before + k, i] += work[stiff + k, i] * rate
-            work[high + k, i], work[low + k, i] = weight * forwards, -weight * backwards
+            weight = element_share * table[i, ELEMENTS + 3 * k]
+            work[stiffness_row + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
+            decay = table[i, ELEMENTS + 3 * k + 2]
+            work[spring_row + k, i] = decay * spring_torque(table, time_step, state, i, k, v[i])
+            if decay > 0.0:
+                work[spring_row + k, i] += work[stiffness_row + k, i] * rate
+            work[high_row + k, i], work[low_row + k, i] = weight * forwards, -weight * backwards
         work[DAMPER, i] = (
             table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * state[RISE, i])
         )
-        work[DAMPER, i] /= 1.0 + abs(motor) * table[i, INVERSE_SATURATION]
-        work[DAMPER, i] += dry
+        work[DAMPER, i] /= 1.0 + abs(motor_velocity) * table[i, INVERSE_SATURATION]
+        work[DAMPER, i] += dry_damper
 
-        position = 0.0
+        position_torque = 0.0
         for k in range(RIPPLES, RIPPLES + 12, 4):
             amplitude = table[i, k] + table[i, k + 1] * abs(load)
-            position += amplitude * math.sin(table[i, k + 2] * q[i] + table[i, k + 3])
+            position_torque += amplitude * math.sin(table[i, k + 2] * q[i] + table[i, k + 3])
         if table[i, ERROR] > 0.0:
-            share = (motor * table[i, ERROR + 3]) ** 2
+            share = (motor_velocity * table[i, ERROR + 3]) ** 2
             share /= 1.0 + share
             wave = math.sin(table[i, ERROR + 1] * q[i] + table[i, ERROR + 2])
-            position += table[i, ERROR] * share * wave
+            position_torque += table[i, ERROR] * share * wave
         count = int(table[i, HARMONICS])
         if count > 0:
-            at = q[i] + deflection(table, i, state[DEFLECTION, i], G[i])
+            motor_position = q[i] + deflection(table, i, state[DEFLECTION, i], G[i])
             first = ELEMENTS + 3 * K
             for k in range(first, first + 3 * count, 3):
-                position += table[i, k] * math.sin(table[i, k + 1] * at + table[i, k + 2])
-        signals[TAU_F, i] = position
-        work[FORCE, i] = tau_J + tau_ext[i] - Cv[i] - G[i] - position - work[DAMPER, i] * rate
+                position_torque += table[i, k] * math.sin(
+                    table[i, k + 1] * motor_position + table[i, k + 2]
+                )
+        signals[TAU_F, i] = position_torque
+        work[FORCE, i] = (
+            tau_J + tau_ext[i] - Cv[i] - G[i] - position_torque - work[DAMPER, i] * rate
+        )
 
     velocity_after(n, K, M, time_step, v, work)
     for i in range(n):
         slip = 0.0
         for k in range(K):
             s = min(
-                max(work[before + k, i] + work[stiff + k, i] * work[END, i], work[low + k, i]),
-                work[high + k, i],
+                max(
+                    work[spring_row + k, i] + work[stiffness_row + k, i] * work[END, i],
+                    work[low_row + k, i],
+                ),
+                work[high_row + k, i],
             )
-            after[SLIPS + 3 * k, i] = work[before + k, i]
-            after[SLIPS + 3 * k + 1, i] = work[low + k, i]
-            after[SLIPS + 3 * k + 2, i] = work[high + k, i]
+            next_state[SLIPS + 3 * k, i] = work[spring_row + k, i]
+            next_state[SLIPS + 3 * k + 1, i] = work[low_row + k, i]
+            next_state[SLIPS + 3 * k + 2, i] = work[high_row + k, i]
             slip += s
-        motor = work[END, i] + state[RATE, i]
-        dissipative = slip + work[DAMPER, i] * motor
+        motor_velocity = work[END, i] + state[RATE, i]
+        dissipative = slip + work[DAMPER, i] * motor_velocity
         signals[TAU_F, i] += dissipative
         signals[TORQUE, i] = -signals[TAU_F, i]
         transmitted = signals[TAU_J, i] - signals[TAU_F, i]
-        after[TRANSMITTED, i] = transmitted
-        heat = table[i, HEATING] * dissipative * motor
+        next_state[TRANSMITTED, i] = transmitted
+        heat = table[i, HEATING] * dissipative * motor_velocity
         rise = state[RISE, i]
-        after[RISE, i] = rise + time_step * table[i, INVERSE_TIME] * (heat - rise)
-        after[EXTERNAL, i] = tau_ext[i]
+        next_state[RISE, i] = rise + time_step * table[i, INVERSE_TIME] * (heat - rise)
+        next_state[EXTERNAL, i] = tau_ext[i]
         # Implicit in its own rate: stable at any step.
         w = table[i, FREQUENCY] * time_step
         d = deflection(table, i, state[DEFLECTION, i], G[i])
         push = w * table[i, FREQUENCY] * (transmitted * table[i, COMPLIANCE] - d)
         rate = (state[RATE, i] + push) / (1.0 + 2.0 * DAMPING * w + w * w)
-        after[RATE, i], after[DEFLECTION, i] = rate, d + time_step * rate
+        next_state[RATE, i], next_state[DEFLECTION, i] = rate, d + time_step * rate
 
 
 @kernel
@@ -301,9 +314,9 @@ def _even_slope(v: float, transition: float) -> float:
 
 @kernel
 def spring_torque(table: Array, time_step: float, state: Array, i: int, k: int, v: float) -> float:
-    """Torque in the spring of joint i's element k, N m, now that its velocity is v, rad/s.
+    """Torque in the spring of joint i's element k at the velocity v, N m.
 
-    By the displacement that the links really made, which is the predicted one where nothing but
+    It follows the displacement that the links really made. That is the predicted one where only
     the known torques acted: contact forces are known a tick late.
     """
     row = SLIPS + 3 * k
@@ -322,7 +335,7 @@ def mixed_currents(matrix: Array, current: Array, out: Array) -> None:
 
 @kernel
 def deflection(table: Array, i: int, state: float, G: float) -> float:
-    """Of joint i, rad; before its first tick that of a joint at rest under G, N m."""
+    """Deflection of joint i's gear, rad; before its first tick that at rest under G, N m."""
     return G * table[i, COMPLIANCE] if math.isnan(state) else state
 
 
@@ -339,7 +352,7 @@ def encoder_reading(
     q_read: Array,
     v_read: Array,
 ) -> None:
-    """Single-sample kernel: writes what the encoders say of q and v (n,).
+    """Single-sample kernel: writes q and v (n,) as the encoders read them.
 
     Args:
         table, state: as in `joint_tick`.
@@ -349,10 +362,10 @@ def encoder_reading(
     """
     n = q.shape[0]
     noise = np.zeros(n)
-    noisy = False
+    has_noise = False
     for i in range(n):
-        noisy = noisy or table[i, VELOCITY_NOISE] > 0.0
-    if noisy:
+        has_noise = has_noise or table[i, VELOCITY_NOISE] > 0.0
+    if has_noise:
         gaussian_noise(seed, tick, noise)
     for i in range(n):
         q_read[i], v_read[i] = q[i], v[i]
@@ -420,25 +433,25 @@ def velocity_after(n: int, K: int, M: Array, time_step: float, v: Array, work: A
 
 
 @kernel(forceinline=True)
-def _potential(n: int, K: int, at: int, work: Array) -> float:
-    """Value at the velocity in row `at`; writes its gradient and the elements' curvature."""
+def _potential(n: int, K: int, row: int, work: Array) -> float:
+    """Value at the velocity in a row of `work`; writes its gradient and the elements' curvature."""
     value = 0.0
-    stiff = MATRIX + 2 * n
-    before, low, high = stiff + K, stiff + 2 * K, stiff + 3 * K
+    stiffness_row = MATRIX + 2 * n
+    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
     for i in range(n):
-        v = work[at, i]
+        v = work[row, i]
         gradient = -work[RIGHT, i]
         for j in range(n):
-            gradient += work[MATRIX + i, j] * work[at, j]
+            gradient += work[MATRIX + i, j] * work[row, j]
         value += 0.5 * v * (gradient - work[RIGHT, i])
         curvature = 0.0
         for k in range(K):
-            s = work[before + k, i] + work[stiff + k, i] * v
-            held = min(max(s, work[low + k, i]), work[high + k, i])
+            s = work[spring_row + k, i] + work[stiffness_row + k, i] * v
+            clipped = min(max(s, work[low_row + k, i]), work[high_row + k, i])
             # The integral of clip(s) over v, from where the spring is relaxed.
-            value += held * (s - 0.5 * held) / work[stiff + k, i]
-            gradient += held
-            if held == s:
-                curvature += work[stiff + k, i]
+            value += clipped * (s - 0.5 * clipped) / work[stiffness_row + k, i]
+            gradient += clipped
+            if clipped == s:
+                curvature += work[stiffness_row + k, i]
         work[GRADIENT, i], work[CURVATURE, i] = gradient, curvature
     return value

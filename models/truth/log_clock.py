@@ -1,4 +1,4 @@
-"""The clock of a log: when its rows were really taken."""
+"""The clock of a log: jitter and latency of its rows."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from wrenchsight.models.robot.truth_config import ClockConfig
 
 
 def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recording:
-    """The recording as a log with this clock has it: the same times, samples of other moments.
+    """The recording as a log with this clock shows it: the same times, samples of other moments.
 
         q, v at t_k + jitter_k,   current at t_k + jitter_k - latency,   jitter ~ N(0, jitter_sd)
 
@@ -29,13 +29,13 @@ def clocked(recording: Recording, clock: ClockConfig | None, seed: int) -> Recor
     t = contiguous(recording.t)[0]
     return replace(
         recording,
-        q=_at(taken, t, recording.q),
-        v=_at(taken, t, recording.v),
-        current=_at(taken - clock.latency, t, recording.current),
+        q=_interpolated(taken, t, recording.q),
+        v=_interpolated(taken, t, recording.v),
+        current=_interpolated(taken - clock.latency, t, recording.current),
     )
 
 
-def _at(times: Array, t: Array, signal: Array) -> Array:
+def _interpolated(times: Array, t: Array, signal: Array) -> Array:
     """`signal` (T, n) of moments t (T,) at other times (N,): `np.interp`, column by column."""
     out = np.empty((len(times), signal.shape[1]))
     _interpolate(times, t, contiguous(signal)[0], out)
@@ -44,18 +44,18 @@ def _at(times: Array, t: Array, signal: Array) -> Array:
 
 @kernel
 def _interpolate(times: Array, t: Array, signal: Array, out: Array) -> None:
-    """Writes `out` (N, n). Each time is looked for from where the one before it was found."""
-    last, k = t.shape[0] - 1, 0
+    """Writes `out` (N, n). The search for each time starts at the row of the time before."""
+    last_row, k = t.shape[0] - 1, 0
     for i in range(times.shape[0]):
         time = times[i]
-        while k < last and t[k + 1] <= time:
+        while k < last_row and t[k + 1] <= time:
             k += 1
         while k > 0 and t[k] > time:
             k -= 1
-        if time <= t[0] or k == last:
+        if time <= t[0] or k == last_row:
             for j in range(signal.shape[1]):
                 out[i, j] = signal[k, j]
             continue
-        step, past = t[k + 1] - t[k], time - t[k]
+        step, elapsed = t[k + 1] - t[k], time - t[k]
         for j in range(signal.shape[1]):
-            out[i, j] = (signal[k + 1, j] - signal[k, j]) / step * past + signal[k, j]
+            out[i, j] = (signal[k + 1, j] - signal[k, j]) / step * elapsed + signal[k, j]

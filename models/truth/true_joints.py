@@ -58,7 +58,7 @@ from wrenchsight.models.truth.joint_kernels import (
     VELOCITY_RESOLUTION,
     VISCOUS,
     WANDER,
-    WANDER_KEPT,
+    WANDER_DECAY,
     WANDER_SD,
     spring_torque,
 )
@@ -71,7 +71,7 @@ _PHASES, _DAY, _HARMONICS = 17, 18, 20  # streams of the individual's and the da
 
 @dataclass(frozen=True, eq=False)
 class TrueJoints:
-    """What `wrenchsight.models.truth.joint_kernels` reads of a robot.
+    """The constants of a robot's joints for `wrenchsight.models.truth.joint_kernels`.
 
     Attributes:
         table: (n, ELEMENTS + 3 K + 3 H).
@@ -91,12 +91,12 @@ class TrueJoints:
 
     @property
     def num_joints(self) -> int:
-        """n."""
+        """Number of joints, n."""
         return int(self.table.shape[0])
 
     @property
     def num_elements(self) -> int:
-        """K."""
+        """Number of slip elements of each joint, K."""
         return int(self.table.shape[1] - ELEMENTS) // 3 - int(self.table[0, HARMONICS])
 
     @property
@@ -112,7 +112,7 @@ class TrueJoints:
         return state
 
     def links_at(self, q: Array, chain: SerialChain) -> Array:
-        """Where the links are, (n,) rad, while the encoders of the arm at rest read q (n,)."""
+        """Positions of the links, (n,) rad, while the encoders of the arm at rest read q (n,)."""
         q = np.asarray(q, dtype=np.float64)
         links = q
         for _ in range(4):  # each gains three digits: the weight hardly changes by the bending
@@ -122,7 +122,7 @@ class TrueJoints:
     def sliding_torque(self, v: ArrayLike, load: ArrayLike) -> Array:
         """Friction of joints that slide evenly, on this day and as warm as at the start, N m.
 
-        Without what depends on position (ripple, cogging) and what does not repeat.
+        Parts that depend on position (ripple, cogging) or do not repeat are left out.
 
         Args:
             v: (..., n) rad/s, not zero.
@@ -150,7 +150,7 @@ class TrueJoints:
 
     @classmethod
     def of(cls, robot: Robot, time_step: float) -> "TrueJoints":
-        """Of a robot's simulated truth; without mechanisms its plain friction in the same kernels.
+        """The joints of a robot's simulated truth; without mechanisms with plain friction alone.
 
         Raises:
             InputError: a list of a wrong length, a value out of range; mechanisms of an arm whose
@@ -164,166 +164,166 @@ class TrueJoints:
                 "the motors of this arm are coupled, each mechanism is of one joint alone",
                 "leave mechanisms out",
             )
-        read = _Reader(robot)
+        reader = _Reader(robot)
         slip = config.slip or SlipConfig(displacement=[0.0] * robot.num_joints)
         ripple = config.ripple or RippleConfig()
         table = np.zeros((robot.num_joints, ELEMENTS + 3 * len(slip.weight)))
-        _pack_friction(table, robot, config, read, time_step)
-        _pack_position(table, robot, config, read)
-        _pack_drive(table, robot, config, read, time_step)
-        _pack_elements(table, slip, read, time_step)
-        table = np.hstack([table, _harmonics(ripple, config.individual, read)])
+        _pack_friction(table, robot, config, reader, time_step)
+        _pack_position(table, robot, config, reader)
+        _pack_drive(table, robot, config, reader, time_step)
+        _pack_elements(table, slip, reader, time_step)
+        table = np.hstack([table, _harmonics(ripple, config.individual, reader)])
         table[:, HARMONICS] = len(ripple.motor_periods)
         on_motor = (config.elasticity or ElasticityConfig()).encoder == "motor"
-        rise = read.number(config.lubrication or LubricationConfig(), "start_rise")
+        rise = reader.number(config.lubrication or LubricationConfig(), "start_rise")
         return cls(table, rise, on_motor, time_step, _motors(robot))
 
 
 def _pack_friction(
-    table: Array, robot: Robot, config: MechanismsConfig, read: "_Reader", time_step: float
+    table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader", time_step: float
 ) -> None:
-    """What a joint's friction is, this day, at its load and temperature."""
+    """Packs the friction of each joint, of this day, with its load and temperature."""
     truth, n = robot.truth, robot.num_joints
     load = config.load
     lubrication = config.lubrication or LubricationConfig()
     day = np.random.default_rng([config.day, config.individual, _DAY]).standard_normal((2, n))
-    viscous_today, coulomb_today = (
-        np.maximum(1.0 + read.each(lubrication, name) * draw, 0.2)
-        for name, draw in zip(("day_sd", "coulomb_day_sd"), day, strict=True)
-    )
+    viscous_sd = reader.per_joint(lubrication, "day_sd")
+    coulomb_sd = reader.per_joint(lubrication, "coulomb_day_sd")
+    viscous_today = np.maximum(1.0 + viscous_sd * day[0], 0.2)
+    coulomb_today = np.maximum(1.0 + coulomb_sd * day[1], 0.2)
     table[:, COULOMB] = truth.coulomb * coulomb_today
     table[:, STICTION] = np.maximum(truth.stiction, truth.coulomb) * coulomb_today
     table[:, SPEED] = truth.stribeck_velocity
     table[:, VISCOUS] = truth.viscous * viscous_today
-    table[:, INVERSE_SATURATION] = _inverse(read.each(lubrication, "saturation"))
-    table[:, TRANSITION] = read.each(lubrication, "transition_velocity")
-    table[:, TEMPERATURE_SHARE] = read.each(lubrication, "temperature_share")
-    table[:, HEATING] = read.each(lubrication, "heating")
-    table[:, INVERSE_TIME] = 1.0 / read.number(lubrication, "time_constant", above_zero=True)
+    table[:, INVERSE_SATURATION] = _inverse(reader.per_joint(lubrication, "saturation"))
+    table[:, TRANSITION] = reader.per_joint(lubrication, "transition_velocity")
+    table[:, TEMPERATURE_SHARE] = reader.per_joint(lubrication, "temperature_share")
+    table[:, HEATING] = reader.per_joint(lubrication, "heating")
+    table[:, INVERSE_TIME] = 1.0 / reader.number(lubrication, "time_constant", above_zero=True)
     if load is None:
         load = LoadFrictionConfig(list(truth.load_dependence), list(truth.load_dependence))
-    table[:, MOTORING] = read.each(load, "motoring", below=1.0)
-    table[:, GENERATING] = read.each(load, "generating", below=1.0)
-    asymmetry = read.each(load, "asymmetry", least=-0.9, below=0.9)
+    table[:, MOTORING] = reader.per_joint(load, "motoring", upper=1.0)
+    table[:, GENERATING] = reader.per_joint(load, "generating", upper=1.0)
+    asymmetry = reader.per_joint(load, "asymmetry", minimum=-0.9, upper=0.9)
     table[:, FORWARDS], table[:, BACKWARDS] = 1.0 + asymmetry, 1.0 - asymmetry
     wander = config.wander or WanderConfig()
-    table[:, WANDER_SD] = read.each(wander, "sd", below=1.0)
-    time = read.each(wander, "time")
-    table[:, WANDER_KEPT] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
+    table[:, WANDER_SD] = reader.per_joint(wander, "sd", upper=1.0)
+    time = reader.per_joint(wander, "time")
+    table[:, WANDER_DECAY] = np.exp(-time_step / np.where(time > 0.0, time, 1.0))
 
 
-def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, read: "_Reader") -> None:
-    """What depends on position: the transmission's error, ripple of two gear wheels, cogging."""
+def _pack_position(table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader") -> None:
+    """Packs what depends on position: transmission error, ripple of two gear wheels, cogging."""
     truth, n = robot.truth, robot.num_joints
     phases = np.random.default_rng([config.individual, _PHASES]).uniform(0.0, 2.0 * np.pi, (4, n))
     error = config.transmission_error or TransmissionErrorConfig()
-    amplitude, periods, speed = (
-        read.each(error, name) for name in ("amplitude", "periods", "speed")
-    )
+    amplitude = reader.per_joint(error, "amplitude")
+    periods = reader.per_joint(error, "periods")
+    speed = reader.per_joint(error, "speed")
     if np.any((amplitude > 0.0) & (speed == 0.0)):
-        raise read.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
+        raise reader.error(error, "speed", "0", "a speed above 0 where there is an amplitude")
     table[:, ERROR : ERROR + 4] = np.stack([amplitude, periods, phases[3], _inverse(speed)], axis=1)
     if config.ripple is None and config.motor is None:
         phases[:] = 0.0  # the plain truth's
     ripple, motor = config.ripple or RippleConfig(), config.motor or MotorConfig()
-    for k, (amplitude, share, periods) in enumerate(
-        (
-            (
-                truth.ripple_amplitude,
-                read.each(ripple, "load_share", below=1.0),
-                truth.ripple_periods,
-            ),
-            (
-                read.each(ripple, "second_amplitude"),
-                read.each(ripple, "second_load_share", below=1.0),
-                read.each(ripple, "second_periods"),
-            ),
-            (
-                read.each(motor, "cogging_amplitude"),
-                np.zeros(n),
-                read.each(motor, "cogging_periods"),
-            ),
-        )
-    ):
-        columns = (amplitude, share, periods, phases[k])
+    gear = [
+        truth.ripple_amplitude,
+        reader.per_joint(ripple, "load_share", upper=1.0),
+        truth.ripple_periods,
+        phases[0],
+    ]
+    second_wheel = [
+        reader.per_joint(ripple, "second_amplitude"),
+        reader.per_joint(ripple, "second_load_share", upper=1.0),
+        reader.per_joint(ripple, "second_periods"),
+        phases[1],
+    ]
+    cogging = [
+        reader.per_joint(motor, "cogging_amplitude"),
+        np.zeros(n),
+        reader.per_joint(motor, "cogging_periods"),
+        phases[2],
+    ]
+    for k, columns in enumerate((gear, second_wheel, cogging)):
         table[:, RIPPLES + 4 * k : RIPPLES + 4 * k + 4] = np.stack(columns, axis=1)
 
 
 def _pack_drive(
-    table: Array, robot: Robot, config: MechanismsConfig, read: "_Reader", time_step: float
+    table: Array, robot: Robot, config: MechanismsConfig, reader: "_Reader", time_step: float
 ) -> None:
-    """Motor, gear's compliance and encoder."""
+    """Packs motor, compliance of the gear, and encoder."""
     motor = config.motor or MotorConfig()
     elasticity = config.elasticity or ElasticityConfig()
     encoder = config.encoder or EncoderConfig()
-    table[:, MOVING_NOISE] = read.each(motor, "moving_noise_sd")
-    factor = read.each(motor, "torque_factor")
+    table[:, MOVING_NOISE] = reader.per_joint(motor, "moving_noise_sd")
+    factor = reader.per_joint(motor, "torque_factor")
     factor = np.where(factor == 0.0, 1.0, factor)
     table[:, GAIN] = motor_gain(robot.torque_per_ampere, robot.current_sign) * factor
     table[:, POLE] = (
         math.exp(-2.0 * math.pi * motor.bandwidth * time_step)
-        if read.number(motor, "bandwidth") > 0.0
+        if reader.number(motor, "bandwidth") > 0.0
         else 0.0
     )
-    table[:, COMPLIANCE] = _inverse(read.each(elasticity, "stiffness"))
-    table[:, FREQUENCY] = 2 * np.pi * read.number(elasticity, "bandwidth", above_zero=True)
+    table[:, COMPLIANCE] = _inverse(reader.per_joint(elasticity, "stiffness"))
+    table[:, FREQUENCY] = 2 * np.pi * reader.number(elasticity, "bandwidth", above_zero=True)
     if elasticity.encoder not in ("motor", "link"):
-        raise read.error(elasticity, "encoder", f"{elasticity.encoder!r}", "motor or link")
-    table[:, RESOLUTION] = read.each(encoder, "resolution")
-    table[:, VELOCITY_NOISE] = read.each(encoder, "velocity_noise_sd")
-    table[:, VELOCITY_RESOLUTION] = read.each(encoder, "velocity_resolution")
+        raise reader.error(elasticity, "encoder", f"{elasticity.encoder!r}", "motor or link")
+    table[:, RESOLUTION] = reader.per_joint(encoder, "resolution")
+    table[:, VELOCITY_NOISE] = reader.per_joint(encoder, "velocity_noise_sd")
+    table[:, VELOCITY_RESOLUTION] = reader.per_joint(encoder, "velocity_resolution")
 
 
 def _motors(robot: Robot) -> Array:
+    """`TrueJoints.motors` of a robot."""
     if not robot.is_coupled:
         return np.empty((0, 0, 0))
     gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
     to_joints = robot.motor_rates.T * gain / gain[:, np.newaxis]
-    back = robot.coupling.T * gain / gain[:, np.newaxis]
-    return np.ascontiguousarray([to_joints, back])
+    to_motors = robot.coupling.T * gain / gain[:, np.newaxis]
+    return np.ascontiguousarray([to_joints, to_motors])
 
 
-def _pack_elements(table: Array, slip: SlipConfig, read: "_Reader", time_step: float) -> None:
-    displacement = read.each(slip, "displacement")
+def _pack_elements(table: Array, slip: SlipConfig, reader: "_Reader", time_step: float) -> None:
+    displacement = reader.per_joint(slip, "displacement")
     weight = np.array(slip.weight, dtype=np.float64)
     if not (weight.size > 0 and np.all(weight >= 0.0) and abs(weight.sum() - 1.0) < 1e-6):
-        raise read.error(slip, "weight", f"{slip.weight}", "shares with sum 1")
+        raise reader.error(slip, "weight", f"{slip.weight}", "shares with sum 1")
     for name in ("spread", "creep_time"):
         values = getattr(slip, name)
         if len(values) != weight.size or not all(value > 0.0 for value in values):
-            raise read.error(slip, name, f"{values}", f"{weight.size} numbers above 0")
+            raise reader.error(slip, name, f"{values}", f"{weight.size} numbers above 0")
     for k in range(weight.size):
         reach = displacement * slip.spread[k]
-        rigid = reach == 0.0
+        is_rigid = reach == 0.0
         level = weight[k] * table[:, COULOMB]
-        stiffness = np.where(rigid, RIGID / time_step, level / np.where(rigid, 1.0, reach))
+        stiffness = np.where(is_rigid, RIGID / time_step, level / np.where(is_rigid, 1.0, reach))
         # A damper would follow the link and turn round whenever a push bends the gear. Before a
         # gear an element is a spring, as stiff as the tick bears.
-        bent = rigid & (table[:, COMPLIANCE] > 0.0)
-        turn = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
-        bearable = _BEARABLE * weight[k] / np.where(bent, turn, 1.0)
-        stiffness = np.where(bent, np.minimum(stiffness, bearable), stiffness)
+        is_bent = is_rigid & (table[:, COMPLIANCE] > 0.0)
+        bending = (time_step * table[:, FREQUENCY]) ** 2 * table[:, COMPLIANCE]
+        bearable = _BEARABLE * weight[k] / np.where(is_bent, bending, 1.0)
+        stiffness = np.where(is_bent, np.minimum(stiffness, bearable), stiffness)
         table[:, ELEMENTS + 3 * k] = weight[k]
         table[:, ELEMENTS + 3 * k + 1] = np.maximum(stiffness, _LEAST / time_step)
-        kept = math.exp(-time_step / slip.creep_time[k])
-        table[:, ELEMENTS + 3 * k + 2] = np.where(rigid & ~bent, 0.0, kept)
+        decay = math.exp(-time_step / slip.creep_time[k])
+        table[:, ELEMENTS + 3 * k + 2] = np.where(is_rigid & ~is_bent, 0.0, decay)
 
 
-def _harmonics(ripple: RippleConfig, individual: int, read: "_Reader") -> Array:
+def _harmonics(ripple: RippleConfig, individual: int, reader: "_Reader") -> Array:
     """(n, 3 H) amplitude N m, periods a turn of the joint and phase of each harmonic."""
     periods = ripple.motor_periods
     if not all(math.isfinite(value) and value > 0.0 for value in periods):
-        raise read.error(ripple, "motor_periods", f"{periods}", "numbers above 0")
+        raise reader.error(ripple, "motor_periods", f"{periods}", "numbers above 0")
     amplitudes = ripple.motor_amplitudes
     if len(amplitudes) != len(periods):
-        found, expected = f"{len(amplitudes)} lists", f"{len(periods)}, one a period"
-        raise read.error(ripple, "motor_amplitudes", found, expected)
-    n = read.num_joints
+        actual, expected = f"{len(amplitudes)} lists", f"{len(periods)}, one a period"
+        raise reader.error(ripple, "motor_amplitudes", actual, expected)
+    n = reader.num_joints
     shape = (len(periods), n)
     phases = np.random.default_rng([individual, _HARMONICS]).uniform(0.0, 2.0 * np.pi, shape)
     columns = np.empty((n, 3 * len(periods)))
     for k, row in enumerate(amplitudes):
-        columns[:, 3 * k] = read.numbers(ripple, "motor_amplitudes", row)
+        columns[:, 3 * k] = reader.numbers(ripple, "motor_amplitudes", row)
         columns[:, 3 * k + 1], columns[:, 3 * k + 2] = periods[k], phases[k]
     return columns
 
@@ -343,36 +343,44 @@ class _Reader:
     def num_joints(self) -> int:
         return self._robot.num_joints
 
-    def each(self, config: Any, name: str, least: float = 0.0, below: float = math.inf) -> Array:
-        return self.numbers(config, name, getattr(config, name), least, below)
+    def per_joint(
+        self, config: Any, name: str, minimum: float = 0.0, upper: float = math.inf
+    ) -> Array:
+        """`numbers` of the field `name` of `config`."""
+        return self.numbers(config, name, getattr(config, name), minimum, upper)
 
     def numbers(
         self,
         config: Any,
         name: str,
         values: Sequence[float],
-        least: float = 0.0,
-        below: float = math.inf,
+        minimum: float = 0.0,
+        upper: float = math.inf,
     ) -> Array:
+        """(n,) values of a field, each at least `minimum` and below `upper`; zeros where empty."""
         n = self._robot.num_joints
         if not values:
             return np.zeros(n)
         if len(values) != n:
             raise self.error(config, name, f"{len(values)} numbers", f"{n}")
-        if not all(math.isfinite(value) and least <= value < below for value in values):
-            raise self.error(config, name, f"{values}", f"numbers from {least:g}, below {below:g}")
+        if not all(math.isfinite(value) and minimum <= value < upper for value in values):
+            raise self.error(
+                config, name, f"{values}", f"numbers from {minimum:g}, below {upper:g}"
+            )
         return np.array(values, dtype=np.float64)
 
     def number(self, config: Any, name: str, above_zero: bool = False) -> float:
+        """The field `name` of `config`: 0 or more, or above 0."""
         value = float(getattr(config, name))
         if not (math.isfinite(value) and (value > 0.0 if above_zero else value >= 0.0)):
             expected = "a number above 0" if above_zero else "a number of 0 or more"
             raise self.error(config, name, f"{value}", expected)
         return value
 
-    def error(self, config: Any, name: str, found: str, expected: str) -> InputError:
+    def error(self, config: Any, name: str, actual: str, expected: str) -> InputError:
+        """The error of a field of `config`, with its key in the robot's file."""
         key = type(config).__name__.removesuffix("Config").lower()
         key = {"loadfriction": "load", "transmissionerror": "transmission_error"}.get(key, key)
         return InputError(
-            self._robot.source, f"{_PLACE}.{key}.{name}", f"{found}, expected {expected}"
+            self._robot.source, f"{_PLACE}.{key}.{name}", f"{actual}, expected {expected}"
         )

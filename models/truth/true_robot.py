@@ -1,4 +1,4 @@
-"""The true robot behind a nominal one: the frames of its joints as they really are, its truths."""
+"""The true robot behind a nominal one: its truths by name, true joint frames and tool weight."""
 
 import math
 from dataclasses import replace
@@ -20,9 +20,12 @@ _FRAMES = 19  # stream of the individual's random numbers
 
 
 def with_truth_named(robot: Robot, name: str) -> Robot:
-    """The robot with the truth of its own file (`own`), the plain one (`plain`) or the harder one.
+    """The robot with one of its truths, by name.
 
-    A robot without a file of a harder truth (`hard`) has its own as that.
+    Args:
+        robot: nominal.
+        name: `own` for the truth in its file; `plain`, see `plain_truth`; `hard` for
+            `hard_truth.yaml` beside its file, or the file's own truth where there is none.
 
     Raises:
         InputError: another name, or as `plain_truth`.
@@ -36,7 +39,7 @@ def with_truth_named(robot: Robot, name: str) -> Robot:
 
 
 def plain_truth(robot: Robot) -> Robot:
-    """The same robot with dry friction alone, that repeats perfectly; all else is exact.
+    """The robot with plain dry friction, which repeats perfectly; all else is exact.
 
     Its numbers are those of `plain_truth.yaml` beside the robot's file; where there is none, those
     of the file itself without its mechanisms.
@@ -60,7 +63,7 @@ def load_truth(path: str | Path) -> SimulatedTruthConfig:
 
 
 def with_friction(robot: Robot, friction: str) -> Robot:
-    """The robot with as much of its true friction as a scenario asks for.
+    """The robot with the part of its true friction that a scenario requests.
 
     Args:
         friction: `full` for the truth as it is; `coulomb_viscous` for these two alone and `none`
@@ -71,21 +74,22 @@ def with_friction(robot: Robot, friction: str) -> Robot:
     if friction == "none":
         return robot.with_truth(SimulatedTruthConfig())
     truth = robot.truth
-    plain = JointFrictionConfig(
+    coulomb_viscous = JointFrictionConfig(
         stiction=truth.coulomb,
         coulomb=truth.coulomb,
         stribeck_velocity=truth.stribeck_velocity,
         viscous=truth.viscous,
     )
-    return robot.with_truth(SimulatedTruthConfig(friction=plain))
+    return robot.with_truth(SimulatedTruthConfig(friction=coulomb_viscous))
 
 
 def true_robot(robot: Robot) -> Robot:
-    """The robot as it really is: its joints' frames off, and its tool's weight.
+    """The robot with its true joint frames and tool weight.
 
-    Frames are drawn once for each `individual`, along and about all three axes of the joint's own;
-    about the joint's axis that is an encoder's offset. Where several motors move one joint, rotors
-    turn with the joints instead, as in Drake's plant. The robot itself where nothing is off.
+    Errors of the frames are drawn once for each `individual`, along and about all three axes of the
+    joint's frame; about the joint's axis that is an encoder's offset. Where several motors move one
+    joint, rotors turn with the joints instead, as in Drake's plant. Without errors it is the robot
+    itself.
 
     Raises:
         InputError: a standard deviation or the tool's factor is negative or not finite.
@@ -101,8 +105,8 @@ def true_robot(robot: Robot) -> Robot:
     for name in ("translation_sd", "rotation_sd"):
         value = getattr(errors, name)
         if not (math.isfinite(value) and value >= 0.0):
-            place = f"simulated_truth.mechanisms.kinematics.{name}"
-            raise InputError(robot.source, place, f"{value}, expected a number of 0 or more")
+            key = f"simulated_truth.mechanisms.kinematics.{name}"
+            raise InputError(robot.source, key, f"{value}, expected a number of 0 or more")
     draws = np.random.default_rng([mechanisms.individual, _FRAMES]).standard_normal(
         (robot.num_joints, 6)
     )
@@ -113,8 +117,8 @@ def true_robot(robot: Robot) -> Robot:
 
 def _with_weight(robot: Robot, factor: float) -> Robot:
     if not (math.isfinite(factor) and factor > 0.0):
-        place = "simulated_truth.mechanisms.payload.factor"
-        raise InputError(robot.source, place, f"{factor}, expected a number above 0")
+        key = "simulated_truth.mechanisms.payload.factor"
+        raise InputError(robot.source, key, f"{factor}, expected a number above 0")
     tool = robot.config.tool
     if tool is None:
         return robot

@@ -6,9 +6,8 @@ World `number` of a campaign's seed is the same on every machine and whatever el
     Generator(PCG64(SeedSequence([seed, number])))
 
 and only sums and products of its numbers. A factor lies below 1 in half of the worlds and above it
-in the other half, evenly in either: the truth that is drawn about is the median one.
-
-Drawn about: the truth in the robot's own file; what is off there stays off.
+in the other half, evenly in either. So the truth in the robot's file is the median; a mechanism
+that is off there stays off.
 """
 
 import dataclasses
@@ -32,7 +31,7 @@ _SEEDS: Final = 2**24  # experiments add to their seeds and double them
 
 @dataclass(frozen=True)
 class WorldRanges:
-    """Between what (low, high) the parameters of a world lie: factors, unless said otherwise.
+    """Ranges (low, high) of the parameters of a world: of factors, unless said otherwise.
 
     The sources say that a quantity varies between arms of one make, with wear, grease and load; how
     far is the judgement of this program where no catalogue states it. From `wander` to `saturation`
@@ -114,12 +113,12 @@ class WorldRanges:
 
 
 SESSIONS: Final = ("friction", "combined", "cycles")
-"""In which a hand pushes."""
+"""Experiments in which a hand pushes."""
 ABSOLUTE: Final = (
     "torque_constant",
     "start_rise",
     "latency",
-    *(f"hand_{what}_{session}" for what in ("force", "bandwidth") for session in SESSIONS),
+    *(f"hand_{quantity}_{session}" for quantity in ("force", "bandwidth") for session in SESSIONS),
 )
 """Ranges of the quantity itself; all others are of factors."""
 PER_JOINT: Final = ("torque_constant",)
@@ -142,22 +141,22 @@ class ArmPosterior:
 
     @property
     def num_arms(self) -> int:
-        """How many there are."""
+        """Number of arms."""
         return min((len(values) for values in self.arms.values()), default=0)
 
 
 @dataclass(frozen=True)
 class WorldSource:
-    """What worlds are drawn from.
+    """The distribution that worlds are drawn from.
 
     Attributes:
-        ranges: between what each parameter lies.
-        posterior: arms that are drawn from instead, as far as they say, of worlds that are alike
-            one after another; None: none.
-        about: truth that is drawn about, of whatever robot; None: the robot's own.
-        only: parameters that are drawn, all others stay as the truth has them; None: all.
-        alike: whether worlds have one seed, individual and day, 0: only parameters differ.
-        even: whether draws are even over each range, wherever the truth's own value lies in it.
+        ranges: of each parameter.
+        posterior: arms to draw from instead, for the parameters that they state; with `alike` one
+            after another; None: none.
+        about: truth to scale, of whatever robot; None: that of the robot's file.
+        only: parameters that are drawn, all others stay as in the truth; None: all.
+        alike: whether all worlds have seed, individual and day 0: only parameters differ.
+        even: whether draws are even over each range, wherever the truth's value lies in it.
     """
 
     ranges: WorldRanges = field(default_factory=WorldRanges)
@@ -170,17 +169,17 @@ class WorldSource:
 
 @dataclass(frozen=True)
 class World:
-    """What a world differs in.
+    """One draw: seeds and parameters of a world.
 
     Attributes:
         number: of the world in its campaign, from 0.
-        seed: of all noise in it: what experiments are given as their seed.
-        individual: seed of what differs from arm to arm (phases of ripple, frames of joints).
-        day: seed of what differs from day to day.
+        seed: of all noise in it, and of the experiments.
+        individual: seed of differences from arm to arm (phases of ripple, frames of joints).
+        day: seed of differences from day to day.
         factors: of each range of `WorldRanges`, one number, or MOST_JOINTS of them (PER_JOINT).
-        of_robot: the same in the place of some of them, for one robot alone.
+        of_robot: numbers that replace some of `factors` for one robot alone.
         posterior_of: the name of that robot.
-        about: truth in the place of the robot's own.
+        about: truth that replaces that of the robot's file; None: none.
     """
 
     number: int
@@ -193,7 +192,7 @@ class World:
     about: SimulatedTruthConfig | None = None
 
     def parameters(self) -> dict[str, float]:
-        """All that was drawn by name, as a table has it; `torque_constant_1` is of joint 1."""
+        """All drawn numbers by name, for a table; `torque_constant_1` is of joint 1."""
         drawn = {"individual": float(self.individual), "day": float(self.day)}
         for name, values in (self.factors | self.of_robot).items():
             if name in PER_JOINT:
@@ -203,7 +202,7 @@ class World:
         return drawn
 
     def robot(self, robot: Robot) -> Robot:
-        """The robot with the truth that it has in this world; all else is as it was.
+        """The robot with its truth in this world; all else stays as it is.
 
         Raises:
             InputError: the robot has more than MOST_JOINTS joints, or a truth out of range.
@@ -220,28 +219,29 @@ class World:
     def hand(self, session: str) -> Hand | None:
         """The hand that pushes in one of SESSIONS; None: not drawn."""
         drawn = self.factors | self.of_robot
-        force, bandwidth = (drawn.get(f"hand_{what}_{session}") for what in ("force", "bandwidth"))
+        force = drawn.get(f"hand_force_{session}")
+        bandwidth = drawn.get(f"hand_bandwidth_{session}")
         return None if force is None or bandwidth is None else Hand(force[0], bandwidth[0])
 
     def truth(self, about: SimulatedTruthConfig, num_joints: int) -> SimulatedTruthConfig:
-        """The truth of this world, drawn about `about`; what is off there stays off."""
+        """The truth of this world: `about` scaled by its factors; what is off there stays off."""
         scaled = _Scaled(self.factors)
         friction = about.friction
-        coulomb = scaled.one("coulomb") * friction.coulomb
+        coulomb = scaled.factor("coulomb") * friction.coulomb
         stiction = friction.stiction
         if stiction.size:
             level = friction.coulomb if friction.coulomb.size else np.zeros(stiction.size)
-            rise = scaled.one("stiction_rise") * np.maximum(stiction - level, 0.0)
-            stiction = scaled.one("coulomb") * level + scaled.one("coulomb") * rise
+            rise = scaled.factor("stiction_rise") * np.maximum(stiction - level, 0.0)
+            stiction = scaled.factor("coulomb") * level + scaled.factor("coulomb") * rise
         return SimulatedTruthConfig(
             friction=replace(
                 friction,
                 coulomb=coulomb,
                 stiction=stiction,
-                stribeck_velocity=scaled.one("stribeck_velocity") * friction.stribeck_velocity,
-                viscous=scaled.one("viscous") * friction.viscous,
-                load_dependence=scaled.one("load") * friction.load_dependence,
-                ripple_amplitude=scaled.one("ripple") * friction.ripple_amplitude,
+                stribeck_velocity=scaled.factor("stribeck_velocity") * friction.stribeck_velocity,
+                viscous=scaled.factor("viscous") * friction.viscous,
+                load_dependence=scaled.factor("load") * friction.load_dependence,
+                ripple_amplitude=scaled.factor("ripple") * friction.ripple_amplitude,
             ),
             mechanisms=None
             if about.mechanisms is None
@@ -277,7 +277,7 @@ class World:
                 about.lubrication,
                 saturation=times("saturation", "saturation"),
                 heating=times("heating", "heating"),
-                start_rise=lambda c: scaled.own("start_rise", c.start_rise),
+                start_rise=lambda c: scaled.drawn_or("start_rise", c.start_rise),
                 transition_velocity=times("transition_velocity", "transition_velocity"),
                 day_sd=times("day_sd", "day_sd"),
                 coulomb_day_sd=times("day_sd", "coulomb_day_sd"),
@@ -306,11 +306,11 @@ class World:
             ),
             kinematics=part(
                 about.kinematics,
-                translation_sd=lambda c: scaled.one("calibration_error") * c.translation_sd,
-                rotation_sd=lambda c: scaled.one("calibration_error") * c.rotation_sd,
+                translation_sd=lambda c: scaled.factor("calibration_error") * c.translation_sd,
+                rotation_sd=lambda c: scaled.factor("calibration_error") * c.rotation_sd,
             ),
-            payload=part(about.payload, factor=lambda c: scaled.own("payload", c.factor)),
-            clock=part(about.clock, latency=lambda c: scaled.own("latency", c.latency)),
+            payload=part(about.payload, factor=lambda c: scaled.drawn_or("payload", c.factor)),
+            clock=part(about.clock, latency=lambda c: scaled.drawn_or("latency", c.latency)),
             individual=self.individual,
             day=self.day,
         )
@@ -322,15 +322,15 @@ class _Scaled:
     def __init__(self, factors: dict[str, tuple[float, ...]]) -> None:
         self._factors = factors
 
-    def one(self, name: str) -> float:
-        return self.own(name, 1.0)
+    def factor(self, name: str) -> float:
+        return self.drawn_or(name, 1.0)
 
-    def own(self, name: str, otherwise: float) -> float:
-        """What was drawn itself; `otherwise` where nothing was."""
-        return self._factors.get(name, (otherwise,))[0]
+    def drawn_or(self, name: str, default: float) -> float:
+        """The number that was drawn; `default` where none was."""
+        return self._factors.get(name, (default,))[0]
 
     def __call__(self, name: str, values: Sequence[float]) -> list[float]:
-        return [self.one(name) * value for value in values]
+        return [self.factor(name) * value for value in values]
 
 
 def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None = None) -> World:
@@ -339,7 +339,7 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     Args:
         seed: of the campaign, 0 or more.
         number: of the world, 0 or more.
-        source: to draw from; ranges alone are a source, too.
+        source: distribution to draw from; ranges alone are a source, too; None: the default ranges.
 
     Raises:
         InputError: a range is not of two finite numbers in their order, or one of a factor does not
@@ -350,18 +350,18 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     ranges = source.ranges
     check_ranges(ranges, source.even)
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, number])))
-    own, individual, day = (int(x) for x in generator.integers(_SEEDS, size=3))
+    noise_seed, individual, day = generator.integers(_SEEDS, size=3).tolist()
     factors = {}
-    for one in dataclasses.fields(ranges):
-        shares = generator.random(MOST_JOINTS if one.name in PER_JOINT else 1)
-        low, high = getattr(ranges, one.name)
-        middle = 0.5 * (low + high) if one.name in ABSOLUTE or source.even else 1.0
-        factors[one.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
+    for parameter in dataclasses.fields(ranges):
+        shares = generator.random(MOST_JOINTS if parameter.name in PER_JOINT else 1)
+        low, high = getattr(ranges, parameter.name)
+        middle = 0.5 * (low + high) if parameter.name in ABSOLUTE or source.even else 1.0
+        factors[parameter.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
     if source.only is not None:
         factors = {name: factors[name] for name in factors if name in source.only}
     if source.alike:
-        own = individual = day = 0
-    world = World(number, own, individual, day, factors, about=source.about)
+        noise_seed = individual = day = 0
+    world = World(number, noise_seed, individual, day, factors, about=source.about)
     if source.posterior is None or source.posterior.num_arms == 0:
         return world
     drawn = int(generator.integers(source.posterior.num_arms))
@@ -372,7 +372,7 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
 
 
 def check_ranges(ranges: WorldRanges, even: bool = False) -> None:
-    """Refuses ranges that are none.
+    """Checks ranges.
 
     Args:
         ranges: to check.
@@ -381,13 +381,15 @@ def check_ranges(ranges: WorldRanges, even: bool = False) -> None:
     Raises:
         InputError: see `draw_world`.
     """
-    for one in dataclasses.fields(ranges):
-        low, high = getattr(ranges, one.name)
-        place = f"ranges.{one.name}"
+    for parameter in dataclasses.fields(ranges):
+        low, high = getattr(ranges, parameter.name)
+        key = f"ranges.{parameter.name}"
         if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low <= high):
-            raise InputError("world", place, f"{low}, {high}; expected 0 <= low <= high")
-        if not even and one.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
-            raise InputError("world", place, f"{low}, {high}; a range of factors holds 1")
+            raise InputError("world", key, f"{low}, {high}; expected 0 <= low <= high")
+        if not even and parameter.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
+            raise InputError(
+                "world", key, f"{low}, {high}; expected 0 < low <= 1 <= high, a range of factors"
+            )
 
 
 def _between(low: float, middle: float, high: float, u: float) -> float:

@@ -1,4 +1,6 @@
-"""Reference, estimator and controller of machining in one block."""
+"""Reference, estimator and controller of a machining pass in one block."""
+
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -6,6 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.impedance_tick import impedance_tick
+from wrenchsight.models.estimation.estimator import Taught
 from wrenchsight.models.estimation.tick import tick_update
 from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
 from wrenchsight.models.machining.machining_reference import MachiningReference
@@ -26,13 +29,20 @@ from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 _POSE_SIZE, _POSE = 12, 18  # of a pose, and of a pose's reference: R_WD first, row by row
 
 
-class MachiningController(LeafSystem):
-    """What machines with an arm, between its encoders and its drives, in two calls a tick.
+class _TaughtRows(NamedTuple):
+    """A TaughtTorque for `taught_tick`: tau_ext (T, n), steady (T,) and its period, s."""
 
-    One after the other run the kernels of `MachiningReference`, of what an air pass taught, of
-    `VibrationTracker` where there was one, of `WrenchEstimatorSystem` and of `ImpedanceController`.
-    Parameters cannot be changed: those of
-    the blocks are taken.
+    tau_ext: Array
+    steady: Array
+    period: float
+
+
+class MachiningController(LeafSystem):
+    """Machines with an arm: from its encoders to its drives, in two calls a tick.
+
+    A tick runs the kernels of `MachiningReference`, of `WrenchEstimatorSystem` and of
+    `ImpedanceController` one after the other. After an air pass it also corrects the estimator by
+    what that taught and by `VibrationTracker`. Parameters cannot be changed: the blocks' are taken.
 
                     +---------------------+ --> action
       q        -->  |                     |
@@ -48,6 +58,7 @@ class MachiningController(LeafSystem):
     Outputs: action   tau_command (n,), N m, and all that is known with it, one after another, in
                       one port; Drake's Demultiplexer splits it with `sizes`
              terms    RigidBodyTerms (abstract) of the model, for pictures
+
     Between two ticks `action` is that of the last one.
 
     State:   that of the estimator, of the reference (7 + 15), of the controller (1), of the
@@ -81,15 +92,15 @@ class MachiningController(LeafSystem):
         self._chain: SerialChain = estimator.estimator.chain
         self._n = n = self._chain.num_joints
         self._packed = estimator.default_packed
-        self._taught: tuple[Array, Array, float] | None = None
+        self._taught: _TaughtRows | None = None
         self._tracker: VibrationTracker | None = None
         if taught is not None:
             assert taught.steady is not None
-            self._taught = (taught.tau_ext, taught.steady, float(taught.t[1]))
+            self._taught = _TaughtRows(taught.tau_ext, taught.steady, float(taught.t[1]))
             self._tracker = VibrationTracker(estimator.estimator)
-        self._q, self._v, self._current = (
-            self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
-        )
+        self._q = self.DeclareVectorInputPort("q", n)
+        self._v = self.DeclareVectorInputPort("v", n)
+        self._current = self.DeclareVectorInputPort("current", n)
         self._wrench = self.DeclareVectorInputPort("wrench", 6) if reads_sensor else None
         memory = estimator.initial_state()
         self._estimator_end = len(memory)
@@ -103,9 +114,9 @@ class MachiningController(LeafSystem):
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())).tolist(), strict=True))
         self._size = sum(sizes.values())
         self._last = LastTick(self, initial, time_step, self._size)
-        known = motion | self._last.tickets
+        prerequisites = motion | self._last.tickets
         if self._wrench is not None:
-            known.add(self._wrench.ticket())
+            prerequisites.add(self._wrench.ticket())
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
         self._reference_from = ends["pose_reference"]
@@ -116,29 +127,30 @@ class MachiningController(LeafSystem):
         if self._tracker is not None:
             self._freed_at = slice(ends["pose"], ends["tool_vibration"])
             self._shares_at = slice(ends["tool_vibration"], ends["joint_shares"])
-        self._action = self.DeclareVectorOutputPort("action", self._size, self._calc_action, known)
+        self._action = self.DeclareVectorOutputPort(
+            "action", self._size, self._calc_action, prerequisites
+        )
         self.DeclareAbstractOutputPort(
             "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
         )
-        # Memory that is settled once; nothing in it outlives a call.
-        self._plan_values = reference.plan
-        self._leading = (*reference.plan, np.ascontiguousarray(self._chain.table))
+        self._plan_values, self._plan_layout = reference.plan
+        self._chain_table = np.ascontiguousarray(self._chain.table)
         self._impedance = controller.law
-        choice, packed, self._given, self._estimator_scratch = estimator.taking
-        self._taking = (choice, *packed)
+        self._tick_arguments = estimator.tick_arguments
+        # Memory that is settled once; nothing in it outlives a call.
         self._model_terms = RigidBodyTerms.zeros(n).record
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
-        self._lesson = np.zeros(n + 1)
+        self._taught_row = np.zeros(n + 1)
         self._unread = np.zeros(n)
 
     @property
     def impedance(self) -> ImpedanceController:
-        """The controller in it."""
+        """The impedance controller that is part of the block."""
         return self._controller
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The parts of `action`, in their order: ports of the blocks, then the pose of E."""
+        """Sizes of the parts of `action`, in their order: ports of the blocks, then E's pose."""
         torque, error, integral = self._controller.sizes(self._n)
         reading = dict(
             zip(
@@ -152,31 +164,29 @@ class MachiningController(LeafSystem):
         return action | self._plan | reading | {"pose": _POSE_SIZE} | tracked
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        state, kept = self._last.at(context)
-        if kept is not None:
-            output.SetFromVector(kept)
+        state, last_output = self._last.at(context)
+        if last_output is not None:
+            output.SetFromVector(last_output)
             return
         out = output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
         end, terms, integral = self._estimator_end, self._model_terms, self._integral
         lead_tick(
-            *(*self._leading, context.get_time(), state[end:integral], q, v),
-            *(self._scratch, terms, plan),
+            self._plan_values,
+            self._plan_layout,
+            self._chain_table,
+            context.get_time(),
+            state[end:integral],
+            q,
+            v,
+            self._scratch,
+            terms,
+            plan,
         )
-        taught, n = None, self._n
+        taught = None
         if self._taught is not None and self._tracker is not None:
-            lesson, reference = self._lesson, out[self._reference_from : self._reference_to]
-            taught_tick(*self._taught, plan[-2], lesson)
-            freed, own = out[self._freed_at], terms[0]
-            freed_friction(self._tracker.constants.amplitudes, state[integral + 1 :], freed)
-            normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
-            expected_shares(
-                *(own["M"], self._tracker.constants.inertia_sd, own["J"], normal),
-                out[self._shares_at],
-            )
-            correction = lesson[:n] - freed[:n]
-            taught = (correction, reference[n : 2 * n], lesson[n], freed[n : 2 * n])
+            taught = self._taught_sample(self._taught, self._tracker, state[integral + 1 :], out)
         self._estimator.read(self._packed, state[:end], q, v, self._unread, taught, reading)
         impedance_tick(
             self._impedance,
@@ -188,28 +198,71 @@ class MachiningController(LeafSystem):
             out[self._pose_at],
         )
 
+    def _taught_sample(
+        self, rows: _TaughtRows, tracker: VibrationTracker, tracked: Array, out: Array
+    ) -> Taught:
+        """The correction of the estimator for the sample whose plan and terms are known.
+
+        Args:
+            rows: what the air pass taught.
+            tracker, tracked: of the tool's vibration, and its state.
+            out: `action`, whose entries of the freed friction and the joints' shares are written.
+        """
+        n, terms = self._n, self._model_terms[0]
+        reference = out[self._reference_from : self._reference_to]
+        feed_time = out[self._plan_to - 2]
+        taught_tick(rows.tau_ext, rows.steady, rows.period, feed_time, self._taught_row)
+        freed = out[self._freed_at]
+        freed_friction(tracker.constants.amplitudes, tracked, freed)
+        normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
+        expected_shares(
+            terms["M"], tracker.constants.inertia_sd, terms["J"], normal, out[self._shares_at]
+        )
+        return Taught(
+            tau_correction=self._taught_row[:n] - freed[:n],
+            v_planned=reference[n : 2 * n],
+            counts=self._taught_row[n],
+            sd=freed[n : 2 * n],
+        )
+
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         action = self._action.Eval(context)
         state, _ = self._last.take(context, discrete_state, action)
         q, end, integral = self._q.Eval(context), self._estimator_end, self._integral
+        choice, packed, known, scratch = self._tick_arguments
+        values, layout, table = packed
         tick_update(
-            *(*self._taking, state[:end], q, self._v.Eval(context), self._current.Eval(context)),
-            *(self._given, action[self._reading_at], self._estimator_scratch),
+            choice,
+            values,
+            layout,
+            table,
+            state[:end],
+            q,
+            self._v.Eval(context),
+            self._current.Eval(context),
+            known,
+            action[self._reading_at],
+            scratch,
         )
         if self._taught is not None and self._tracker is not None:
             feed_time = action.item(self._plan_to - 2)
-            taught_tick(*self._taught, feed_time, self._lesson)
+            rows = self._taught
+            taught_tick(rows.tau_ext, rows.steady, rows.period, feed_time, self._taught_row)
             track_vibration(
                 self._tracker.constants,
                 action[self._reading_at],
-                self._lesson,
+                self._taught_row,
                 action[self._freed_at],
                 action[self._shares_at],
                 feed_time >= 0.0,  # at work
                 state[integral + 1 :],
             )
         follow_tick(
-            *(*self._plan_values, context.get_time(), q, action[self._pose_at]),
+            self._plan_values,
+            self._plan_layout,
+            context.get_time(),
+            q,
+            action[self._pose_at],
             action[self._wrench_at] if self._wrench is None else self._wrench.Eval(context),
             state[end:integral],
         )

@@ -1,4 +1,4 @@
-"""What touches the tool of the simulated arm, read from the plant's contact results."""
+"""Contacts at the tool of the simulated arm, read from the plant's contact results."""
 
 from collections.abc import Collection
 
@@ -13,7 +13,7 @@ _USUAL_CONTACTS = 4
 
 
 class ToolContacts:
-    """Reads contact at points, which have no moment, and of patches, at their centroid.
+    """Reads the contacts of the tool: at points, without a moment, and of patches, at centroids.
 
     Args:
         tool_body: the body that E is fixed to.
@@ -33,7 +33,7 @@ class ToolContacts:
         self._contacts = np.zeros((_USUAL_CONTACTS, 9))
 
     def touched(self, results: ContactResults) -> tuple[Array, int]:
-        """What touches the tool, valid until the next call, and how often it is touched.
+        """The contacts of the tool, valid until the next call, and their number.
 
         Returns:
             (count or more, 9) force and moment about C on the tool, N and N m, and C, m, in W; and

@@ -1,4 +1,4 @@
-"""The true arm: all that is true of it besides the plant's rigid bodies and contact."""
+"""The true arm as a block: joints, drives, sensors and process around the plant."""
 
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -30,13 +30,13 @@ from wrenchsight.models.truth.arm_tick import (
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
 from wrenchsight.models.truth.joint_kernels import SIGNALS, tick_work
 from wrenchsight.models.truth.true_joints import TrueJoints
-from wrenchsight.systems.force_torque_sensor import ForceTorqueSensor
+from wrenchsight.systems.force_torque_sensor import NO_SENSOR, ForceTorqueSensor
 from wrenchsight.systems.truth.tool_contacts import ToolContacts
 
 
 @dataclass(frozen=True, eq=False)
 class ArmParts:
-    """What a TrueArm is made of.
+    """The parts of a TrueArm.
 
     Attributes:
         chain: of the true robot.
@@ -87,8 +87,8 @@ class TrueArm(LeafSystem):
     Outputs: motion            the entries of `motion_type`, one after another: rigid-body terms,
                                what encoders and force/torque sensor read, the environment's wrench
                                and torque without contact; no feedthrough of the command
-             drives            motor torque tau_J_true, the rest of the generalized force on the
-                               plant, tau_f_true, each (n,) N m; true and reported current (n,) A;
+             drives            motor torque tau_J_true, all other generalized force on the plant,
+                               tau_f_true, each (n,) N m; true and reported current (n,) A;
                                then the joints' state at the tick's end
              truth             (6 + n + 4,) F_E_W of the environment, tau_ext, normal force and
                                normal, contact included; where something can be touched
@@ -110,7 +110,7 @@ class TrueArm(LeafSystem):
             raise ValueError("true arm: a machining process needs contact")
         self._n, self._contacts = n, parts.contacts
         self._motion_type = motion_type(n)
-        self._constants(parts)
+        self._make_constants(parts)
         memory = np.zeros(0) if process is None else process.initial_state
         initial = joints.initial_state()
         filtered = 0 if sensor is None else sensor.memory_size
@@ -122,21 +122,24 @@ class TrueArm(LeafSystem):
             np.concatenate([initial.ravel(), np.full(n, np.nan), memory, np.zeros(12 + filtered)])
         )
         self.DeclarePeriodicDiscreteUpdateEvent(joints.time_step, 0.0, self._update)
-        known = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
+        prerequisites = {self._x.ticket(), self.time_ticket(), self.discrete_state_ticket(state)}
         self._motion = self.DeclareVectorOutputPort(
-            "motion", sum(self.motion_sizes.values()), self._calc_motion, known
+            "motion", sum(self.motion_sizes.values()), self._calc_motion, prerequisites
         )
         self._drives = self.DeclareVectorOutputPort(
-            "drives", sum(self.drive_sizes), self._calc_drives, known | {self._command.ticket()}
+            "drives",
+            sum(self.drive_sizes),
+            self._calc_drives,
+            prerequisites | {self._command.ticket()},
         )
         if parts.contacts is not None:
             self._results = self.DeclareAbstractInputPort(
                 "contact_results", Value[ContactResults]()
             )
             self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
-            met = known | {self._results.ticket(), self._tau_contact.ticket()}
+            in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
             self._truth = self.DeclareVectorOutputPort(
-                "truth", sum(self.truth_sizes), self._calc_truth, met
+                "truth", sum(self.truth_sizes), self._calc_truth, in_contact
             )
         self._weld: int | None = None
         if sensor is not None:
@@ -148,39 +151,34 @@ class TrueArm(LeafSystem):
         self._pushed = bool(parts.script.segments) or process is not None
         if self._pushed:
             # A pattern for the output, which copies it.
-            self._at_E = ExternallyAppliedSpatialForce()
-            self._at_E.body_index = parts.tool_body
-            self._at_E.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
+            self._applied_force = ExternallyAppliedSpatialForce()
+            self._applied_force.body_index = parts.tool_body
+            self._applied_force.p_BoBq_B = np.array(parts.p_BE, dtype=np.float64)
             self.DeclareAbstractOutputPort(
                 "spatial_forces",
                 Value[list[ExternallyAppliedSpatialForce]],
                 self._calc_spatial_forces,
-                known,
+                prerequisites,
             )
         if process is not None:
             self._process = process
-            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, known)
+            self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, prerequisites)
         # Memory that is settled once; nothing in it outlives a call.
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
         self._work = tick_work(initial)
         self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
 
-    def _constants(self, parts: ArmParts) -> None:
-        """Plain tuples: numba takes them in less time than named ones."""
-        n, joints, process, nothing = self._n, parts.joints, parts.process, np.empty(0)
+    def _make_constants(self, parts: ArmParts) -> None:
+        """Makes the constants of the kernels.
+
+        They are plain tuples: numba takes them in less time than named ones.
+        """
+        n, joints, process = self._n, parts.joints, parts.process
         current = np.empty((0, n)) if parts.current is None else parts.current
-        law = nothing if process is None else process.table
+        process_table = np.empty(0) if process is None else process.table
         variations = None if process is None else process.variations
-        varied = (nothing, np.empty((0, 4)), np.empty((0, 4)), np.empty((0, 3)), np.empty((0, 3)))
-        if variations is not None:
-            varied = (
-                *(variations.table, variations.waviness, variations.patches),
-                *(variations.pose, variations.ends),
-            )
-        sensor = (np.empty((0, 3)), np.empty((0, 0)), nothing, nothing, np.zeros(6), -1)
-        if parts.sensor is not None:
-            sensor = parts.sensor.constants
-        self._of_motion: tuple[Any, ...] = tuple(
+        sensor = NO_SENSOR if parts.sensor is None else parts.sensor.constants
+        self._motion_constants: tuple[Any, ...] = tuple(
             MotionConstants(
                 chain=np.ascontiguousarray(parts.chain.table),
                 joints=joints.table,
@@ -188,10 +186,10 @@ class TrueArm(LeafSystem):
                 seed=parts.seed + VELOCITY_STREAM,
                 script=parts.script.table,
                 tones=parts.script.tones,
-                process=law,
+                process=process_table,
             )
         )
-        self._of_drives: tuple[Any, ...] = tuple(
+        self._drive_constants: tuple[Any, ...] = tuple(
             DriveConstants(
                 joints=joints.table,
                 motors=joints.motors,
@@ -201,23 +199,40 @@ class TrueArm(LeafSystem):
                 in_contact=parts.contacts is not None,
             )
         )
-        self._of_memory: tuple[Any, ...] = tuple(MemoryConstants(current, *sensor, law, *varied))
+        self._memory_constants: tuple[Any, ...] = tuple(
+            MemoryConstants(
+                current=current,
+                tool=sensor.tool,
+                A=sensor.A,
+                B=sensor.B,
+                C=sensor.C,
+                noise_sd=sensor.noise_sd,
+                noise_seed=sensor.noise_seed,
+                process=process_table,
+                variations=np.empty(0) if variations is None else variations.table,
+                waviness=np.empty((0, 4)) if variations is None else variations.waviness,
+                patches=np.empty((0, 4)) if variations is None else variations.patches,
+                pose=np.empty((0, 3)) if variations is None else variations.pose,
+                ends=np.empty((0, 3)) if variations is None else variations.ends,
+            )
+        )
 
     @property
     def motion_sizes(self) -> dict[str, int]:
-        """Of the parts of `motion`: its terms together, and each of the other fields."""
-        kind, terms = self._motion_type, terms_type(self._n)
-        around = [name for name in kind.names or () if name not in (terms.names or ())]
-        return {"terms": terms.itemsize // 8} | {name: kind[name].shape[0] for name in around}
+        """Sizes of the parts of `motion`: its terms together, and each of the other fields."""
+        motion, terms = self._motion_type, terms_type(self._n)
+        other_fields = [name for name in motion.names or () if name not in (terms.names or ())]
+        sizes = {"terms": terms.itemsize // 8}
+        return sizes | {name: motion[name].shape[0] for name in other_fields}
 
     @property
     def drive_sizes(self) -> list[int]:
-        """Of the four signals of the joints, the reported current and the rest in `drives`."""
+        """Sizes of the parts of `drives`: four signals of the joints, current, joints' state."""
         return [self._n] * (SIGNALS + 1) + [self._joint_size]
 
     @property
     def truth_sizes(self) -> list[int]:
-        """Of wrench, torque, and normal force with its normal in `truth`."""
+        """Sizes of the parts of `truth`: wrench, torque, normal force with its normal."""
         return [6, self._n, 4]
 
     @property
@@ -227,7 +242,7 @@ class TrueArm(LeafSystem):
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
         arm_motion(
-            self._of_motion,
+            self._motion_constants,
             self._layout,
             context.get_time(),
             self._x.Eval(context),
@@ -242,7 +257,7 @@ class TrueArm(LeafSystem):
 
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
         arm_drives(
-            self._of_drives,
+            self._drive_constants,
             self._layout,
             context.get_time(),
             self._motion_at(context),
@@ -254,17 +269,19 @@ class TrueArm(LeafSystem):
 
     def _calc_truth(self, context: Context, output: BasicVector) -> None:
         assert self._contacts is not None
+        contacts, count = self._contacts.touched(cast(ContactResults, self._results.Eval(context)))
         arm_truth(
             self._contacts.tip_radius,
-            *self._contacts.touched(cast(ContactResults, self._results.Eval(context))),
+            contacts,
+            count,
             self._tau_contact.Eval(context),
             self._motion_at(context),
             output.get_mutable_value(),
         )
 
     def _calc_spatial_forces(self, context: Context, output: AbstractValue) -> None:
-        self._at_E.F_Bq_W = SpatialForce(self._motion_at(context)["applied"][0])
-        output.set_value([self._at_E])
+        self._applied_force.F_Bq_W = SpatialForce(self._motion_at(context)["applied"][0])
+        output.set_value([self._applied_force])
 
     def _calc_unbalance(self, context: Context, output: BasicVector) -> None:
         R_WE, wrench = self._motion_at(context)["R_WE"][0], np.zeros(6)
@@ -279,7 +296,7 @@ class TrueArm(LeafSystem):
             vdot = self._vdot.Eval(context)
             reaction = self._reactions.Eval(context)[self._weld].get_coeffs()
         arm_memory(
-            self._of_memory,
+            self._memory_constants,
             self._layout,
             context.get_time(),
             self._motion_at(context),

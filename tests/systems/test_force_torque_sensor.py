@@ -184,7 +184,7 @@ def test_a_push_along_x_reads_positive_x():
 
 
 def test_bad_settings():
-    with pytest.raises(InputError, match="negative"):
+    with pytest.raises(InputError, match="expected 0 or more"):
         Arm(ForceTorqueSensorConfig(force_noise_sd=-1.0))
     with pytest.raises(InputError, match="half the sampling rate"):
         Arm(ForceTorqueSensorConfig(cutoff=900.0))

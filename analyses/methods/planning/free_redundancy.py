@@ -56,8 +56,8 @@ class Surroundings:
         """The pair with the least slack over q (N, n); None where nothing is near."""
         result: ClosestPair | None = None
         for row in q:
-            for slack, pair in self.clearance.slacks(row, self.clearance.margin + _AROUND):
-                if result is None or slack < result.slack:
+            for pair in self.clearance.slacks(row, self.clearance.margin + _AROUND):
+                if result is None or pair.slack < result.slack:
                     result = pair
         return result
 

@@ -81,7 +81,7 @@ def test_a_contact_between_samples_is_found(sts, clearance):
 
 def beside(robot, piece, q):
     """Smallest distance (m) of the links, but for the tool and the base, from a workpiece."""
-    pairs = [pair for _, pair in Clearance(robot, 0.0, None, piece).slacks(q, 5.0)]
+    pairs = Clearance(robot, 0.0, None, piece).slacks(q, 5.0)
     return min(pair.distance for pair in pairs if "workpiece" in (pair.first, pair.second))
 
 

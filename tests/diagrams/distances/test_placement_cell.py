@@ -83,8 +83,8 @@ def test_an_arm_folded_into_itself_collides(sts: Robot) -> None:
 def test_pairs_that_are_near_by_construction_are_named(sts: Robot) -> None:
     cell = PlacementCell(sts, ClearanceConfig(0.01))
     assert cell.notices == (
-        "link_4 and link_6 are nearer than 10 mm at home, two joints apart: by construction, not "
-        "looked at",
+        "link_4 and link_6 are nearer than 10 mm at home, two joints apart by construction: their "
+        "distance is not checked",
     )
     assert PlacementCell(sts, ClearanceConfig(0.005)).notices == ()
 

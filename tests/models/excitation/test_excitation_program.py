@@ -134,9 +134,9 @@ def test_random_and_solved_motions_keep_all_limits(sts, information):
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        (ExcitationLimits(position_margin=3.0), "position_margin: joint_1 is left"),
+        (ExcitationLimits(position_margin=3.0), "position_margin: leaves joint_1 "),
         (ExcitationLimits(velocity_share=0.0), "velocity_share"),
-        (ExcitationLimits(acceleration=[-1.0]), "acceleration: joint_1 is left"),
+        (ExcitationLimits(acceleration=[-1.0]), "acceleration: leaves joint_1 "),
         (ExcitationLimits(acceleration=[1.0, 2.0]), "2 numbers, expected 1 or 6"),
         (ExcitationLimits(torque_share=0.0), "torque_share"),
     ],

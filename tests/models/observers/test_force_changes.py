@@ -11,7 +11,7 @@ from wrenchsight.models.observers.fixed_interval import (
     NUM_EVIDENCE,
 )
 from wrenchsight.models.observers.force_changes import (
-    ChangesSought,
+    ChangeSearch,
     IntervalSmoother,
     likely_changes,
 )
@@ -119,7 +119,7 @@ def test_stretches_are_read_as_one_log() -> None:
     np.testing.assert_allclose(joined, whole_covariance, rtol=0.05, atol=0.05 * sd.max() ** 2)
 
 
-SOUGHT = ChangesSought(reach=10, blow_reach=2, more_numbers=3)
+SOUGHT = ChangeSearch(reach=10, blow_reach=2, extra_parameters=3)
 
 
 def evidence_of(likelier: np.ndarray, force: float = 100.0) -> np.ndarray:

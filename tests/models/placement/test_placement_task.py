@@ -64,7 +64,10 @@ BAD_FILES = {
     "no length": ({"path_length": 0.0}, "path_length: 0, expected m above 0"),
     "one point": ({"num_segments": 1}, "num_segments: 1, expected 2 to 500"),
     "two numbers": ({"midpoint_lower": [0.0, 1.0]}, "midpoint_lower: 2 numbers, expected 3"),
-    "crossed box": ({"midpoint_lower": [0.0, 0.7, 0.0]}, "y from 0.7 to 0.6 is no range"),
+    "crossed box": (
+        {"midpoint_lower": [0.0, 0.7, 0.0]},
+        "y from 0.7 to 0.6, expected the lower end first",
+    ),
     "crossed angles": (
         {"angle_lower_deg": 90.0, "angle_upper_deg": 80.0},
         "from 90 to 80, expected a range within 0 to 180",

@@ -71,7 +71,7 @@ def test_the_machine_around_the_arm_is_an_obstacle(tmp_path: Path) -> None:
     """Where its joints stand: the box is 0.8 m below the torso, or 1.8 m."""
     robot = _machine(tmp_path)
     assert _hits(robot)
-    assert any("stand still around it" in text and "cart" in text for text in robot.notices)
+    assert any("obstacles at rest" in text and "cart" in text for text in robot.notices)
     assert "cart" not in robot.urdf_text  # of a simulation or a picture it is no part
     assert not _hits(_machine(tmp_path, column=1.0))
     turned = _machine(tmp_path, locked_joints={"grip": 0.0, "lift": 0.0, "turn": np.pi})
@@ -82,7 +82,7 @@ def test_the_obstacle_stands_where_the_urdf_has_it(tmp_path: Path) -> None:
     """The distance straight down, by hand: from the hanging ball to the box."""
     robot = _machine(tmp_path)
     pairs = Clearance(robot, floor=None).slacks([0.0, 0.0], 2.0)
-    (pair,) = (pair for _, pair in pairs if "cart" in (pair.first, pair.second))
+    (pair,) = (pair for pair in pairs if "cart" in (pair.first, pair.second))
     ball = np.array([0.0, 0.0, -0.8])
     box = np.array([0.6, 0.0, -0.8])
     outside = np.maximum(np.abs(ball - box) - 0.2, 0.0)

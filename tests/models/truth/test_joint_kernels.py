@@ -26,7 +26,7 @@ from wrenchsight.models.truth.joint_kernels import (
     TRANSITION,
     TRANSMITTED,
     VIBRATION,
-    WANDER_KEPT,
+    WANDER_DECAY,
     WANDER_SD,
     Links,
     encoder_reading,
@@ -536,7 +536,7 @@ def test_a_light_joint_with_a_transition_comes_to_rest_without_chattering():
 
 def test_friction_wanders_by_its_sd_and_forgets_in_its_time():
     joints = one_joint(((1.0, 1e8, 0.0),), coulomb=5.0, stiction=5.0)
-    joints.table[0, WANDER_SD], joints.table[0, WANDER_KEPT] = 0.05, math.exp(-H / 0.02)
+    joints.table[0, WANDER_SD], joints.table[0, WANDER_DECAY] = 0.05, math.exp(-H / 0.02)
     bench = Bench(joints, M=1e12, v=1.0)
     torque = []
     for _ in range(40000):

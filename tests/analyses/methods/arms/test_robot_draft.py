@@ -184,4 +184,4 @@ def test_a_collision_mesh_that_is_missing_is_named_with_the_place_it_was_looked_
     robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
     [lost] = robot.unusable_collisions
     place = tmp_path / "arm" / "upper.stl"
-    assert lost == f"upper (package://arm/upper.stl not found, looked for at {place} and above)"
+    assert lost == f"upper (package://arm/upper.stl not found, searched for at {place} and above)"

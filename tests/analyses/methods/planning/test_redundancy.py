@@ -162,7 +162,7 @@ def test_where_the_optimum_is_too_near_the_best_free_way_stands_beside_it(sts: R
     beside = Clearance(sts, 0.03, None, BladeConfig(pose=config.workpiece))
 
     def slack_beside_the_piece(q: Array) -> float:
-        pairs = [pair for row in q for _, pair in beside.slacks(row)]
+        pairs = [pair for row in q for pair in beside.slacks(row)]
         return min(pair.slack for pair in pairs if "workpiece" in (pair.first, pair.second))
 
     assert slack_beside_the_piece(result.optimised.q) < 0.0
