@@ -16,6 +16,9 @@ import pytest
 import yaml
 
 import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
+from wrenchsight.analyses.data_sets.advice import how_to_get
+from wrenchsight.analyses.data_sets.places import CACHE_VARIABLE, find_data_set
+from wrenchsight.analyses.data_sets.registry import DATA_SETS
 from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
@@ -106,20 +109,34 @@ def _one_thread() -> Iterator[None]:
 # Recordings ---------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="session", autouse=True)
+def recordings_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a link to each set of recordings of who runs the tests, wherever it is.
+
+    What tests run sees an empty cache: what somebody has fetched must not change a test.
+    """
+    linked = tmp_path_factory.mktemp("recordings")
+    for name in DATA_SETS:
+        place = find_data_set(name, ROOT.parent / "shared" / "data")
+        if place is not None:
+            (linked / name).symlink_to(place.folder)
+    os.environ[CACHE_VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+    return linked
+
+
 @pytest.fixture(scope="session")
-def data_holding() -> Callable[..., Path]:
+def data_holding(recordings_folder: Path) -> Callable[..., Path]:
     """Finds the folder of recordings for who takes them from it: `data_holding("ur10e/a.csv")`.
 
     The test is skipped where a file that it names is missing. Files are named, never taken as they
     lie there: another recording beside them must not change a test.
     """
-    root = ROOT.parent / "shared" / "data"
 
     def find(*names: str) -> Path:
         for name in names:
-            if not (root / name).is_file():
-                pytest.skip(f"no recording {name} in {root}")
-        return root
+            if not (recordings_folder / name).is_file():
+                pytest.skip(f"no recording {name}: {how_to_get(name.partition('/')[0])}")
+        return recordings_folder
 
     return find
 

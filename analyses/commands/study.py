@@ -21,7 +21,7 @@ class StudyOptions:
     """What is asked of a study on the command line."""
 
     experiments: list[str] = field(default_factory=list)  # names; all if none is given
-    data: Path = Path("../shared/data")  # folder of the real recordings
+    data: Path | None = None  # folder of the real recordings, where you have one: see `data`
     seed: int = 0  # seed of every random number
     quick: bool = False  # shorter and coarser: to try things out
     truth: str = "own"
@@ -79,6 +79,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
 def _print(result: "StudyResult") -> None:
     from rich.padding import Padding
 
+    from wrenchsight.analyses.data_sets.advice import missing_recordings
     from wrenchsight.analyses.study.report import comparisons
 
     table = new_table("", "article", "here")
@@ -91,8 +92,14 @@ def _print(result: "StudyResult") -> None:
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
             table.add_row(indented, " ".join(row.stated), " ".join(row.here))
+    lacks = {o.name: o.lacks for o in result.outcomes if o.lacks}
     show(
         *([table] if table.row_count else []),
-        *(f"{o.name} {o.state}: {o.reason}" for o in result.outcomes if not o.has_result),
+        *(
+            f"{o.name} {o.state}: {o.reason}"
+            for o in result.outcomes
+            if not o.has_result and not o.lacks
+        ),
+        *([missing_recordings(lacks)] if lacks else []),
         f"report: {result.report}",
     )

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from wrenchsight.analyses.data_sets.places import find_data_set
+
 if TYPE_CHECKING:
     from wrenchsight.analyses.output.figures import Figure
     from wrenchsight.models.robot.robot import Robot
@@ -24,7 +26,8 @@ class ExperimentContext:
     """
 
     out: Path  # folder of this experiment alone; exists
-    data: Path  # folder of the real recordings; may be absent
+    # folder of real recordings that was given; see `analyses.data_sets.places.data_set_folder`
+    data: Path | None = None
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
     # 0..1, and what is done now
@@ -112,12 +115,16 @@ class Experiment:
     title: str
     section: str  # of the article, or the name of the data set
     run: Callable[[ExperimentContext], ExperimentResult]
-    needs: tuple[str, ...] = ()  # folders below `data` without which it is skipped
-    uses: tuple[str, ...] = ()  # folders below `data` that it reads if they are there
+    needs: tuple[str, ...] = ()  # sets of recordings without which it is skipped
+    uses: tuple[str, ...] = ()  # sets of recordings that it reads if they are there
     order: float = 1000.0  # its place in the report: the smaller, the earlier
     seconds: float = 30.0  # of a processor that it typically takes; the longest start first
     readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows
 
-    def missing(self, data: Path) -> list[Path]:
-        """The folders of recordings that are not below `data`, and without which it cannot run."""
-        return [data / name for name in self.needs if not (data / name).is_dir()]
+    def missing(self, data: Path | None) -> list[str]:
+        """The sets of recordings that are nowhere, and without which it cannot run.
+
+        Args:
+            data: the folder of recordings that was given.
+        """
+        return [name for name in self.needs if find_data_set(name, data) is None]

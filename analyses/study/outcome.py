@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from wrenchsight.analyses.data_sets.places import find_data_set
 from wrenchsight.analyses.output.progress import State
 from wrenchsight.analyses.study.fingerprint import libraries, recordings_hash, software_hash
 
@@ -15,7 +16,7 @@ class StudySettings:
 
     asked: tuple[str, ...]  # experiments to run
     known: tuple[str, ...]  # all there are
-    data: Path  # folder of the real recordings
+    data: Path | None  # folder of the real recordings that was given
     seed: int
     quick: bool
     version: str  # of the software
@@ -28,7 +29,7 @@ class StudySettings:
 
         Args:
             module: of the experiment; not imported.
-            folders: of real recordings, which the experiment reads.
+            folders: sets of real recordings, which the experiment reads.
 
         Raises:
             OSError: a file cannot be read.
@@ -39,8 +40,12 @@ class StudySettings:
             "truth": self.truth,
             "software": software_hash(module),
             "libraries": libraries(),
-            "recordings": {name: recordings_hash(self.data / name) for name in sorted(folders)},
+            "recordings": {name: self._recordings_hash(name) for name in sorted(folders)},
         }
+
+    def _recordings_hash(self, name: str) -> str | None:
+        place = find_data_set(name, self.data)
+        return None if place is None else recordings_hash(place.folder)
 
     @property
     def of_results(self) -> dict[str, Any]:
@@ -64,6 +69,7 @@ class Outcome:
     name: str
     state: State
     reason: str = ""  # why it was skipped or failed: one line
+    lacks: tuple[str, ...] = ()  # sets of recordings that it needs or would use
     seconds: float | None = None  # by the clock
     processor_seconds: float | None = None  # of all its threads
     metrics: dict[str, Any] = field(default_factory=dict)

@@ -24,6 +24,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Final
 
+from wrenchsight.analyses.data_sets.advice import how_to_get_all
 from wrenchsight.analyses.output.compilation import on_first_compilation
 from wrenchsight.analyses.output.interruption import (
     begin_worker,
@@ -54,7 +55,7 @@ ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 def run_study(
     names: Sequence[str],
     out: Path,
-    data: Path,
+    data: Path | None = None,
     *,
     seed: int = 0,
     quick: bool = False,
@@ -80,7 +81,9 @@ def run_study(
     Args:
         names: experiments to run; empty means all of `wrenchsight.analyses.study.registry`.
         out: folder of the study; made if absent.
-        data: folder of the real recordings; experiments that need an absent one are skipped.
+        data: folder of the real recordings that is given; see
+            `wrenchsight.analyses.data_sets.places`. Experiments that need a set that is nowhere
+            are skipped.
         seed: of every random number.
         quick: whether experiments run shorter and coarser.
         truth: of simulated arms, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
@@ -199,6 +202,9 @@ class _Run:
             return Progress(outcome.name, "running")
         if kind == "progress":
             return Progress(outcome.name, "running", *content)
+        if kind == "lacks":
+            (outcome.lacks,) = content
+            return Progress(outcome.name, "running")
         reason, outcome.processor_seconds = content
         if kind == _NO_STORAGE:
             remedy = "free some space and run again: what is finished is kept"
@@ -216,6 +222,7 @@ class _Run:
             result = read_result(folder, outcome.name)
             assert result is not None
             outcome.metrics, outcome.stored = result
+            outcome.lacks = _absent_recordings(outcome.stored)
         elif state == "failed":
             printed = ""
             with suppress(OSError):
@@ -307,7 +314,8 @@ def _run_experiment(
         raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
     connection.send(("loaded",))
     if missing := experiment.missing(settings.data):
-        return "skipped", f"needs the recordings {', '.join(map(str, missing))}; see --data"
+        connection.send(("lacks", tuple(missing)))
+        return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
     if "numba" in sys.modules:
         on_first_compilation(lambda what: connection.send(("progress", 0.0, what)))
     due = 0.0
@@ -352,7 +360,14 @@ def _earlier(
     changed = [key for key in now if recorded.get(key) != now[key]]
     if changed:
         return None, f"its earlier result has other {', '.join(changed)}: it runs again"
-    return Outcome(name, "earlier", metrics=metrics, stored=stored), ""
+    lacks = _absent_recordings(stored)
+    return Outcome(name, "earlier", lacks=lacks, metrics=metrics, stored=stored), ""
+
+
+def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
+    """The sets of recordings that an experiment ran without."""
+    recordings = stored["fingerprint"]["recordings"]
+    return tuple(name for name, content in recordings.items() if content is None)
 
 
 def _summarise(

@@ -203,7 +203,13 @@ def test_absent_recordings_are_said_in_a_line(experiments, tmp_path):
     experiments("real", needs=("ur10e",))
     result = invoke("study", "--out", tmp_path / "out", "--data", tmp_path / "none")
     assert result.exit_code == 0
-    assert f"real  skipped: needs the recordings {tmp_path / 'none' / 'ur10e'}" in result.stderr
+    assert (
+        "real  skipped: needs the recordings ur10e; `wrenchsight data fetch ur10e`" in result.stderr
+    )
+    (line,) = [line for line in result.stdout.splitlines() if "recordings" in line]
+    assert line == (
+        "missing recordings: ur10e (real); get them with `wrenchsight data fetch ur10e`"
+    )
 
 
 def test_options_reach_the_study(monkeypatch, tmp_path):

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.experiments.contact_detection.contact_free_twins import (
     alarms_of_twins,
     model_of_twins,
@@ -42,6 +43,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FITTED,
     FOLDER,
     MORE,
+    log_file,
     presliding_arm,
 )
 from wrenchsight.analyses.methods.learning.identification import identify
@@ -107,12 +109,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot, model = presliding_arm(context, 0.2)
     rounds = 1 if context.quick else ROUNDS
     recordings = {
-        name: read_recording(context.data / file, robot=robot)
+        name: read_recording(log_file(context.data, Path(file).stem), robot=robot)
         for name, file in (FREE | ALONE | OLDER | STILL).items()
     }
     every = {name: TrialLog(recording, robot, model) for name, recording in recordings.items()}
     logs = {name: every[name] for name in FREE}
-    fitted = [read_recording(context.data / FOLDER / name, robot=robot) for name in FITTED]
+    ur10e = data_set_folder(FOLDER, context.data)
+    fitted = [read_recording(ur10e / name, robot=robot) for name in FITTED]
     every |= _held_out(fitted, robot, context)
     metrics: dict[str, Any] = {"levels": _levels(logs)}
     context.progress(0.35, "contact-free logs")
@@ -128,13 +131,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
     metrics["collision_wrist"] = _labelled(
-        context.data / MORE / "collision_wrist.csv", COLLISIONS, robot, model
+        data_set_folder(MORE, context.data) / "collision_wrist.csv", COLLISIONS, robot, model
     )
-    pushes = np.genfromtxt(context.data / PUSHES / "pushes.csv", delimiter=",", names=True)
+    pushed = data_set_folder(PUSHES, context.data)
+    pushes = np.genfromtxt(pushed / "pushes.csv", delimiter=",", names=True)
     spans = tuple((float(row["t_start"]), float(row["t_end"])) for row in pushes)
-    metrics["push_pose_1"] = _labelled(
-        context.data / PUSHES / "push_pose_1.csv", spans, robot, model
-    )
+    metrics["push_pose_1"] = _labelled(pushed / "push_pose_1.csv", spans, robot, model)
     context.progress(0.72, "simulated days")
     moving = {name: entry for name, entry in recordings.items() if name not in STILL}
     metrics |= _twins(fitted, moving, robot, context)

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder, recording_file
 from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
     FOLDER,
     FORMAT,
@@ -141,9 +142,9 @@ def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
     return by_joint(rms, _rows(log, state), tau - log.truth)
 
 
-def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
+def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
     """Joint 3 of the sweep as its source has it: every row, the sensor as it was recorded."""
-    raw = read_recording(data / FOLDER / f"{SWEEP}.csv", FORMAT)
+    raw = read_recording(recording_file(data_set_folder(FOLDER, data), SWEEP), FORMAT)
     log = readings[SWEEP, "urdf"].log
     R_WE, _ = log.robot.chain.pose(raw.q)
     J = log.robot.chain.jacobian(raw.q)

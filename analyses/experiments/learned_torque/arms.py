@@ -77,7 +77,9 @@ class Ur10e:
         seconds: that were fitted, by amount.
     """
 
-    def __init__(self, data: Path, seed: int, quick: bool, progress: ProgressCallback) -> None:
+    def __init__(
+        self, data: Path | None, seed: int, quick: bool, progress: ProgressCallback
+    ) -> None:
         """Args: `quick` takes one model for all amounts, and little training."""
         self.robot, self._data = Robot.load("ur10e"), data
         whole = [self._read(name.removesuffix(".csv")) for name in FITTED]
@@ -144,7 +146,7 @@ def _state(log: TorqueLog) -> Array:
     return np.concatenate([log.motion.q, log.motion.v], axis=1)
 
 
-def contact_errors(data: Path, arm: Ur10e) -> dict[str, dict[str, Errors]]:
+def contact_errors(data: Path | None, arm: Ur10e) -> dict[str, dict[str, Errors]]:
     """Errors of the force along the tool by interval and method, of another UR10e in contact.
 
     Its runs have .6 s in the air, too little for a network's history: the networks are those of the
@@ -202,7 +204,7 @@ def _pieces(
     return found
 
 
-def lara8_errors(data: Path, seed: int, quick: bool) -> dict[str, dict[str, Errors]]:
+def lara8_errors(data: Path | None, seed: int, quick: bool) -> dict[str, dict[str, Errors]]:
     """Errors by log and method; each log is predicted from the others, their loads taken off.
 
     The model is not fitted on this arm: the maker's masses, the controller's friction.

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.analyses.data_sets.places import data_set_folder, recording_file
 from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
     LogReading,
@@ -45,7 +46,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
-FOLDER = "panda_ati_gamma"  # below the data folder
+FOLDER = "panda_ati_gamma"
 NUM_POSES = 10
 LOADED_FORCE = 1.0  # N of the sensor's reading, above which a row is judged
 UNLOADED_ROWS = 100  # at the start of each log: the rows on which sensor and torques were tared
@@ -70,14 +71,18 @@ class PoseLog:
         return np.asarray(np.linalg.norm(self.sensor_force, axis=1) > LOADED_FORCE)
 
 
-def read_pose_logs(data: Path) -> tuple[PoseLog, ...]:
-    """Reads the ten logs below `data`.
+def read_pose_logs(data: Path | None) -> tuple[PoseLog, ...]:
+    """Reads the ten logs.
+
+    Args:
+        data: the folder of recordings that is given.
 
     Raises:
         InputError: a log is missing or damaged, or lacks a signal.
     """
+    folder = data_set_folder(FOLDER, data)
     return tuple(
-        _pose_log(read_recording(data / FOLDER / f"data_pos_{i}.csv"))
+        _pose_log(read_recording(recording_file(folder, f"data_pos_{i}")))
         for i in range(1, NUM_POSES + 1)
     )
 

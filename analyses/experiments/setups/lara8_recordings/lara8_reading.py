@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.mounting import Mounting
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
@@ -40,7 +41,7 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot
 
-FOLDER: Final = "neura_lara8"  # below the data folder
+FOLDER: Final = "neura_lara8"
 FORMAT: Final = "neura-lara8"
 FILES: Final = (
     "joint3_sweep",
@@ -184,20 +185,24 @@ def settled_from(recording: Recording) -> int:
     return first if recording.num_samples > 2 * first else 0
 
 
-def read_logs(data: Path) -> list[Lara8Log]:
-    """The recordings below `data` that are there.
+def read_logs(data: Path | None) -> list[Lara8Log]:
+    """The recordings that are there.
+
+    Args:
+        data: the folder of recordings that is given.
 
     Raises:
         InputError: there is no recording, or one is damaged.
     """
-    folder = data / FOLDER
-    names = [name for name in FILES if (folder / f"{name}.csv").is_file()]
+    folder = data_set_folder(FOLDER, data)
+    files = {path.stem: path for path in folder.iterdir() if path.suffix in (".csv", ".parquet")}
+    names = [name for name in FILES if name in files]
     if not names:
         raise InputError(
             folder, "", f"holds none of {', '.join(FILES)}", "give the recordings with --data"
         )
     robot = Robot.load(folder / "robot.yaml")
-    return [_log(folder / f"{name}.csv", robot) for name in names]
+    return [_log(files[name], robot) for name in names]
 
 
 def _log(path: Path, robot: Robot) -> Lara8Log:
