@@ -13,7 +13,7 @@ ORDER = 12
 
 def command(
     action: Annotated[
-        str, typer.Argument(metavar="[list | path]", help="What to do; by default list.")
+        str, typer.Argument(metavar="[list | fetch | path]", help="What to do; by default list.")
     ] = "list",
     names: Annotated[
         list[str] | None, typer.Argument(metavar="[NAME]...", help="Sets; by default all.")
@@ -21,12 +21,24 @@ def command(
     data: Annotated[
         Path | None, typer.Option(help="Folder of recordings of your own, if you have one.")
     ] = None,
+    mirror: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="For fetch: where the files lie as on the public host (https://, file://); also "
+            "WRENCHSIGHT_DATA_MIRROR in the environment.",
+        ),
+    ] = None,
 ) -> None:
-    """List recordings of real robots, and say where they are: `data path NAME`."""
-    actions = {"list": _list, "path": _path}
-    if action not in actions:
-        raise InputError("data", "", f"cannot {action!r}", f"known are {', '.join(actions)}")
-    actions[action](names or [], data)
+    """List recordings of real robots, get them (`data fetch`), say where one is (`data path`)."""
+    if action == "fetch":
+        _fetch(names or [], mirror)
+    elif action == "path":
+        _path(names or [], data)
+    elif action == "list":
+        _list(names or [], data)
+    else:
+        raise InputError("data", "", f"cannot {action!r}", "known are list, fetch, path")
 
 
 def _list(names: list[str], data: Path | None) -> None:
@@ -43,6 +55,26 @@ def _list(names: list[str], data: Path | None) -> None:
         where = how_to_get(name) if place is None else str(place.folder)
         lines.append(f"{name}: {one.what}; {one.source}; {one.paper or 'no paper'}; {where}")
     show(table, *lines)
+
+
+def _fetch(names: list[str], mirror: str | None) -> None:
+    from wrenchsight.analyses.data_sets.fetching import fetch_data_sets, fetchable
+    from wrenchsight.analyses.data_sets.registry import data_set
+    from wrenchsight.analyses.output.console import new_console
+    from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
+
+    sets = tuple(data_set(name).name for name in names) or fetchable()
+    with ProgressDisplay(new_console(stderr=True), sets) as watch:
+
+        def progress(name: str, share: float, what: str) -> None:
+            watch(Progress(name, "running" if what else "done", share, what))
+
+        result = fetch_data_sets(sets, mirror, progress)
+    whole = [one for one in result if not one.problem]
+    show(*(f"{one.name}: {one.folder}, files fetched: {one.num_files}" for one in whole))
+    if failed := [f"{one.name}: {one.problem}" for one in result if one.problem]:
+        remedy = "run it again: it goes on where it was cut; behind a proxy, give --mirror"
+        raise InputError("data fetch", "", "; ".join(failed), remedy)
 
 
 def _path(names: list[str], data: Path | None) -> None:
