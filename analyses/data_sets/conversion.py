@@ -2,8 +2,13 @@
 
 `ur10e_pushes`: the rows are the source's. Added are the torque that the controller's target does
 not explain, `tau_des - K i`, and where the hand pushes.
+
+`neura_lara8_urdf`: meshes, the measuring tool and its tip are dropped, right angles are exact,
+numbers have nine decimals, and the welded base has an inertia. The robot.yaml beside it is ours.
 """
 
+import math
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -50,5 +55,48 @@ def _csv(header: list[str], rows: Array) -> str:
     return "\n".join(lines) + "\n"
 
 
-CONVERSIONS: Final[dict[str, Callable[[Path], dict[str, str]]]] = {"ur10e_pushes": convert_pushes}
+_DROPPED: Final = ("measurement_tool_joint", "measurement_tool", "tcp_joint", "tcp")
+_BASE_INERTIA: Final = {"ixx": "0.01", "iyy": "0.01", "izz": "0.01"}  # kg m^2, of no effect
+_LARA8_ROBOT: Final = Path(__file__).with_name("lara8_robot.yaml")
+
+
+def convert_lara8(folder: Path) -> dict[str, str]:
+    """The files of `neura_lara8_urdf`, by name, of the published description in a folder.
+
+    Raises:
+        OSError, ET.ParseError: the published file is not there, or not as it was published.
+    """
+    root = ET.parse(folder / "lara8.urdf").getroot()
+    for element in list(root):
+        if element.tag == "material" or element.get("name") in _DROPPED:
+            root.remove(element)
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+        if link.get("name") == "link0":
+            for inertia in link.iter("inertia"):
+                inertia.attrib.update(_BASE_INERTIA)
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if key in ("rpy", "xyz", "value"):
+                element.set(key, " ".join(_tidy(float(word)) for word in value.split()))
+            elif value == "lara8_flange":
+                element.set(key, "flange")
+    ET.indent(root)
+    robot = _LARA8_ROBOT.read_text(encoding="utf-8")
+    return {"robot.urdf": ET.tostring(root, encoding="unicode") + "\n", "robot.yaml": robot}
+
+
+def _tidy(value: float) -> str:
+    """A number with nine decimals; a right angle exactly."""
+    turns = value / (math.pi / 2)
+    if abs(turns) > 0.5 and abs(turns - round(turns)) < 1e-9:
+        return repr(round(turns) * math.pi / 2)
+    return repr(round(value, 9) + 0.0)
+
+
+CONVERSIONS: Final[dict[str, Callable[[Path], dict[str, str]]]] = {
+    "ur10e_pushes": convert_pushes,
+    "neura_lara8_urdf": convert_lara8,
+}
 """By set: from the folder of the published files to texts by the names of new files in it."""

@@ -47,6 +47,11 @@ def find_data_set(name: str, data: Path | None = None) -> Place | None:
     if given is not None and (given / name).is_dir():
         return Place("given", given / name)
     files = DATA_SETS[name].files if name in DATA_SETS else ()
+    whole = DATA_SETS[name].part_of if name in DATA_SETS else ""
+    if given is not None and whole:
+        named = (given / whole / file.name for file in DATA_SETS[name].converted)
+        if all(path.is_file() for path in named):
+            return Place("given", given / whole)
     fetched = cache_folder() / name
     if files and all(is_whole(fetched / file.name, file) for file in files):
         return Place("fetched", fetched)

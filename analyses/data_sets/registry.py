@@ -51,6 +51,7 @@ class DataSet:
         megabytes: of its files.
         advice: what to do where the set is not there and cannot be fetched.
         converted: files that `conversion` makes of the published ones.
+        part_of: the set whose given folder may hold the converted files as well.
     """
 
     name: str
@@ -62,6 +63,7 @@ class DataSet:
     megabytes: float
     advice: str = ""
     converted: tuple[KnownFile, ...] = ()
+    part_of: str = ""
 
     @property
     def published(self) -> tuple[PublishedFile, ...]:
@@ -170,6 +172,28 @@ DATA_SETS: Final[dict[str, DataSet]] = {
             paper="Lucious: master's thesis, RWTH Aachen (2024)",
             megabytes=3.3,
             advice=_IN_REPOSITORY,
+        ),
+        DataSet(
+            name="neura_lara8_urdf",
+            robot="NEURA LARA 8",
+            what="the maker's description of the arm: its masses; without it, fitted ones",
+            licence="none stated",
+            source="github.com/shirinshevidi/Lara8_ros_Rviz",
+            paper="",
+            megabytes=0.01,
+            converted=(
+                KnownFile(
+                    "robot.urdf",
+                    3912,
+                    "a920a8095f98b30545e8191d20aa79bcb398330cc091fe64de5ad76eff8ca27c",
+                ),
+                KnownFile(
+                    "robot.yaml",
+                    1367,
+                    "c794e7d08f79f59dd34f6ac29b2ad4d8a9d0c4104639461a9900e6d1ad7cb929",
+                ),
+            ),
+            part_of="neura_lara8",
         ),
         DataSet(
             name="staubli_tx40",
