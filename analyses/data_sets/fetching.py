@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 PUBLIC_HOST: Final = "https://raw.githubusercontent.com"
 MIRROR_VARIABLE: Final = "WRENCHSIGHT_DATA_MIRROR"
 _TIMEOUT: Final = (10.0, 30.0)  # s to connect, and between two pieces
-_PIECE: Final = 1 << 16  # bytes
+_PIECE: Final = 1 << 12  # bytes; a cut connection loses what of the last one has come
 _RETRIES: Final = 1
 
 
