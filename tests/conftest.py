@@ -12,6 +12,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -111,15 +113,19 @@ def _one_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def recordings_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a link to each set of recordings of who runs the tests, wherever it is.
+    """A folder with links to the recordings of who runs the tests, wherever they are.
 
     What tests run sees an empty cache: what somebody has fetched must not change a test.
     """
     linked = tmp_path_factory.mktemp("recordings")
-    for name in DATA_SETS:
+    for name, one in DATA_SETS.items():
         place = find_data_set(name, ROOT.parent / "shared" / "data")
         if place is not None:
-            (linked / name).symlink_to(place.folder)
+            folder = linked / (one.part_of or name)
+            folder.mkdir(exist_ok=True)
+            for file in place.folder.iterdir():
+                if not (folder / file.name).exists():
+                    (folder / file.name).symlink_to(file)
     os.environ[CACHE_VARIABLE] = str(tmp_path_factory.mktemp("cache"))
     return linked
 
@@ -129,16 +135,30 @@ def data_holding(recordings_folder: Path) -> Callable[..., Path]:
     """Finds the folder of recordings for who takes them from it: `data_holding("ur10e/a.csv")`.
 
     The test is skipped where a file that it names is missing. Files are named, never taken as they
-    lie there: another recording beside them must not change a test.
+    lie there: another recording beside them must not change a test. A recording that the
+    repository holds as Parquet is there as CSV, too.
     """
 
     def find(*names: str) -> Path:
         for name in names:
-            if not (recordings_folder / name).is_file():
-                pytest.skip(f"no recording {name}: {how_to_get(name.partition('/')[0])}")
+            path = recordings_folder / name
+            if path.suffix == ".csv" and path.with_suffix(".parquet").is_file():
+                if not path.exists():
+                    pa_csv.write_csv(pq.read_table(path.with_suffix(".parquet")), path)
+            elif not path.is_file():
+                pytest.skip(f"no recording {name}: {how_to_get(_set_of(name))}")
         return recordings_folder
 
     return find
+
+
+def _set_of(name: str) -> str:
+    """The set of recordings that a file `set/file` is of."""
+    folder, _, file = name.partition("/")
+    for part in DATA_SETS.values():
+        if part.part_of == folder and file in {one.name for one in part.converted}:
+            return part.name
+    return folder
 
 
 @pytest.fixture(scope="session")

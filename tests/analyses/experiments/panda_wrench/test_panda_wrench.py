@@ -76,6 +76,7 @@ def test_rank_correlation_is_spearmans() -> None:
 
 
 def test_absent_logs_are_named(tmp_path: Path) -> None:
+    (tmp_path / "panda_ati_gamma").mkdir()
     with pytest.raises(InputError, match=r"data_pos_1\.csv"):
         read_pose_logs(tmp_path)
 
