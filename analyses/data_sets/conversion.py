@@ -24,6 +24,7 @@ _SIGNALS: Final = ("q", "v", "i", "i_des", "tau_des", "tau_res")
 # s from the first row. A push begins where a joint leaves its mean by 6 6 4 1.2 1.2 0.5 N m, and
 # ends where the change is below 30 % of the largest.
 _PUSHES: Final = ((1.932, 2.704), (4.694, 5.744), (8.414, 9.358), (11.89, 13.1))
+_PUSHES_FORMAT: Final = Path(__file__).with_name("ur10e_pushes_format.yaml")
 _SETTLING, _MARGIN = 1.5, 0.2  # s after a push, before the next: not `still`
 
 
@@ -47,6 +48,7 @@ def convert_pushes(folder: Path) -> dict[str, str]:
     return {
         "push_pose_1.csv": _csv([*header, "push", "still"], columns),
         "pushes.csv": _csv(["pose", "push", "t_start", "t_end"], np.array(spans)),
+        "recording.yaml": _PUSHES_FORMAT.read_text(encoding="utf-8"),
     }
 
 

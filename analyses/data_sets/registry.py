@@ -122,6 +122,11 @@ DATA_SETS: Final[dict[str, DataSet]] = {
                     "c23861caa5ecc866a0532d46a745b7e02f9ca270ced545bfcc148e1b1f987013",
                 ),
                 KnownFile(
+                    "recording.yaml",
+                    653,
+                    "e8b0e1c7e4be2ea16a87556ebcca1e13c76c2f604ae97ae38cf490a84a58b56c",
+                ),
+                KnownFile(
                     "pushes.csv",
                     87,
                     "dc9c134ac0ac67af06258c54125a6a4c4d2b3d062de61c9cab0f9a38e26e9442",

@@ -7,6 +7,7 @@ import pytest
 
 from wrenchsight.analyses.data_sets.conversion import CONVERSIONS, convert_lara8, convert_pushes
 from wrenchsight.analyses.data_sets.registry import DATA_SETS
+from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
 T_0 = 200.533  # s, of the published recording's first row
@@ -26,16 +27,25 @@ def published_pushes(data, tmp_path):
     return path
 
 
-def test_pushes_are_those_known(published_pushes, data):
+def test_pushes_are_those_known(published_pushes, data, ur10e, tmp_path):
     made = convert_pushes(published_pushes.parent)
     assert made["push_pose_1.csv"] == data("ur10e_pushes/push_pose_1.csv").read_text()
     spans = np.genfromtxt(made["pushes.csv"].splitlines(), delimiter=",", names=True)
     known = np.genfromtxt(data("ur10e_pushes/pushes.csv"), delimiter=",", names=True)
     for name in spans.dtype.names:
         np.testing.assert_array_equal(spans[name], known[name])
+    assert made["recording.yaml"] == data("ur10e_pushes/recording.yaml").read_text()
+    read_recording(written(made, tmp_path) / "push_pose_1.csv", robot=ur10e)  # as experiments do
     for file in DATA_SETS["ur10e_pushes"].converted:
         content = made[file.name].encode()
         assert (len(content), hashlib.sha256(content).hexdigest()) == (file.num_bytes, file.sha256)
+
+
+def written(texts, folder):
+    """Writes files by their names."""
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return folder
 
 
 PUBLISHED = """<?xml version="1.0" ?>

@@ -52,7 +52,10 @@ FILES: Final = (
     "jog_linear_loaded",
     "fourier_start_loaded",
 )
-VARIANTS: Final[tuple[str, ...]] = ("controller_model", "urdf")  # whose rigid body; the second needs DESCRIPTION
+VARIANTS: Final[tuple[str, ...]] = (
+    "controller_model",
+    "urdf",
+)  # whose rigid body; the second needs DESCRIPTION
 NUM_JOINTS: Final = 6
 K_0: Final = 15.0  # 1/s, as in `ur10e-payload`
 DELAY: Final = 0.0775  # s, of the sensor's own filter: 65 to 90 ms by the data set's description
