@@ -35,7 +35,9 @@ def test_pushes_are_those_known(published_pushes, data, ur10e, tmp_path):
     for name in spans.dtype.names:
         np.testing.assert_array_equal(spans[name], known[name])
     assert made["recording.yaml"] == data("ur10e_pushes/recording.yaml").read_text()
-    read_recording(written(made, tmp_path) / "push_pose_1.csv", robot=ur10e)  # as experiments do
+    folder = written(made, tmp_path)
+    log = read_recording(folder / "push_pose_1.csv", folder / "recording.yaml", ur10e)
+    assert log.extra["push"].max() == 4
     for file in DATA_SETS["ur10e_pushes"].converted:
         content = made[file.name].encode()
         assert (len(content), hashlib.sha256(content).hexdigest()) == (file.num_bytes, file.sha256)
