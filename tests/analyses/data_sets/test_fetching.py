@@ -48,7 +48,7 @@ def test_what_is_there_is_not_fetched_again(host, cache):
     fetched(host.url)
     host.requests.clear()
     assert fetched(host.url).num_files == 0
-    (cache / "toy" / "b.csv").write_bytes(b"another content")
+    (cache / "toy" / "b.csv").write_bytes(host.content["b.csv"][::-1])  # of the same size
     assert find_data_set("toy") is None
     assert fetched(host.url).num_files == 1
     assert host.requests == [(B, None)]
