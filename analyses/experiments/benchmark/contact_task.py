@@ -42,7 +42,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
 )
 from wrenchsight.analyses.methods.reading.contact_places import stretches
 from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -134,7 +134,7 @@ class ContactTask:
             every = np.ones(log.num_samples, bool)
             signals = log.t, q, v, log.current, run.run.current_desired
             reading = reader(CurrentLog(run.run.name.stem, *signals, resolution, every, step))
-            known = np.isfinite(log.q + log.v).all(axis=1)
+            known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
             return _along(run, reading, known, known)
 
         return self._scored(read)
@@ -192,12 +192,12 @@ def _estimated(
     estimator = WrenchEstimator(run.robot, model, config)
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
     states_error = method == "force_only"
-    known = np.isfinite(log.q).all(axis=1)
+    known = np.asarray(np.isfinite(log.q).all(axis=1))
     reading = Reading(batch.wrench, batch.covariance if states_error else None)
     return _along(run, reading, known, batch.fresh)
 
 
-def _along(run: PreparedRun, reading: Reading, known: Array, fresh: Array) -> ForceReading:
+def _along(run: PreparedRun, reading: Reading, known: Flags, fresh: Flags) -> ForceReading:
     """The force along the tool over blocks, where the posture is known."""
     z = run.R_WE[:, :, 2]
     force = np.where(known & fresh, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)
@@ -215,7 +215,7 @@ def _bridged(signal: Array) -> Array:
     return np.asarray(signal[rows[last]])
 
 
-def _air(log: Recording, free: Array) -> list[Recording]:
+def _air(log: Recording, free: Flags) -> list[Recording]:
     least = _LEAST_AIR / log.time_step
-    known = free & np.isfinite(log.q + log.v).all(axis=1)
+    known = np.asarray(free & np.isfinite(log.q + log.v).all(axis=1))
     return [log[part] for part in stretches(known) if part.stop - part.start >= least]

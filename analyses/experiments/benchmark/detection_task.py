@@ -6,7 +6,9 @@ and free motion of other weeks and static postures, in which every alarm is fals
 `ours` is the detector of the product at one false alarm an hour. All others, and `ours_by_level`,
 raise an alarm where the external torque of any joint exceeds the largest that this joint had in the
 three fitted runs (of a method of others that states a wrench alone: the force, in units of its
-covariance where it states one). Alarms less than GAP apart are one.
+covariance where it states one). `quiet_missed` counts pushes that are missed when these levels are
+raised, all by one factor, until no contact-free log has an alarm. Alarms less than GAP apart are
+one.
 """
 
 from collections.abc import Callable, Mapping
@@ -48,7 +50,9 @@ GAP: Final = 0.5  # s
 SETTLED: Final = 1.0  # s after a log's begin
 AFTER: Final = 1.0  # s after a collision in which an alarm is its own
 _LEAST: Final = 1e-9
-Find = Callable[[str, Array | None], Flags]  # contact in a log with a torque from outside put in
+_DETECTED: Final = 2.0
+# (N,) of a log with a torque from outside put in: an alarm above 1
+Statistic = Callable[[str, Array | None], Array]
 
 
 class DetectionTask:
@@ -93,37 +97,46 @@ class DetectionTask:
         reader = reader_of(made, arm.robot, model, TIME_STEP)
         return self._counted(self._by_level(reader), list(self._logs))
 
-    def _by_level(self, reader: Reader) -> Find:
+    def _by_level(self, reader: Reader) -> Statistic:
         settled = round(SETTLED / TIME_STEP)
         sizes = [_sizes(reader(log))[settled:].max(axis=0) for log in self._fitted]
         level = np.maximum(np.max(sizes, axis=0), _LEAST)
 
-        def find(name: str, tau: Array | None) -> Flags:
+        def statistic(name: str, tau: Array | None) -> Array:
             log = self._logs[name] if tau is None else self._with(name, tau)
-            alarm = (_sizes(reader(log)) > level).any(axis=1)
-            alarm[:settled] = False
-            return np.asarray(alarm)
+            largest: Array = (_sizes(reader(log)) / level).max(axis=1)
+            largest[:settled] = 0.0
+            return largest
 
-        return find
+        return statistic
 
     def _with(self, name: str, tau: Array) -> CurrentLog:
         log = self._logs[name]
         return replace(log, current=log.current - self._arm.robot.motor_current(tau))
 
-    def _by_detector(self) -> Find:
+    def _by_detector(self) -> Statistic:
         trials = {
             name: TrialLog(own, self._arm.robot, self._arm.models["ours"])
             for name, own in self._recordings.items()
         }
 
-        def find(name: str, tau: Array | None) -> Flags:
+        def statistic(name: str, tau: Array | None) -> Array:
             log = trials[name]
-            return log.detect(log.detector(RATE), tau).contact
+            return _DETECTED * log.detect(log.detector(RATE), tau).contact
 
-        return find
+        return statistic
 
-    def _counted(self, find: Find, names: list[str]) -> dict[str, Any]:
-        pushes, collisions = Tally(), Tally()
+    def _counted(self, statistic: Statistic, names: list[str]) -> dict[str, Any]:
+        alarms, hours, inside, quiet = 0, 0.0, 0.0, 1.0
+        for name in names:
+            if name != "collision_wrist":
+                largest = statistic(name, None)
+                alarm = np.asarray(largest > 1.0)
+                quiet = max(quiet, float(largest.max()))
+                alarms += len(onsets(_joined(alarm)))
+                hours += len(alarm) * TIME_STEP / 3600.0
+                inside += float(alarm.sum()) * TIME_STEP / 3600.0
+        pushes, quietly, collisions = Tally(), Tally(), Tally()
         for number, name in enumerate(FREE):
             if name not in names:
                 continue
@@ -132,24 +145,21 @@ class DetectionTask:
             for turn in range(self._rounds):
                 rng = np.random.default_rng((number, turn))
                 spans = spans_of(log.v, DURATION, turn)
-                _tallied(pushes, find(name, put_in(spans, J, SIZE, rng)), spans)
-        found = {"pushes": _shares(pushes)}
+                largest = statistic(name, put_in(spans, J, SIZE, rng))
+                _tallied(pushes, np.asarray(largest > 1.0), spans)
+                _tallied(quietly, np.asarray(largest > quiet), spans)
+        found = {"pushes": _shares(pushes), "quiet": _shares(quietly)}
         if "collision_wrist" in names:
             log = self._logs["collision_wrist"]
-            spans, alarm = samples_of(COLLISIONS, log.t), find("collision_wrist", None)
+            spans = samples_of(COLLISIONS, log.t)
+            alarm = np.asarray(statistic("collision_wrist", None) > 1.0)
             _tallied(collisions, alarm, spans)
             found["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
-        alarms, hours, inside = 0, 0.0, 0.0
-        for name in names:
-            if name != "collision_wrist":
-                alarm = find(name, None)
-                alarms += len(onsets(_joined(alarm)))
-                hours += len(alarm) * TIME_STEP / 3600.0
-                inside += float(alarm.sum()) * TIME_STEP / 3600.0
         return {
             **_flat(found),
             **false_alarm_metrics(alarms, hours),
             "in_alarm_pct": 100.0 * inside / hours,
+            "quiet_level": quiet,
             "logs": len(names),
         }
 

@@ -1,7 +1,7 @@
 """The benchmark's tables, for the report and docs/benchmark.md."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from wrenchsight.analyses.study.experiment import ComparisonRow, ResultTable
 
@@ -13,157 +13,116 @@ LABELS: Final = {
     "network": "network",
     "ours": "ours",
 }
-_RANGE: Final = "<{0}.{1}:{2}> (<{0}.{1}_low:{2}> to <{0}.{1}_high:{2}>)"
+
+
+class Row(NamedTuple):
+    """A row of a table.
+
+    Attributes:
+        task: whose metrics it shows.
+        words: what it shows.
+        key: of the metric, below task and method.
+        digits: format of its figures.
+        cell: the figures' places: {0} is task and method, {1} the key, {2} the format.
+    """
+
+    task: str
+    words: str
+    key: str
+    digits: str
+    cell: str = "<{0}.{1}:{2}> (<{0}.{1}_low:{2}> to <{0}.{1}_high:{2}>)"
+
+
 _ONE: Final = "<{0}.{1}:{2}>"
-_LOG: Final = (
-    "<{0}.logs.{1}.rmse_n:{2}> (<{0}.logs.{1}.rmse_n_low:{2}> to <{0}.logs.{1}.rmse_n_high:{2}>)"
-)
-# Rows of the tables: the task whose metrics it shows, words, a cell, its key, its format.
-ROWS: Final[Mapping[str, Sequence[tuple[str, str, str, str, str]]]] = {
+_WITH_ERROR: Final = "<{0}.{1}:{2}> ± <{0}.{1}_error:{2}>"
+_WITHIN: Final = "<{0}.{1}:{2}> (<{0}.{1}_lower:{2}>, <{0}.{1}_upper:{2}>)"
+_MISSED: Final = "<{0}.{1}_missed:{2}> of <{0}.{1}_contacts:{2}>"
+_FOUND: Final = "<{0}.{1}:{2}> of <{0}.touches:{2}>"
+_DELAY: Final = "<{0}.{1}_median_s:1e3 {2}> (<{0}.{1}_p95_s:1e3 {2}>)"
+_MILLISECONDS: Final = "<{0}.{1}:1e3 {2}> (<{0}.{1}_low:1e3 {2}> to <{0}.{1}_high:1e3 {2}>)"
+_MEAN: Final = "<{0}.{1}_mean:{2}> (<{0}.{1}_low:{2}> to <{0}.{1}_high:{2}>)"
+_BAND: Final = "inside the stated 95 % band [%]"
+_LATER, _RESTS = "ur-20_02_19_14harm50sec", "ur-20_01_17-ptp_10_points"
+_EARLIER: Final = "ur-19_12_23_free"
+_LOADS: Final = ("ur-20_02_19_14harm50secLoad", "ur-19_12_23_load")
+
+ROWS: Final[Mapping[str, Sequence[Row]]] = {
     "torque": (
-        ("torque", "RMSE [N m], median of logs (least to largest)", _RANGE, "rmse_nm", ".2f"),
-        (
-            "torque",
-            "14harm50sec, a week after the fit",
-            "<{0}.logs.{1}.rmse_nm:{2}>",
-            "ur-20_02_19_14harm50sec",
-            ".2f",
-        ),
-        (
-            "torque",
-            "ptp_10_points, with long rests",
-            "<{0}.logs.{1}.rmse_nm:{2}>",
-            "ur-20_01_17-ptp_10_points",
-            ".2f",
-        ),
-        (
-            "torque",
-            "12_23_free, seven weeks before",
-            "<{0}.logs.{1}.rmse_nm:{2}>",
-            "ur-19_12_23_free",
-            ".2f",
-        ),
+        Row("torque", "RMSE [N m], median of logs (least to largest)", "rmse_nm", ".2f"),
+        Row("torque", "14harm50sec, a week after the fit", f"logs.{_LATER}.rmse_nm", ".2f", _ONE),
+        Row("torque", "ptp_10_points, with long rests", f"logs.{_RESTS}.rmse_nm", ".2f", _ONE),
+        Row("torque", "12_23_free, seven weeks before", f"logs.{_EARLIER}.rmse_nm", ".2f", _ONE),
     ),
     "load": (
-        (
-            "load",
-            "RMSE of the force [N], median of pieces of 5 s (least to largest)",
-            _RANGE,
-            "rmse_n",
-            ".1f",
-        ),
-        ("load", "2.805 kg, a week after the fit", _LOG, "ur-20_02_19_14harm50secLoad", ".1f"),
-        ("load", "1.069 kg, seven weeks before", _LOG, "ur-19_12_23_load", ".1f"),
-        ("load", "inside the stated 95 % band [%]", _ONE, "inside_95_pct", ".0f"),
+        Row("load", "RMSE [N], median of pieces of 5 s (least to largest)", "rmse_n", ".1f"),
+        Row("load", "2.805 kg, a week after the fit", f"logs.{_LOADS[0]}.rmse_n", ".1f"),
+        Row("load", "1.069 kg, seven weeks before", f"logs.{_LOADS[1]}.rmse_n", ".1f"),
+        Row("load", _BAND, "inside_95_pct", ".0f", _ONE),
     ),
     "contact": (
-        (
-            "contact",
-            "slides: RMSE [N], median of runs (least to largest)",
-            _RANGE,
-            "slide_rmse_n",
-            ".1f",
-        ),
-        ("contact", "slides: RMSE [N], mean of runs", _ONE, "slide_rmse_n_mean", ".2f"),
-        ("contact", "slides: inside the stated 95 % band [%]", _ONE, "slide_inside_95_pct", ".0f"),
-        (
-            "contact",
-            "at rest: RMSE [N], median of holds (least to largest)",
-            _RANGE,
-            "rest_rmse_n",
-            ".1f",
-        ),
-        ("contact", "at rest: RMSE [N], mean of holds", _ONE, "rest_rmse_n_mean", ".2f"),
-        ("contact", "at rest: inside the stated 95 % band [%]", _ONE, "rest_inside_95_pct", ".0f"),
+        Row("contact", "slides: RMSE [N], median (least to largest)", "slide_rmse_n", ".1f"),
+        Row("contact", "slides: RMSE [N], mean of runs", "slide_rmse_n_mean", ".2f", _ONE),
+        Row("contact", f"slides: {_BAND}", "slide_inside_95_pct", ".0f", _ONE),
+        Row("contact", "at rest: RMSE [N], median (least to largest)", "rest_rmse_n", ".1f"),
+        Row("contact", "at rest: RMSE [N], mean of holds", "rest_rmse_n_mean", ".2f", _ONE),
+        Row("contact", f"at rest: {_BAND}", "rest_inside_95_pct", ".0f", _ONE),
     ),
     "detection": (
-        (
+        Row("detection", "pushes of 30 N missed [%]", "pushes_missed_pct", ".1f", _WITH_ERROR),
+        Row("detection", "of how many", "pushes_contacts", ".0f", _ONE),
+        Row("detection", "their delay, median [ms] (95 % below)", "pushes_delay", ".0f", _DELAY),
+        Row("detection", "hand collisions missed", "collisions", ".0f", _MISSED),
+        Row(
             "detection",
-            "pushes of 30 N for 0.5 s missed [%] ± standard error",
-            "<{0}.{1}:{2}> ± <{0}.{1}_error:{2}>",
-            "pushes_missed_pct",
-            ".1f",
-        ),
-        ("detection", "of how many", _ONE, "pushes_contacts", ".0f"),
-        (
-            "detection",
-            "their delay, median [ms] (95 % below)",
-            "<{0}.{1}_median_s:1e3 {2}> (<{0}.{1}_p95_s:1e3 {2}>)",
-            "pushes_delay",
-            ".0f",
-        ),
-        (
-            "detection",
-            "hand collisions missed",
-            "<{0}.{1}_missed:{2}> of <{0}.{1}_contacts:{2}>",
-            "collisions",
-            ".0f",
-        ),
-        (
-            "detection",
-            "false alarms per hour of free motion and rest (95 %: from, to)",
-            "<{0}.{1}:{2}> (<{0}.{1}_lower:{2}>, <{0}.{1}_upper:{2}>)",
+            "false alarms an hour (95 %: from, to)",
             "false_alarms_per_hour",
             ".0f",
+            _WITHIN,
         ),
-        ("detection", "share of that time in alarm [%]", _ONE, "in_alarm_pct", ".2f"),
-        (
-            "touches",
-            "touches found, by the arm's own torque",
-            "<{0}.{1}:{2}> of <{0}.touches:{2}>",
-            "found",
-            ".0f",
+        Row("detection", "free motion and rest in alarm [%]", "in_alarm_pct", ".2f", _ONE),
+        Row(
+            "detection",
+            "pushes missed with levels so high that none of that alarms [%]",
+            "quiet_missed_pct",
+            ".1f",
+            _WITH_ERROR,
         ),
-        ("touches", "contacts reported without a touch", _ONE, "false", ".0f"),
-        (
+        Row("touches", "touches found, by the arm's own torque", "found", ".0f", _FOUND),
+        Row("touches", "contacts reported without a touch", "false", ".0f", _ONE),
+        Row(
             "touches",
             "delay after the label [ms], median of recordings (least to largest)",
-            "<{0}.{1}:1e3 {2}> (<{0}.{1}_low:1e3 {2}> to <{0}.{1}_high:1e3 {2}>)",
             "delay_s",
             ".0f",
+            _MILLISECONDS,
         ),
     ),
     "link": (
-        (
+        Row("link", "labelled link named [%], median (least to largest)", "named_pct", ".0f"),
+        Row("link", "the same, mean of recordings", "named_pct_mean", ".1f", _ONE),
+        Row("link", "how many are named, mean (least to largest)", "links_named", ".1f", _MEAN),
+        Row(
             "link",
-            "labelled link among those named [%], median of recordings (least to largest)",
-            _RANGE,
-            "named_pct",
-            ".0f",
-        ),
-        ("link", "the same, mean of recordings [%]", _ONE, "named_pct_mean", ".1f"),
-        (
-            "link",
-            "links named, mean of recordings (least to largest)",
-            "<{0}.{1}_mean:{2}> (<{0}.{1}_low:{2}> to <{0}.{1}_high:{2}>)",
-            "links_named",
-            ".1f",
-        ),
-        (
-            "link",
-            "a link named that statics rule out [%], mean of recordings",
-            _ONE,
+            "one is named that statics rule out [%], mean of recordings",
             "ruled_out_pct_mean",
             ".1f",
+            _ONE,
         ),
     ),
     "wrench": (
-        (
-            "wrench",
-            "RMSE of the force [N], median of configurations (least to largest)",
-            _RANGE,
-            "rmse_n",
-            ".2f",
-        ),
-        ("wrench", "the same, mean of configurations", _ONE, "rmse_n_mean", ".2f"),
-        (
-            "wrench",
-            "inside the stated 95 % band [%], median (least to largest)",
-            _RANGE,
-            "inside_95_pct",
-            ".0f",
-        ),
+        Row("wrench", "RMSE [N], median of configurations (least to largest)", "rmse_n", ".2f"),
+        Row("wrench", "the same, mean", "rmse_n_mean", ".2f", _ONE),
+        Row("wrench", f"{_BAND}, median (least to largest)", "inside_95_pct", ".0f"),
     ),
+}
+REMARKS: Final = {
+    "detection": (
+        "Ours with levels like the others': <detection.ours_by_level.pushes_missed_pct:.1f> % of "
+        "the pushes missed at <detection.ours_by_level.false_alarms_per_hour:.0f> false alarms an "
+        "hour, <detection.ours_by_level.in_alarm_pct:.0f> % of the time in alarm; "
+        "<detection.ours_by_level.quiet_missed_pct:.1f> % missed where the levels are raised until "
+        "no contact-free log alarms.",
+    )
 }
 TITLES: Final = {
     "torque": "Torque of motion that no method was fitted on",
@@ -189,25 +148,26 @@ def tables(
     found = []
     for name, rows in ROWS.items():
         lines = [
-            [words, *(_cell(metrics, task, method, (cell, key, form)) for method in labels)]
-            for task, words, cell, key, form in rows
-            if task in metrics
+            [row.words, *(_cell(metrics, row, method) for method in labels)]
+            for row in rows
+            if row.task in metrics
         ]
-        lacking = sorted({one for task, *_ in rows for one in absent.get(task, ())})
+        tasks = {row.task for row in rows}
+        lacking = sorted({one for task in tasks for one in absent.get(task, ())})
         remarks = [f"Not measured for want of recordings: {', '.join(lacking)}."] if lacking else []
-        remarks += _failures(metrics, {task for task, *_ in rows}, own)
+        remarks += [text for text in REMARKS.get(name, ()) if lines]
+        remarks += _failures(metrics, tasks, own)
         found.append(ResultTable(name, TITLES[name], ["", *labels.values()], lines, remarks))
     return found
 
 
-def _cell(metrics: Mapping[str, Any], task: str, method: str, cell: tuple[str, str, str]) -> str:
-    measured = metrics[task].get(method)
+def _cell(metrics: Mapping[str, Any], row: Row, method: str) -> str:
+    measured = metrics[row.task].get(method)
     if measured is None:
         return "–"
     if "failed" in measured:
         return "failed"
-    form, *words = cell
-    return form.format(f"{task}.{method}", *words)
+    return row.cell.format(f"{row.task}.{method}", row.key, row.digits)
 
 
 def _failures(metrics: Mapping[str, Any], tasks: set[str], own: Sequence[str]) -> list[str]:

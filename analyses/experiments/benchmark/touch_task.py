@@ -93,7 +93,7 @@ class TouchTasks:
         found = []
         for log in self._logs:
             alone = log.tau_ext - _baseline(log)
-            contact = (np.abs(alone) > LEVEL).any(axis=1)
+            contact = np.asarray((np.abs(alone) > LEVEL).any(axis=1))
             link = np.zeros(len(log.t))
             for part in stretches(contact):
                 link[part] = _last_of(alone[part])
