@@ -10,8 +10,9 @@
 
 Methods: `arm` says what each is; `study --method` adds others (`entrants`). Metrics are
 `<task>.<method>.<measure>`, with `<measure>_low` and `_high` for the least and the largest of logs,
-runs, pieces, recordings or configurations, `_mean` and `_count`, or `<measure>_error` for a
-standard error. A method that does not enter a task has no key there; one that failed has `failed`.
+runs, pieces, recordings or configurations, `_mean` and `_count`; of a share that is counted, for
+the least and the largest that agree with the count at 95 %. A method that does not enter a task has
+no key there; one that failed has `failed`.
 
 No constant of any method was settled here. In sight of `ours` when it was settled elsewhere: see
 the experiments `ur10e-trust`, `ur10e-contact`, `contact-detection`, and `docs/your-log.md`.

@@ -34,7 +34,6 @@ class Row(NamedTuple):
 
 
 _ONE: Final = "<{0}.{1}:{2}>"
-_WITH_ERROR: Final = "<{0}.{1}:{2}> ± <{0}.{1}_error:{2}>"
 _WITHIN: Final = "<{0}.{1}:{2}> (<{0}.{1}_lower:{2}>, <{0}.{1}_upper:{2}>)"
 _MISSED: Final = "<{0}.{1}_missed:{2}> of <{0}.{1}_contacts:{2}>"
 _FOUND: Final = "<{0}.{1}:{2}> of <{0}.touches:{2}>"
@@ -68,7 +67,7 @@ ROWS: Final[Mapping[str, Sequence[Row]]] = {
         Row("contact", f"at rest: {_BAND}", "rest_inside_95_pct", ".0f", _ONE),
     ),
     "detection": (
-        Row("detection", "pushes of 30 N missed [%]", "pushes_missed_pct", ".1f", _WITH_ERROR),
+        Row("detection", "pushes of 30 N missed [%] (95 %: from, to)", "pushes_missed_pct", ".0f"),
         Row("detection", "of how many", "pushes_contacts", ".0f", _ONE),
         Row("detection", "their delay, median [ms] (95 % below)", "pushes_delay", ".0f", _DELAY),
         Row("detection", "hand collisions missed", "collisions", ".0f", _MISSED),
@@ -84,8 +83,7 @@ ROWS: Final[Mapping[str, Sequence[Row]]] = {
             "detection",
             "pushes missed with levels so high that none of that alarms [%]",
             "quiet_missed_pct",
-            ".1f",
-            _WITH_ERROR,
+            ".0f",
         ),
         Row("touches", "touches found, by the arm's own torque", "found", ".0f", _FOUND),
         Row("touches", "contacts reported without a touch", "false", ".0f", _ONE),

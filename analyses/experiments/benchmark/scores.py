@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import beta
 
 
 def spread(key: str, values: Sequence[float]) -> dict[str, Any]:
@@ -19,9 +20,14 @@ def spread(key: str, values: Sequence[float]) -> dict[str, Any]:
 
 
 def share(key: str, count: int, of: int) -> dict[str, Any]:
-    """A share in % with the standard error of its count, in %."""
-    p = count / of
+    """A share in %, and the least and the largest that agree with its count at 95 % (Clopper and
+    Pearson, 1934).
+    """
+    low = beta.ppf(0.025, count, of - count + 1) if count else 0.0
+    high = beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
     return {
-        f"{key}_pct": 100.0 * p,
-        f"{key}_pct_error": 100.0 * float(np.sqrt(p * (1.0 - p) / of)),
+        f"{key}_pct": 100.0 * count / of,
+        f"{key}_pct_low": 100.0 * float(low),
+        f"{key}_pct_high": 100.0 * float(high),
+        f"{key}_pct_count": of,
     }

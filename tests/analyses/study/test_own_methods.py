@@ -1,5 +1,6 @@
 """Estimators of others: how they are named, found, refused, and what makes a study run anew."""
 
+import subprocess
 import sys
 
 import pytest
@@ -92,3 +93,18 @@ def test_a_changed_method_runs_anew_what_measures_it_and_nothing_else(folder):
     assert others == others_after and "methods" not in others
     assert taking != taking_after
     assert {**taking, "methods": []} == {**taking_after, "methods": []}
+
+
+def test_the_command_refuses_what_is_no_method_and_writes_nothing(folder):
+    command = [sys.executable, "-m", "wrenchsight", "study", "benchmark", "--out", "out"]
+    ended = subprocess.run(
+        [*command, "--method", "absent_method:make"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+    )
+    assert ended.returncode == 2
+    assert "there is no module absent_method" in " ".join(ended.stderr.split())
+    assert "Traceback" not in ended.stderr
+    assert not (folder / "out").exists()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binomtest
 
 from wrenchsight.analyses.experiments.benchmark import detection_task, touch_task
 from wrenchsight.analyses.experiments.benchmark.arm import Reading
@@ -24,10 +24,18 @@ def test_a_spread_is_median_least_largest_mean_and_count():
     }
 
 
-def test_a_share_s_error_is_that_of_its_count():
-    found = share("missed", 7, 59)
-    assert found["missed_pct"] == pytest.approx(100.0 * 7 / 59)
-    assert found["missed_pct_error"] == pytest.approx(100.0 * binom(59, 7 / 59).std() / 59)
+@pytest.mark.parametrize(("count", "of"), [(7, 59), (0, 100), (100, 100)])
+def test_a_share_s_ends_are_those_that_agree_with_its_count(count, of):
+    found = share("missed", count, of)
+    interval = binomtest(count, of).proportion_ci(0.95, "exact")
+    assert found == pytest.approx(
+        {
+            "missed_pct": 100.0 * count / of,
+            "missed_pct_low": 100.0 * interval.low,
+            "missed_pct_high": 100.0 * interval.high,
+            "missed_pct_count": of,
+        }
+    )
 
 
 def test_alarms_close_together_are_one_and_those_at_a_contact_are_not_false():
