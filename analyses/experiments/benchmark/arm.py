@@ -32,7 +32,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     log_file,
 )
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -65,6 +65,7 @@ class CurrentLog:
         resolution: (n,) rad, of the encoders.
         used: (N,) False where a sample was bridged.
         time_step: s.
+        is_rebuilt: whether its velocities are, and jump: no sample is refused then.
     """
 
     name: str
@@ -74,8 +75,9 @@ class CurrentLog:
     current: Array
     target: Array | None
     resolution: Array
-    used: Any
+    used: Flags
     time_step: float
+    is_rebuilt: bool = False
 
     @classmethod
     def of(cls, name: str, recording: Recording) -> "CurrentLog":
@@ -139,7 +141,10 @@ class Ur10eArm:
             "plain_tools": lambda log: by_estimator(log, robot, self.plain_model(), "damped"),
             "article": lambda log: by_estimator(log, robot, self.article_model(), "inverse"),
             "kalman": lambda log: by_estimator(
-                log, robot, self.models["ours"], observer=KalmanObserverConfig()
+                *(log, robot, self.models["ours"]),
+                observer=KalmanObserverConfig(
+                    time_step=log.time_step, torque_samples="trapezoidal"
+                ),
             ),
             "network": lambda log: self._network(log, robot),
             "ours": lambda log: by_estimator(log, robot, self.models["ours"]),
@@ -192,13 +197,15 @@ def by_estimator(
     `wrenchsight.models.estimation.wrench`.
 
     Args:
-        observer: a configuration, whose time step is replaced; None: the momentum observer's.
+        observer: its configuration, for the log's time step; None: the momentum observer's.
     """
-    kind = MomentumObserverConfig() if observer is None else observer
+    if observer is None:
+        observer = MomentumObserverConfig(time_step=log.time_step, torque_samples="trapezoidal")
     config = WrenchEstimatorConfig(
-        replace(kind, time_step=log.time_step, torque_samples="trapezoidal"),
+        observer,
         WrenchReconstructionConfig(method),
         position_resolution=log.resolution.tolist(),
+        check_samples=not log.is_rebuilt,
     )
     estimator = WrenchEstimator(robot, model, config)
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)

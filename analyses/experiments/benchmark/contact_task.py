@@ -133,7 +133,8 @@ class ContactTask:
             resolution = np.full(log.num_joints, RESOLUTION)
             every = np.ones(log.num_samples, bool)
             signals = log.t, q, v, log.current, run.run.current_desired
-            reading = reader(CurrentLog(run.run.name.stem, *signals, resolution, every, step))
+            filled = CurrentLog(run.run.name.stem, *signals, resolution, every, step, True)
+            reading = reader(filled)
             known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
             return _along(run, reading, known, known)
 

@@ -122,7 +122,7 @@ class DetectionTask:
 
         def statistic(name: str, tau: Array | None) -> Array:
             log = trials[name]
-            return _DETECTED * log.detect(log.detector(RATE), tau).contact
+            return np.where(log.detect(log.detector(RATE), tau).contact, _DETECTED, 0.0)
 
         return statistic
 
@@ -167,10 +167,10 @@ class DetectionTask:
 def _sizes(reading: Reading) -> Array:
     """(N, 1 or n), what a level is set for."""
     if reading.tau_ext is not None:
-        return np.abs(reading.tau_ext)
+        return np.asarray(np.abs(reading.tau_ext))
     force = reading.wrench[:, 3:]
     if reading.covariance is None:
-        return np.linalg.norm(force, axis=1, keepdims=True)
+        return np.asarray(np.linalg.norm(force, axis=1, keepdims=True))
     inverse = np.linalg.pinv(reading.covariance[:, 3:, 3:], hermitian=True)
     square = np.einsum("ka,kab,kb->k", force, inverse, force)
     return np.asarray(np.sqrt(np.maximum(square, 0.0))[:, None])

@@ -1,5 +1,7 @@
 """Estimators of others in the benchmark: what they are given, and what is told of their faults."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,12 @@ from wrenchsight.analyses.experiments.benchmark.entrants import (
 )
 from wrenchsight.analyses.study.own_methods import MethodEntry
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers import observer_kinds
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import (
+    MomentumObserver,
+    MomentumObserverConfig,
+)
 
 N, STEP = 60, 0.01
 
@@ -69,6 +76,32 @@ def test_an_observer_s_configuration_reads_with_the_model(log, ur10e, model):
     np.testing.assert_array_equal(reading.wrench, expected.wrench)
     with pytest.raises(FaultError, match=r"time_step is 0.001 s, the logs have 0.01 s: take that"):
         reader_of(KalmanObserverConfig(), ur10e, model, STEP)
+
+
+@dataclass
+class PlainConfig:
+    """Without the settings that other kinds have."""
+
+    time_step: float = STEP
+
+
+class PlainObserver(MomentumObserver):
+    Config = PlainConfig
+
+    def __init__(self, config, num_joints):
+        super().__init__(MomentumObserverConfig(time_step=config.time_step), num_joints)
+
+
+def test_an_observer_of_another_kind_keeps_its_own_settings(log, ur10e, model, monkeypatch):
+    monkeypatch.setattr(observer_kinds, "OBSERVERS", [*observer_kinds.OBSERVERS, PlainObserver])
+    reading = reader_of(PlainConfig(), ur10e, model, STEP)(log)
+    expected = by_estimator(log, ur10e, model, observer=MomentumObserverConfig(time_step=STEP))
+    np.testing.assert_array_equal(reading.wrench, expected.wrench)
+    jumping = replace(log, v=np.where(np.arange(N)[:, None] == 30, 2.0, log.v))
+    assert not np.array_equal(
+        by_estimator(jumping, ur10e, model).wrench,
+        by_estimator(replace(jumping, is_rebuilt=True), ur10e, model).wrench,
+    )
 
 
 def _spoilt(value, row=3):
