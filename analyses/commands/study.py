@@ -28,6 +28,9 @@ class StudyOptions:
     # what simulated arms truly are: as their robot.yaml has it, or with plain friction alone, all
     # else exact, or as the harder truth beside it has it
     jobs: int | None = None  # experiments side by side; as many as cores
+    method: list[str] = field(default_factory=list)
+    # your own estimator, MODULE:FUNCTION, which the experiment benchmark measures beside the
+    # others; may be given several times
     fresh: bool = False  # run also experiments whose results are up to date
     list_names: bool = False  # list the experiments' names and stop
 
@@ -39,6 +42,7 @@ SETTINGS = (
     Option("quick"),
     Option("truth", metavar="own|plain|hard"),
     Option("jobs", least=1),
+    Option("method", metavar="MODULE:FUNCTION"),
     Option("fresh"),
     Option("list_names", flags="--list"),
 )
@@ -69,6 +73,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
             truth=options.truth,
             jobs=options.jobs or available_cores(),
             fresh=options.fresh,
+            methods=options.method,
             watch=watch,
         )
     _print(result)
@@ -101,5 +106,6 @@ def _print(result: "StudyResult") -> None:
             if not o.has_result and not o.lacks
         ),
         *([missing_recordings(lacks)] if lacks else []),
+        *(f"{o.name}: {text}" for o in result.outcomes for text in o.stored.get("failures", [])),
         f"report: {result.report}",
     )

@@ -9,6 +9,7 @@ from wrenchsight.analyses.data_sets.places import find_data_set
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.output.figures import Figure
+    from wrenchsight.analyses.study.own_methods import MethodEntry
     from wrenchsight.models.robot.robot import Robot
     from wrenchsight.models.truth.worlds import Hand
 
@@ -38,6 +39,7 @@ class ExperimentContext:
     # who pushes in one of wrenchsight.models.truth.worlds.SESSIONS; None: as the scenario has it
     hand: Callable[[str], "Hand | None"] = lambda session: None
     fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
+    methods: "tuple[MethodEntry, ...]" = ()  # of others, for an experiment that `takes_methods`
 
     def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:
         """Progress of a piece of the work, which goes from `start` to `end` of the whole."""
@@ -88,6 +90,20 @@ def _unit_of(key: str) -> str:
     return next((_UNITS[ending] for ending in endings if ending in _UNITS), "")
 
 
+@dataclass(frozen=True)
+class ResultTable:
+    """A table of the report, and of the experiment's page in docs.
+
+    A cell is text as of a note, `<ours.rmse_n:.2f>`; with a metric that the run has not: a dash.
+    """
+
+    name: str  # of the place in the page
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    remarks: Sequence[str] = ()  # below it, a sentence each
+
+
 @dataclass
 class ExperimentResult:
     """What an experiment measured and drew; study writes it out."""
@@ -98,6 +114,8 @@ class ExperimentResult:
     comparison: Sequence[ComparisonRow] = ()
     # sentences for the report, see `wrenchsight.analyses.study.wording`
     notes: Sequence[str] = ()
+    tables: Sequence[ResultTable] = ()
+    failures: Sequence[str] = ()  # what failed while the rest stands, a sentence each
     # all that is needed to run it again
     configuration: dict[str, Any] = field(default_factory=dict)
 
@@ -117,6 +135,7 @@ class Experiment:
     run: Callable[[ExperimentContext], ExperimentResult]
     needs: tuple[str, ...] = ()  # sets of recordings without which it is skipped
     uses: tuple[str, ...] = ()  # sets of recordings that it reads if they are there
+    takes_methods: bool = False  # whether it measures estimators of others, `study --method`
     order: float = 1000.0  # its place in the report: the smaller, the earlier
     seconds: float = 30.0  # of a processor that it typically takes; the longest start first
     readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows

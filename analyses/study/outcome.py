@@ -8,6 +8,7 @@ from typing import Any
 from wrenchsight.analyses.data_sets.places import find_data_set
 from wrenchsight.analyses.output.progress import State
 from wrenchsight.analyses.study.fingerprint import libraries, recordings_hash, software_hash
+from wrenchsight.analyses.study.own_methods import MethodEntry
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,11 @@ class StudySettings:
     quick: bool
     version: str  # of the software
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
+    methods: tuple[MethodEntry, ...] = ()  # of others
 
-    def fingerprint(self, module: str, folders: Iterable[str]) -> dict[str, Any]:
+    def fingerprint(
+        self, module: str, folders: Iterable[str], takes_methods: bool = False
+    ) -> dict[str, Any]:
         """What an experiment's result depends on: equal ones mean an equal result.
 
         The number of jobs and of threads is no part of it: they must not change a figure.
@@ -30,10 +34,12 @@ class StudySettings:
         Args:
             module: of the experiment; not imported.
             folders: sets of real recordings, which the experiment reads.
+            takes_methods: whether it measures methods of others.
 
         Raises:
             OSError: a file cannot be read.
         """
+        methods = [entry.fingerprint() for entry in self.methods] if takes_methods else []
         return {
             "seed": self.seed,
             "quick": self.quick,
@@ -41,6 +47,7 @@ class StudySettings:
             "software": software_hash(module),
             "libraries": libraries(),
             "recordings": {name: self._recordings_hash(name) for name in sorted(folders)},
+            **({"methods": methods} if takes_methods else {}),
         }
 
     def _recordings_hash(self, name: str) -> str | None:

@@ -37,6 +37,7 @@ from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.outcome import Outcome, StudyResult, StudySettings
+from wrenchsight.analyses.study.own_methods import named_methods
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.report import write_report
 from wrenchsight.analyses.study.shared_results import sharing_in
@@ -62,6 +63,7 @@ def run_study(
     truth: str = "own",
     jobs: int = 1,
     fresh: bool = False,
+    methods: Sequence[str] = (),
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> StudyResult:
     """Runs experiments, `jobs` at a time, and writes what they measured below `out`.
@@ -89,11 +91,13 @@ def run_study(
         truth: of simulated arms, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
         jobs: processes side by side, at least 1.
         fresh: whether to run also what has a whole result.
+        methods: estimators of others, see `wrenchsight.analyses.study.own_methods`.
         watch: called in this process at every step of every experiment.
 
     Raises:
-        InputError: an unknown name or truth, a full disk, a folder that cannot be written, that
-            another study is at work in, or that holds what no study wrote.
+        InputError: an unknown name, truth or method, a method that no experiment asked for takes, a
+            full disk, a folder that cannot be written, that another study is at work in, or that
+            holds what no study wrote.
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
             for SIGTERM and SIGHUP.
     """
@@ -105,7 +109,12 @@ def run_study(
         quick=quick,
         truth=truth,
         version=software_version(),
+        methods=named_methods(methods),
     )
+    if methods and not any(REGISTRY.entries()[name].takes_methods for name in settings.asked):
+        takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
+        problem = f"none of {', '.join(settings.asked)} measures other people's estimators"
+        raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
     if truth not in TRUTHS:
@@ -333,8 +342,10 @@ def _run_experiment(
         quick=settings.quick,
         progress=progress,
         truth=settings.truth,
+        methods=settings.methods if experiment.takes_methods else (),
     )
-    depends_on = settings.fingerprint(module, (*experiment.needs, *experiment.uses))
+    folders = (*experiment.needs, *experiment.uses)
+    depends_on = settings.fingerprint(module, folders, experiment.takes_methods)
     with sharing_in(shared):
         result = experiment.run(context)
     if software_hash(module) != depends_on["software"]:
@@ -356,7 +367,8 @@ def _earlier(
     metrics, stored = result
     recorded = stored["fingerprint"]
     # Which recordings these are follows from the software.
-    now = settings.fingerprint(REGISTRY.entries()[name].module, recorded["recordings"])
+    entry = REGISTRY.entries()[name]
+    now = settings.fingerprint(entry.module, recorded["recordings"], entry.takes_methods)
     changed = [key for key in now if recorded.get(key) != now[key]]
     if changed:
         return None, f"its earlier result has other {', '.join(changed)}: it runs again"

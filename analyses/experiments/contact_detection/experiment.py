@@ -26,7 +26,18 @@ from wrenchsight.analyses.experiments.contact_detection.contact_free_twins impor
     alarms_of_twins,
     model_of_twins,
 )
-from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
+from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
+    ALONE,
+    COLLISION_LOG,
+    COLLISIONS,
+    FREE,
+    OLDER,
+    RATE,
+    ROUNDS,
+    STILL,
     TIME_STEP,
     Tally,
     TrialLog,
@@ -34,10 +45,8 @@ from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
     jacobian_on_link,
     onsets,
     put_in,
-    schedule,
-)
-from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
-    identify_simulated_arm,
+    samples_of,
+    spans_of,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
@@ -65,38 +74,10 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
 PUSHES = "ur10e_pushes"
-FREE = {
-    "14harm50sec": f"{FOLDER}/ur-20_02_19_14harm50sec.csv",
-    "15harm50sec": f"{MORE}/ur-20_02_19_15harm50sec.csv",
-    "7harm": f"{MORE}/ur-20_02_10-20sec_7harm.csv",
-    "5harm": f"{MORE}/ur-20_02_06-20sec_5harm.csv",
-    "10harm": f"{MORE}/ur-20_02_06-20sec_10harm.csv",
-    "8harm": f"{MORE}/ur-20_02_05-20sec_8harm.csv",
-    "01_31-unload": f"{MORE}/ur-20_01_31-unload.csv",
-    "ptp_10_points": f"{FOLDER}/ur-20_01_17-ptp_10_points.csv",
-    "collision_free": f"{MORE}/collision_free.csv",
-}
-COLLISIONS = (  # s
-    (4.6, 5.1),
-    (7.3, 8.0),
-    (11.2, 11.8),
-    (15.2, 15.6),
-    (19.2, 19.6),
-    (22.7, 23.7),
-    (26.4, 27.1),
-)
-ALONE = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
-STILL = {f"p{k}": f"{MORE}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
-OLDER = {"12_23_free": f"{MORE}/ur-19_12_23_free.csv"}
 TWIN_DAYS = 3
-RATE = 1.0  # false alarms an hour
 RATES = (0.1, 1.0, 10.0, 60.0, 360.0)  # for the threshold
 SIZES = (5.0, 10.0, 20.0, 30.0, 60.0)  # N
 DURATIONS = (0.1, 0.5, 2.0)  # s
-FIRST = 4.0  # s into a log
-PAUSE = 3.5  # s
-SLOWEST = 0.05  # rad/s: what counts as moving
-ROUNDS = 2  # of pushes through every log
 SIMULATED = (10.0, 30.0)  # N
 SIMULATED_DURATION = 0.5  # s
 SIMULATED_STEP = 1e-3  # s
@@ -131,7 +112,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
     metrics["collision_wrist"] = _labelled(
-        data_set_folder(MORE, context.data) / "collision_wrist.csv", COLLISIONS, robot, model
+        log_file(context.data, Path(COLLISION_LOG).stem), COLLISIONS, robot, model
     )
     pushed = data_set_folder(PUSHES, context.data)
     pushes = np.genfromtxt(pushed / "pushes.csv", delimiter=",", names=True)
@@ -230,8 +211,7 @@ def _pushed(
         detector = log.detector(rate)
         for turn in range(rounds):
             rng = np.random.default_rng((number, turn))
-            first = FIRST + turn * 0.5 * PAUSE
-            pushes = schedule(log.v, duration, PAUSE, first, TIME_STEP, SLOWEST)
+            pushes = spans_of(log.v, duration, turn)
             link = links[(number + turn) % len(links)] if links else None
             J = log.J[:, 3:] if link is None else jacobian_on_link(log.J, link)
             detection = log.detect(detector, put_in(pushes, J, size, rng))
@@ -272,8 +252,7 @@ def _labelled(
     detection = log.detect(log.detector(RATE))
     tally = Tally()
     apart = np.ones(len(log.t), bool)
-    for begin, end in spans:
-        first, last = (int(np.searchsorted(log.t, x)) for x in (begin, end))
+    for first, last in samples_of(spans, log.t):
         tally.add(detection, first, last, TIME_STEP, None)
         apart[first : last + round(1.0 / TIME_STEP)] = False
     begins = onsets(detection.contact)

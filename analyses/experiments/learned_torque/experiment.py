@@ -40,7 +40,7 @@ from wrenchsight.analyses.experiments.learned_torque.arms import (
     contact_errors,
     lara8_errors,
 )
-from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
+from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors import (
     ALONE,
     HELD_OUT,
     METHODS,

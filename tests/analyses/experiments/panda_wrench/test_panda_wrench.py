@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from wrenchsight.analyses.experiments.panda_wrench.experiment import (
+from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
     PoseLog,
     knowledge_of_logs,
     read_forces,
