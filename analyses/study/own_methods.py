@@ -27,7 +27,7 @@ import importlib
 import re
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -55,8 +55,9 @@ class MethodSetting:
     Attributes:
         task: the benchmark's task: torque, load, contact, detection, link or wrench.
         robot: the arm, E where the wrench is wanted.
-        model: identified on `free_logs` by the default friction law of `identify --friction best`;
-            where there are none, the robot's own files.
+        model: that of `ours`: identified on `free_logs` with presliding friction; for contact, on
+            another arm of the same make, its friction found again on them; the robot's own files
+            where there are none.
         free_logs: recordings of the arm in free motion.
         time_step: s between the samples that will be read.
     """
@@ -70,11 +71,12 @@ class MethodSetting:
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """A method as it was named: MODULE:FUNCTION."""
+    """A method as it was named, MODULE:FUNCTION, by `origin`: an option or a package."""
 
     name: str
     module: str
     function: str
+    origin: str = field(default=_OPTION, compare=False)
 
     @property
     def place(self) -> str:
@@ -97,14 +99,14 @@ class MethodEntry:
             else:
                 problem = f"{self.module} cannot be imported ({reason_of(error)})"
                 remedy = "repair it"
-            raise InputError(_OPTION, "", problem, remedy) from error
+            raise InputError(self.origin, "", problem, remedy) from error
         make = getattr(module, self.function, None)
         if make is None:
             problem = f"{self.module} has no function {self.function!r}"
-            raise InputError(_OPTION, "", problem, "name it MODULE:FUNCTION")
+            raise InputError(self.origin, "", problem, "name it MODULE:FUNCTION")
         if not callable(make):
             problem = f"{self.place} is no function, but a {type(make).__name__}"
-            raise InputError(_OPTION, "", problem, "name a function that takes a MethodSetting")
+            raise InputError(self.origin, "", problem, "name a function that takes a MethodSetting")
         loaded: Callable[[MethodSetting], Any] = make
         return loaded
 
@@ -120,16 +122,17 @@ def reason_of(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
 
-def named_methods(texts: Iterable[str]) -> tuple[MethodEntry, ...]:
-    """The methods of entry points and those named by texts, each of which can be imported.
+def named_methods(texts: Iterable[str], imported: bool = True) -> tuple[MethodEntry, ...]:
+    """The methods of entry points and those named by texts.
 
     Args:
         texts: of `--method`.
+        imported: whether each is imported, to see that it is there.
 
     Raises:
         InputError: a text is no method's; two have one name; a module or function is not there.
     """
-    found = [_of_text(f"{point.name}={point.value}") for point in _installed()]
+    found = [_of_text(f"{one.name}={one.value}", _package(one)) for one in _installed()]
     asked = [_of_text(text) for text in dict.fromkeys(texts)]
     if asked and (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
@@ -138,9 +141,10 @@ def named_methods(texts: Iterable[str]) -> tuple[MethodEntry, ...]:
         if entry.name in used:
             problem = f"a method named {entry.name!r} is there already"
             remedy = f"give another name: ANOTHER={entry.place}"
-            raise InputError(_OPTION, "", problem, remedy)
+            raise InputError(entry.origin, "", problem, remedy)
         used.add(entry.name)
-        entry.load()
+        if imported:
+            entry.load()
     return (*found, *asked)
 
 
@@ -148,11 +152,16 @@ def _installed() -> list[Any]:
     return sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
 
 
-def _of_text(text: str) -> MethodEntry:
+def _package(point: Any) -> str:
+    """Which installed package offers an entry point."""
+    return f"package {point.dist.name if point.dist is not None else point.name}"
+
+
+def _of_text(text: str, origin: str = _OPTION) -> MethodEntry:
     match = _TEXT.fullmatch(text)
     if match is None:
         problem = f"expected MODULE:FUNCTION or NAME=MODULE:FUNCTION, found {text!r}"
-        raise InputError(_OPTION, "", problem, "such as my_module:make")
+        raise InputError(origin, "", problem, "such as my_module:make")
     name, module, function = match.groups()
     last = module.rpartition(".")[2]
-    return MethodEntry(name or (last if function == "make" else function), module, function)
+    return MethodEntry(name or (last if function == "make" else function), module, function, origin)

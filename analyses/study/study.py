@@ -101,20 +101,22 @@ def run_study(
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
             for SIGTERM and SIGHUP.
     """
+    asked = tuple(check_names(names))
+    takes_methods = any(REGISTRY.entries()[name].takes_methods for name in asked)
+    if methods and not takes_methods:
+        takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
+        problem = f"none of {', '.join(asked)} measures other people's estimators"
+        raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     settings = StudySettings(
-        asked=tuple(check_names(names)),
+        asked=asked,
         known=tuple(REGISTRY.entries()),
         data=data,
         seed=seed,
         quick=quick,
         truth=truth,
         version=software_version(),
-        methods=named_methods(methods),
+        methods=named_methods(methods, takes_methods),
     )
-    if methods and not any(REGISTRY.entries()[name].takes_methods for name in settings.asked):
-        takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
-        problem = f"none of {', '.join(settings.asked)} measures other people's estimators"
-        raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
     if truth not in TRUTHS:

@@ -73,7 +73,7 @@ ROWS: Final[Mapping[str, Sequence[Row]]] = {
         Row("detection", "hand collisions missed", "collisions", ".0f", _MISSED),
         Row(
             "detection",
-            "false alarms an hour (95 %: from, to)",
+            "false alarms an hour (least and most, at 95 % each)",
             "false_alarms_per_hour",
             ".0f",
             _WITHIN,

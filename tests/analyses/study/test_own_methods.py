@@ -40,10 +40,17 @@ def test_an_entry_point_is_a_method_without_an_option(folder, monkeypatch):
     monkeypatch.syspath_prepend(str(folder))
 
     class Point:
-        name, value = "theirs", "their_package:make"
+        name, value, dist = "theirs", "their_package:make", None
 
     monkeypatch.setattr(own_methods, "_installed", lambda: [Point])
     assert named_methods([]) == (MethodEntry("theirs", "their_package", "make"),)
+    Point.value = "their_package:absent"
+    with pytest.raises(InputError, match=r"^package theirs: their_package has no function"):
+        named_methods([])
+    # Who takes no methods imports none.
+    assert named_methods([], imported=False) == (MethodEntry("theirs", "their_package", "absent"),)
+    with pytest.raises(InputError, match="--jobs"):
+        run_study(["jcn-map"], folder / "out", folder, jobs=0)
 
 
 @pytest.mark.parametrize(
