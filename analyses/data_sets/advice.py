@@ -31,4 +31,4 @@ def missing_recordings(lacks: Mapping[str, Sequence[str]]) -> str:
         for name in names:
             experiments.setdefault(name, []).append(experiment)
     sets = ", ".join(f"{name} ({', '.join(users)})" for name, users in experiments.items())
-    return f"missing recordings: {sets}; get them with {how_to_get_all(list(experiments))}"
+    return f"missing recordings: {sets}; to get them: {how_to_get_all(list(experiments))}"

@@ -208,7 +208,7 @@ def test_absent_recordings_are_said_in_a_line(experiments, tmp_path):
     assert f"other  skipped: needs the recordings ur10e; {command}" in result.stderr
     (line,) = [line for line in result.stdout.splitlines() if line.startswith("missing")]
     missing = "missing recordings: ur10e (real, other), staubli_tx40 (real)"
-    assert line.startswith(f"{missing}; get them with {command}; staubli_tx40: ask")
+    assert line.startswith(f"{missing}; to get them: {command}; staubli_tx40: ask")
 
 
 def test_options_reach_the_study(monkeypatch, tmp_path):

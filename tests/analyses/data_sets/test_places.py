@@ -96,8 +96,8 @@ def test_every_set_can_be_had_in_some_way():
 def test_one_line_says_who_lacks_what():
     line = missing_recordings({"one": ("ur10e", "staubli_tx40"), "two": ("ur10e", "ur10e_more")})
     assert line == (
-        "missing recordings: ur10e (one, two), staubli_tx40 (one), ur10e_more (two); get them "
-        "with `wrenchsight data fetch ur10e ur10e_more`; "
+        "missing recordings: ur10e (one, two), staubli_tx40 (one), ur10e_more (two); to get them: "
+        "`wrenchsight data fetch ur10e ur10e_more`; "
         f"staubli_tx40: {DATA_SETS['staubli_tx40'].advice}"
     )
     assert how_to_get_all(["mine"]) == "mine: give it with --data"
