@@ -4,11 +4,12 @@ PYTHONS = python3.11 python3.12 python3.13
 PYTHON ?= $(shell for name in $(PYTHONS); do $$name -c 'import ensurepip, venv' 2>/dev/null && echo $$name && break; done)
 OUT ?= out/study
 CAMPAIGN ?= $(wildcard out/campaign out/machining-worlds)
-DATA ?= ../shared/data
+# A folder of recordings of your own; without it, those that `wrenchsight data` lists.
+DATA ?=
 JOBS ?= 2
 COUNT ?= 5000
 SEED ?= 1000000
-STUDY_OPTIONS = $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
+STUDY_OPTIONS = $(if $(DATA),--data $(DATA)) $(if $(QUICK),--quick) $(if $(FRESH),--fresh)
 
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
@@ -27,7 +28,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
-	$(BIN)/wrenchsight study --out $(OUT) --data $(DATA) --jobs $(JOBS) $(STUDY_OPTIONS)
+	$(BIN)/wrenchsight study --out $(OUT) --jobs $(JOBS) $(STUDY_OPTIONS)
 
 test: .venv/.ready-test
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "not slow"

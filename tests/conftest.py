@@ -12,10 +12,15 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
 import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads, before numpy is imported)
+from wrenchsight.analyses.data_sets.advice import how_to_get
+from wrenchsight.analyses.data_sets.places import CACHE_VARIABLE, find_data_set
+from wrenchsight.analyses.data_sets.registry import DATA_SETS
 from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
@@ -106,22 +111,54 @@ def _one_thread() -> Iterator[None]:
 # Recordings ---------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="session", autouse=True)
+def recordings_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with links to the recordings of who runs the tests, wherever they are.
+
+    What tests run sees an empty cache: what somebody has fetched must not change a test.
+    """
+    linked = tmp_path_factory.mktemp("recordings")
+    for name, one in DATA_SETS.items():
+        place = find_data_set(name, ROOT.parent / "shared" / "data")
+        if place is not None:
+            folder = linked / (one.part_of or name)
+            folder.mkdir(exist_ok=True)
+            for file in place.folder.iterdir():
+                if not (folder / file.name).exists():
+                    (folder / file.name).symlink_to(file)
+    os.environ[CACHE_VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+    return linked
+
+
 @pytest.fixture(scope="session")
-def data_holding() -> Callable[..., Path]:
+def data_holding(recordings_folder: Path) -> Callable[..., Path]:
     """Finds the folder of recordings for who takes them from it: `data_holding("ur10e/a.csv")`.
 
     The test is skipped where a file that it names is missing. Files are named, never taken as they
-    lie there: another recording beside them must not change a test.
+    lie there: another recording beside them must not change a test. A recording that the
+    repository holds as Parquet is there as CSV, too.
     """
-    root = ROOT.parent / "shared" / "data"
 
     def find(*names: str) -> Path:
         for name in names:
-            if not (root / name).is_file():
-                pytest.skip(f"no recording {name} in {root}")
-        return root
+            path = recordings_folder / name
+            if path.suffix == ".csv" and path.with_suffix(".parquet").is_file():
+                if not path.exists():
+                    pa_csv.write_csv(pq.read_table(path.with_suffix(".parquet")), path)
+            elif not path.is_file():
+                pytest.skip(f"no recording {name}: {how_to_get(_set_of(name))}")
+        return recordings_folder
 
     return find
+
+
+def _set_of(name: str) -> str:
+    """The set of recordings that a file `set/file` is of."""
+    folder, _, file = name.partition("/")
+    for part in DATA_SETS.values():
+        if part.part_of == folder and file in {one.name for one in part.converted}:
+            return part.name
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -27,6 +27,7 @@ from wrenchsight.analyses.campaign.distributions import (
 )
 from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine, refuse_silent
 from wrenchsight.analyses.campaign.world_run import CampaignSettings, WorldOutcome, WorldTask
+from wrenchsight.analyses.data_sets.places import given_folder
 from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
 from wrenchsight.analyses.output.outputs import json_text, plain
 from wrenchsight.analyses.output.progress import Progress
@@ -88,7 +89,7 @@ def run_campaign(
     if settings.world is not None and cluster is not None:
         problem = "a world that is run alone is run on this machine"
         raise InputError("--world", "", problem, "leave --cluster out")
-    settings = replace(settings, data=settings.data.resolve())
+    settings = replace(settings, data=given_folder(settings.data))
     modules = {name: REGISTRY.entries()[name].module for name in names}
     software = {name: software_hash(module) for name, module in modules.items()}
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:

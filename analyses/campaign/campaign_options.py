@@ -12,7 +12,7 @@ class CampaignOptions:
     worlds: int = 200  # how many worlds there are to be; the first is number 0
     seed: int = 0  # seed of every random number
     quick: bool = False  # shorter and coarser: to try things out
-    data: Path = Path("../shared/data")  # folder of the real recordings
+    data: Path | None = None  # folder of the real recordings, where you have one: see `data`
     world: int | None = None  # run this world alone, anew, with figures and recordings
     fastest_feed: bool = False
     # of experiments at several feeds (machining), the fastest alone

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from wrenchsight.analyses.campaign.campaign_options import CampaignOptions
+from wrenchsight.analyses.data_sets.advice import how_to_get_all
 from wrenchsight.analyses.output.outputs import json_text, plain, plain_metrics
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.analyses.study.fingerprint import software_hash
@@ -111,9 +112,9 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 with sharing_in(folder, everywhere):
                     experiment: Experiment = import_module(module).EXPERIMENT
                     if missing := experiment.missing(settings.data):
-                        raise InputError(
-                            missing[0], "", "these recordings are not there", "see --data"
-                        )
+                        remedy = how_to_get_all(missing)
+                        problem = "these recordings are not there"
+                        raise InputError(", ".join(missing), "", problem, remedy)
                     context = ExperimentContext(
                         out=out,
                         data=settings.data,

@@ -281,7 +281,7 @@ def _put(settings: Any, place: str, value: Any, option: str) -> None:
         raise InputError(option, "", f"{type(settings).__name__} has no {name}", "leave it out")
     if isinstance(value, str) and isinstance(getattr(settings, name), list):
         value = numbers(value, option)
-    elif isinstance(value, Path) and not isinstance(getattr(settings, name), Path):
+    elif isinstance(value, Path) and _plain(get_type_hints(type(settings))[name]) is not Path:
         value = str(value)
     elif isinstance(value, list | tuple):
         value = [str(one) if isinstance(one, Path) else one for one in value]

@@ -21,13 +21,16 @@ class StudyOptions:
     """What is asked of a study on the command line."""
 
     experiments: list[str] = field(default_factory=list)  # names; all if none is given
-    data: Path = Path("../shared/data")  # folder of the real recordings
+    data: Path | None = None  # folder of the real recordings, where you have one: see `data`
     seed: int = 0  # seed of every random number
     quick: bool = False  # shorter and coarser: to try things out
     truth: str = "own"
     # what simulated arms truly are: as their robot.yaml has it, or with plain friction alone, all
     # else exact, or as the harder truth beside it has it
     jobs: int | None = None  # experiments side by side; as many as cores
+    method: list[str] = field(default_factory=list)
+    # your own estimator, MODULE:FUNCTION, which the experiment benchmark measures beside the
+    # others; may be given several times
     fresh: bool = False  # run also experiments whose results are up to date
     list_names: bool = False  # list the experiments' names and stop
 
@@ -39,6 +42,7 @@ SETTINGS = (
     Option("quick"),
     Option("truth", metavar="own|plain|hard"),
     Option("jobs", least=1),
+    Option("method", metavar="MODULE:FUNCTION"),
     Option("fresh"),
     Option("list_names", flags="--list"),
 )
@@ -69,6 +73,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
             truth=options.truth,
             jobs=options.jobs or available_cores(),
             fresh=options.fresh,
+            methods=options.method,
             watch=watch,
         )
     _print(result)
@@ -79,6 +84,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
 def _print(result: "StudyResult") -> None:
     from rich.padding import Padding
 
+    from wrenchsight.analyses.data_sets.advice import missing_recordings
     from wrenchsight.analyses.study.report import comparisons
 
     table = new_table("", "article", "here")
@@ -91,8 +97,15 @@ def _print(result: "StudyResult") -> None:
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
             table.add_row(indented, " ".join(row.stated), " ".join(row.here))
+    lacks = {o.name: o.lacks for o in result.outcomes if o.lacks}
     show(
         *([table] if table.row_count else []),
-        *(f"{o.name} {o.state}: {o.reason}" for o in result.outcomes if not o.has_result),
+        *(
+            f"{o.name} {o.state}: {o.reason}"
+            for o in result.outcomes
+            if not o.has_result and not o.lacks
+        ),
+        *([missing_recordings(lacks)] if lacks else []),
+        *(f"{o.name}: {text}" for o in result.outcomes for text in o.stored.get("failures", [])),
         f"report: {result.report}",
     )

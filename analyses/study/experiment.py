@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from wrenchsight.analyses.data_sets.places import find_data_set
+
 if TYPE_CHECKING:
     from wrenchsight.analyses.output.figures import Figure
+    from wrenchsight.analyses.study.own_methods import MethodEntry
     from wrenchsight.models.robot.robot import Robot
     from wrenchsight.models.truth.worlds import Hand
 
@@ -24,7 +27,8 @@ class ExperimentContext:
     """
 
     out: Path  # folder of this experiment alone; exists
-    data: Path  # folder of the real recordings; may be absent
+    # folder of real recordings that was given; see `analyses.data_sets.places.data_set_folder`
+    data: Path | None = None
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
     # 0..1, and what is done now
@@ -35,6 +39,7 @@ class ExperimentContext:
     # who pushes in one of wrenchsight.models.truth.worlds.SESSIONS; None: as the scenario has it
     hand: Callable[[str], "Hand | None"] = lambda session: None
     fastest_feed: bool = False  # of several feeds the fastest alone; the others' figures are NaN
+    methods: "tuple[MethodEntry, ...]" = ()  # of others, for an experiment that `takes_methods`
 
     def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:
         """Progress of a piece of the work, which goes from `start` to `end` of the whole."""
@@ -85,6 +90,20 @@ def _unit_of(key: str) -> str:
     return next((_UNITS[ending] for ending in endings if ending in _UNITS), "")
 
 
+@dataclass(frozen=True)
+class ResultTable:
+    """A table of the report, and of the experiment's page in docs.
+
+    A cell is text as of a note, `<ours.rmse_n:.2f>`; with a metric that the run has not: a dash.
+    """
+
+    name: str  # of the place in the page
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    remarks: Sequence[str] = ()  # below it, a sentence each
+
+
 @dataclass
 class ExperimentResult:
     """What an experiment measured and drew; study writes it out."""
@@ -95,6 +114,8 @@ class ExperimentResult:
     comparison: Sequence[ComparisonRow] = ()
     # sentences for the report, see `wrenchsight.analyses.study.wording`
     notes: Sequence[str] = ()
+    tables: Sequence[ResultTable] = ()
+    failures: Sequence[str] = ()  # what failed while the rest stands, a sentence each
     # all that is needed to run it again
     configuration: dict[str, Any] = field(default_factory=dict)
 
@@ -112,12 +133,17 @@ class Experiment:
     title: str
     section: str  # of the article, or the name of the data set
     run: Callable[[ExperimentContext], ExperimentResult]
-    needs: tuple[str, ...] = ()  # folders below `data` without which it is skipped
-    uses: tuple[str, ...] = ()  # folders below `data` that it reads if they are there
+    needs: tuple[str, ...] = ()  # sets of recordings without which it is skipped
+    uses: tuple[str, ...] = ()  # sets of recordings that it reads if they are there
+    takes_methods: bool = False  # whether it measures estimators of others, `study --method`
     order: float = 1000.0  # its place in the report: the smaller, the earlier
     seconds: float = 30.0  # of a processor that it typically takes; the longest start first
     readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows
 
-    def missing(self, data: Path) -> list[Path]:
-        """The folders of recordings that are not below `data`, and without which it cannot run."""
-        return [data / name for name in self.needs if not (data / name).is_dir()]
+    def missing(self, data: Path | None) -> list[str]:
+        """The sets of recordings that are nowhere, and without which it cannot run.
+
+        Args:
+            data: the folder of recordings that was given.
+        """
+        return [name for name in self.needs if find_data_set(name, data) is None]

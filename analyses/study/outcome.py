@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from wrenchsight.analyses.data_sets.places import find_data_set
 from wrenchsight.analyses.output.progress import State
 from wrenchsight.analyses.study.fingerprint import libraries, recordings_hash, software_hash
+from wrenchsight.analyses.study.own_methods import MethodEntry
 
 
 @dataclass(frozen=True)
@@ -15,32 +17,42 @@ class StudySettings:
 
     asked: tuple[str, ...]  # experiments to run
     known: tuple[str, ...]  # all there are
-    data: Path  # folder of the real recordings
+    data: Path | None  # folder of the real recordings that was given
     seed: int
     quick: bool
     version: str  # of the software
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
+    methods: tuple[MethodEntry, ...] = ()  # of others
 
-    def fingerprint(self, module: str, folders: Iterable[str]) -> dict[str, Any]:
+    def fingerprint(
+        self, module: str, folders: Iterable[str], takes_methods: bool = False
+    ) -> dict[str, Any]:
         """What an experiment's result depends on: equal ones mean an equal result.
 
         The number of jobs and of threads is no part of it: they must not change a figure.
 
         Args:
             module: of the experiment; not imported.
-            folders: of real recordings, which the experiment reads.
+            folders: sets of real recordings, which the experiment reads.
+            takes_methods: whether it measures methods of others.
 
         Raises:
             OSError: a file cannot be read.
         """
+        methods = [entry.fingerprint() for entry in self.methods] if takes_methods else []
         return {
             "seed": self.seed,
             "quick": self.quick,
             "truth": self.truth,
             "software": software_hash(module),
             "libraries": libraries(),
-            "recordings": {name: recordings_hash(self.data / name) for name in sorted(folders)},
+            "recordings": {name: self._recordings_hash(name) for name in sorted(folders)},
+            **({"methods": methods} if takes_methods else {}),
         }
+
+    def _recordings_hash(self, name: str) -> str | None:
+        place = find_data_set(name, self.data)
+        return None if place is None else recordings_hash(place.folder)
 
     @property
     def of_results(self) -> dict[str, Any]:
@@ -64,6 +76,7 @@ class Outcome:
     name: str
     state: State
     reason: str = ""  # why it was skipped or failed: one line
+    lacks: tuple[str, ...] = ()  # sets of recordings that it needs or would use
     seconds: float | None = None  # by the clock
     processor_seconds: float | None = None  # of all its threads
     metrics: dict[str, Any] = field(default_factory=dict)

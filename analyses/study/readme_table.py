@@ -8,6 +8,9 @@ campaigns (by default of `campaign` beside the study), where there are any, into
 then the table of those that count most (`readme` of the experiments) between the README's two
 markers; all else stays as it is. With `--campaign` the study's figures stay as they are.
 
+An experiment with tables of its own may have a page, docs/NAME.md: each table goes between its two
+markers there, and the metrics whose figures the cells show into docs/NAME.json.
+
 Where FEWEST_WORLDS or more have a figure, the README states its median over worlds and the range of
 5 to 95 %; elsewhere that of the one run. The documentation shows all figures, and both. All three
 files are committed: a test compares them, so that a table edited by hand, or figures without their
@@ -31,8 +34,13 @@ BEGIN: Final = "<!-- results: begin -->"
 END: Final = "<!-- results: end -->"
 RESULTS: Final = Path("docs/results.json")  # beside the README
 WORLDS: Final = Path("docs/campaign.json")  # beside the README
+TABLE_BEGIN: Final = "<!-- table {}: begin -->"
+TABLE_END: Final = "<!-- table {}: end -->"
 FEWEST_WORLDS: Final = 20
 """With fewer, 5 and 95 % of them are no numbers: the README then keeps to the one run's figures."""
+_QUICK: Final = (
+    "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
+)
 _CAMPAIGN: Final = "campaign"  # key of a campaign's metrics under which its settings are
 
 
@@ -156,13 +164,12 @@ def results_table(
                 remark = "; ".join(part for part in (ahead, moved, remark) if part)
             cells = (title, label, stated, *here, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
-    quick = "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
     note = (
         f"\nWith a range: median of {over} and, in brackets, 5 to 95 % of them. A world is "
         "a draw of what the simulated arm truly is (docs/worlds.md). Without: one run.\n"
     )
     table = "\n".join(lines) + "\n"
-    return (quick if results["quick"] else "") + table + (note if ranges else "")
+    return (_QUICK if results["quick"] else "") + table + (note if ranges else "")
 
 
 def _counted(worlds: Mapping[str, Any]) -> str:
@@ -221,27 +228,80 @@ def _range(median: float, low: float, high: float) -> str:
     return f"{median_text} ({low_text} to {high_text})"
 
 
+def pages(study: Path, docs: Path) -> dict[str, dict[str, Any]]:
+    """What the pages in `docs` show of a study's experiments with tables, by name.
+
+    Returns:
+        `quick`, `seed`, `metrics` and `tables` of each; a table has `name`, `heads`, `rows` and
+        `remarks`, texts with their figures.
+
+    Raises:
+        InputError: the folder has no whole results.
+    """
+    found = {}
+    for name, metrics in _read(study / "metrics.json").items():
+        stored = _read(study / name / "result.json")
+        if stored.get("tables") and (docs / f"{name}.md").is_file():
+            kept = {key: stored[key] for key in ("quick", "seed", "tables")}
+            found[name] = kept | {"metrics": metrics}
+    return found
+
+
+def filled_page(page: Path, shown: Mapping[str, Any]) -> str:
+    """An experiment's page with its tables between their markers.
+
+    Raises:
+        InputError: as `fill`, of a table.
+    """
+    text = _text_of(page)
+    for table in shown["tables"]:
+        markers = (TABLE_BEGIN.format(table["name"]), TABLE_END.format(table["name"]))
+        text = _with_table(page, text, page_table(table, shown["quick"]), markers)
+    return text
+
+
+def page_table(table: Mapping[str, Any], quick: bool) -> str:
+    """A table as Markdown, its remarks below it."""
+    heads = [_cell(head) for head in table["heads"]]
+    lines = [f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}"]
+    lines += [f"| {' | '.join(map(_cell, row))} |" for row in table["rows"]]
+    text = "\n".join(lines) + "\n" if table["rows"] else ""
+    remarks = "".join(f"\n{remark}\n" for remark in table["remarks"])
+    return (_QUICK if quick else "") + text + remarks
+
+
 def fill(readme: Path, table: str) -> bool:
     """Puts `table` between the markers of `readme`; returns whether that changed the file.
 
     Raises:
         InputError: the file is absent, or does not have each marker once, in order.
     """
+    return _replaced(readme, _with_table(readme, _text_of(readme), table, (BEGIN, END)))
+
+
+def _text_of(file: Path) -> str:
     try:
-        text = readme.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(readme, "", error.strerror or "cannot be read") from None
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        problem = f"does not have {BEGIN} and, after it, {END}, once each"
-        raise InputError(readme, "", problem, "put them where the table belongs")
-    before, rest = text.split(BEGIN)
-    after = rest.split(END)[1]
-    filled = f"{before}{BEGIN}\n{table}{END}{after}"
-    if filled == text:
+        raise InputError(file, "", error.strerror or "cannot be read") from None
+
+
+def _with_table(file: Path, text: str, table: str, markers: tuple[str, str]) -> str:
+    begin, end = markers
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        problem = f"does not have {begin} and, after it, {end}, once each"
+        raise InputError(file, "", problem, "put them where the table belongs")
+    before, rest = text.split(begin)
+    after = rest.split(end)[1]
+    return f"{before}{begin}\n{table}{end}{after}"
+
+
+def _replaced(file: Path, text: str) -> bool:
+    if text == _text_of(file):
         return False
-    with whole_file(readme) as partial:
-        partial.write_text(filled, encoding="utf-8", newline="\n")
-        partial.chmod(readme.stat().st_mode)
+    with whole_file(file) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+        partial.chmod(file.stat().st_mode)
     return True
 
 
@@ -282,9 +342,14 @@ def main(arguments: list[str]) -> int:
     try:
         results = committed(readme, RESULTS) if study is None else collect(study)
         worlds = together(campaigns) if campaigns else committed(readme, WORLDS)
-        # The README first: if it has no place for the table, all files stay as they are.
-        changed = fill(readme, results_table(results, worlds))
         docs = OutputFolder(readme.parent / RESULTS.parent)
+        shown = {} if study is None else pages(study, docs.path)
+        texts = {name: filled_page(docs.path / f"{name}.md", page) for name, page in shown.items()}
+        # The README first: if it, or a page, has no place for a table, all files stay as they are.
+        changed = fill(readme, results_table(results, worlds))
+        for name, text in texts.items():
+            changed |= _replaced(docs.path / f"{name}.md", text)
+            docs.write_text(f"{name}.json", json_text(shown[name]))
         if study is not None:
             docs.write_text(RESULTS.name, json_text(results))
         if campaigns:

@@ -38,6 +38,7 @@ class ExperimentEntry:
     name: str
     title: str
     section: str
+    takes_methods: bool = Experiment.takes_methods
     order: float = Experiment.order
     seconds: float = Experiment.seconds
     readme: tuple[str, ...] = Experiment.readme

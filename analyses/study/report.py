@@ -211,6 +211,7 @@ def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
         sections.append(
             files
             | {key: stored[key] for key in ("title", "section", "notes")}
+            | {key: stored.get(key, []) for key in ("tables", "failures")}
             | {
                 "name": outcome.name,
                 "number": len(sections) + 1,

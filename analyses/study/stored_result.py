@@ -6,6 +6,7 @@ result.json holds what the report shows, and the fingerprint of what the result 
 import json
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,6 +21,7 @@ from wrenchsight.analyses.study.experiment import (
     Experiment,
     ExperimentResult,
     FigureFile,
+    ResultTable,
 )
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.wording import filled
@@ -48,6 +50,8 @@ def write_result(
             **settings,
             "fingerprint": fingerprint,
             "notes": filled(result.notes, metrics),
+            "tables": [filled_table(table, metrics) for table in result.tables],
+            "failures": result.failures,
             "figures": written_figures(result.figures, path),
             "pages": result.recordings,
             "comparison": result.comparison,
@@ -68,6 +72,16 @@ def write_result(
         "constants": _constants(sys.modules[experiment.run.__module__]),
     }
     folder.write_settings("config.yaml", configuration)
+
+
+def filled_table(table: ResultTable, metrics: Mapping[str, Any]) -> ResultTable:
+    """The table with its figures in their places."""
+
+    def cell(text: str) -> str:
+        return next(iter(filled([text], metrics)), "–")
+
+    rows = [[cell(text) for text in row] for row in table.rows]
+    return replace(table, rows=rows, remarks=filled(table.remarks, metrics))
 
 
 def written_figures(figures: Iterable["Drawing | FigureFile"], out: Path) -> list[FigureFile]:

@@ -24,6 +24,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Final
 
+from wrenchsight.analyses.data_sets.advice import how_to_get_all
 from wrenchsight.analyses.output.compilation import on_first_compilation
 from wrenchsight.analyses.output.interruption import (
     begin_worker,
@@ -36,6 +37,7 @@ from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext
 from wrenchsight.analyses.study.fingerprint import software_hash
 from wrenchsight.analyses.study.outcome import Outcome, StudyResult, StudySettings
+from wrenchsight.analyses.study.own_methods import named_methods
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.report import write_report
 from wrenchsight.analyses.study.shared_results import sharing_in
@@ -54,13 +56,14 @@ ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 def run_study(
     names: Sequence[str],
     out: Path,
-    data: Path,
+    data: Path | None = None,
     *,
     seed: int = 0,
     quick: bool = False,
     truth: str = "own",
     jobs: int = 1,
     fresh: bool = False,
+    methods: Sequence[str] = (),
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> StudyResult:
     """Runs experiments, `jobs` at a time, and writes what they measured below `out`.
@@ -80,28 +83,39 @@ def run_study(
     Args:
         names: experiments to run; empty means all of `wrenchsight.analyses.study.registry`.
         out: folder of the study; made if absent.
-        data: folder of the real recordings; experiments that need an absent one are skipped.
+        data: folder of the real recordings that is given; see
+            `wrenchsight.analyses.data_sets.places`. Experiments that need a set that is nowhere
+            are skipped.
         seed: of every random number.
         quick: whether experiments run shorter and coarser.
         truth: of simulated arms, one of `wrenchsight.models.robot.truth_config.TRUTHS`.
         jobs: processes side by side, at least 1.
         fresh: whether to run also what has a whole result.
+        methods: estimators of others, see `wrenchsight.analyses.study.own_methods`.
         watch: called in this process at every step of every experiment.
 
     Raises:
-        InputError: an unknown name or truth, a full disk, a folder that cannot be written, that
-            another study is at work in, or that holds what no study wrote.
+        InputError: an unknown name, truth or method, a method that no experiment asked for takes, a
+            full disk, a folder that cannot be written, that another study is at work in, or that
+            holds what no study wrote.
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
             for SIGTERM and SIGHUP.
     """
+    asked = tuple(check_names(names))
+    takes_methods = any(REGISTRY.entries()[name].takes_methods for name in asked)
+    if methods and not takes_methods:
+        takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
+        problem = f"none of {', '.join(asked)} measures other people's estimators"
+        raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     settings = StudySettings(
-        asked=tuple(check_names(names)),
+        asked=asked,
         known=tuple(REGISTRY.entries()),
         data=data,
         seed=seed,
         quick=quick,
         truth=truth,
         version=software_version(),
+        methods=named_methods(methods, takes_methods),
     )
     if jobs < 1:
         raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
@@ -199,6 +213,9 @@ class _Run:
             return Progress(outcome.name, "running")
         if kind == "progress":
             return Progress(outcome.name, "running", *content)
+        if kind == "lacks":
+            (outcome.lacks,) = content
+            return Progress(outcome.name, "running")
         reason, outcome.processor_seconds = content
         if kind == _NO_STORAGE:
             remedy = "free some space and run again: what is finished is kept"
@@ -216,6 +233,7 @@ class _Run:
             result = read_result(folder, outcome.name)
             assert result is not None
             outcome.metrics, outcome.stored = result
+            outcome.lacks = _absent_recordings(outcome.stored)
         elif state == "failed":
             printed = ""
             with suppress(OSError):
@@ -307,7 +325,8 @@ def _run_experiment(
         raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
     connection.send(("loaded",))
     if missing := experiment.missing(settings.data):
-        return "skipped", f"needs the recordings {', '.join(map(str, missing))}; see --data"
+        connection.send(("lacks", tuple(missing)))
+        return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
     if "numba" in sys.modules:
         on_first_compilation(lambda what: connection.send(("progress", 0.0, what)))
     due = 0.0
@@ -325,8 +344,10 @@ def _run_experiment(
         quick=settings.quick,
         progress=progress,
         truth=settings.truth,
+        methods=settings.methods if experiment.takes_methods else (),
     )
-    depends_on = settings.fingerprint(module, (*experiment.needs, *experiment.uses))
+    folders = (*experiment.needs, *experiment.uses)
+    depends_on = settings.fingerprint(module, folders, experiment.takes_methods)
     with sharing_in(shared):
         result = experiment.run(context)
     if software_hash(module) != depends_on["software"]:
@@ -348,11 +369,19 @@ def _earlier(
     metrics, stored = result
     recorded = stored["fingerprint"]
     # Which recordings these are follows from the software.
-    now = settings.fingerprint(REGISTRY.entries()[name].module, recorded["recordings"])
+    entry = REGISTRY.entries()[name]
+    now = settings.fingerprint(entry.module, recorded["recordings"], entry.takes_methods)
     changed = [key for key in now if recorded.get(key) != now[key]]
     if changed:
         return None, f"its earlier result has other {', '.join(changed)}: it runs again"
-    return Outcome(name, "earlier", metrics=metrics, stored=stored), ""
+    lacks = _absent_recordings(stored)
+    return Outcome(name, "earlier", lacks=lacks, metrics=metrics, stored=stored), ""
+
+
+def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
+    """The sets of recordings that an experiment ran without."""
+    recordings = stored["fingerprint"]["recordings"]
+    return tuple(name for name, content in recordings.items() if content is None)
 
 
 def _summarise(

@@ -200,10 +200,15 @@ def test_failed_experiments_exit_with_1_after_the_others(experiments, tmp_path):
 
 
 def test_absent_recordings_are_said_in_a_line(experiments, tmp_path):
-    experiments("real", needs=("ur10e",))
-    result = invoke("study", "--out", tmp_path / "out", "--data", tmp_path / "none")
-    assert result.exit_code == 0
-    assert f"real  skipped: needs the recordings {tmp_path / 'none' / 'ur10e'}" in result.stderr
+    experiments("real", needs=("ur10e", "staubli_tx40"))
+    experiments("other", needs=("ur10e",))
+    result = invoke("study", "--out", tmp_path / "out", "--data", tmp_path / "none", "--jobs", 1)
+    assert result.exit_code == 0, result.stderr + result.stdout
+    command = "`wrenchsight data fetch ur10e`"
+    assert f"other  skipped: needs the recordings ur10e; {command}" in result.stderr
+    (line,) = [line for line in result.stdout.splitlines() if line.startswith("missing")]
+    missing = "missing recordings: ur10e (real, other), staubli_tx40 (real)"
+    assert line.startswith(f"{missing}; to get them: {command}; staubli_tx40: ask")
 
 
 def test_options_reach_the_study(monkeypatch, tmp_path):

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RECORDINGS = ROOT.parent / "shared" / "data" / "ur10e"
 FITTED = [f"ur-20_02_{name}_12harm.csv" for name in ("10-30sec", "12-40sec", "12-50sec")]
 CHECKED = "ur-20_02_19_14harm50sec.csv"
 
@@ -55,12 +54,11 @@ def test_tasks(name, tmp_path):
         assert line in lines
 
 
-@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="needs the recordings of ur10e")
-def test_a_model_and_a_wrench(tmp_path):
+def test_a_model_and_a_wrench(data, tmp_path):
     logs = iter([*FITTED, CHECKED, CHECKED])
     for name in ("identify", "estimate"):
         command = EXAMPLES[name][0].split()
-        arguments = [str(RECORDINGS / next(logs)) if w == "LOG" else w for w in command]
+        arguments = [str(data(f"ur10e/{next(logs)}")) if w == "LOG" else w for w in command]
         lines = printed(arguments, tmp_path)
         for line in shown(name):
             assert line in lines

@@ -21,6 +21,7 @@ def load(name):
 def test_there_is_no_example_without_a_test():
     assert {file.stem for file in EXAMPLES.glob("*.py")} == {
         "in_your_diagram",
+        "my_estimator",
         "quickstart",
         "your_own_log",
     }

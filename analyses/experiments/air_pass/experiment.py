@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.experiments.air_pass.repeated_pass import (
     LoadedPass,
     Pass,
@@ -61,7 +62,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     unknown = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
     models = {NONE: replace(first, friction=unknown), **models}
     context.progress(0.8, "both passes")
-    folder = context.data / FOLDER
+    folder = data_set_folder(FOLDER, context.data)
     pairs = {
         key: (
             Pass.of(folder / VALIDATED["14harm50sec"], robot, model),

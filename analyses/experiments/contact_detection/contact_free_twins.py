@@ -7,7 +7,7 @@ that differ from day to day, and knows that nothing touches it.
 
 from collections.abc import Mapping, Sequence
 
-from wrenchsight.analyses.experiments.contact_detection.contact_trials import TrialLog
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import TrialLog
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.twin_logs import twin_log
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig

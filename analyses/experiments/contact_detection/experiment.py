@@ -21,11 +21,28 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.experiments.contact_detection.contact_free_twins import (
     alarms_of_twins,
     model_of_twins,
 )
-from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
+from wrenchsight.analyses.experiments.contact_detection.touched_links import (
+    link_metrics,
+    odds_figure,
+)
+from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import FOLDER as TOUCHES
+from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
+    identify_simulated_arm,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
+    ALONE,
+    COLLISION_LOG,
+    COLLISIONS,
+    FREE,
+    OLDER,
+    RATE,
+    ROUNDS,
+    STILL,
     TIME_STEP,
     Tally,
     TrialLog,
@@ -33,20 +50,14 @@ from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
     jacobian_on_link,
     onsets,
     put_in,
-    schedule,
-)
-from wrenchsight.analyses.experiments.contact_detection.touched_links import FOLDER as TOUCHES
-from wrenchsight.analyses.experiments.contact_detection.touched_links import (
-    link_metrics,
-    odds_figure,
-)
-from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
-    identify_simulated_arm,
+    samples_of,
+    spans_of,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
     FOLDER,
     MORE,
+    log_file,
     presliding_arm,
 )
 from wrenchsight.analyses.methods.learning.identification import identify
@@ -68,38 +79,10 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
 PUSHES = "ur10e_pushes"
-FREE = {
-    "14harm50sec": f"{FOLDER}/ur-20_02_19_14harm50sec.csv",
-    "15harm50sec": f"{MORE}/ur-20_02_19_15harm50sec.csv",
-    "7harm": f"{MORE}/ur-20_02_10-20sec_7harm.csv",
-    "5harm": f"{MORE}/ur-20_02_06-20sec_5harm.csv",
-    "10harm": f"{MORE}/ur-20_02_06-20sec_10harm.csv",
-    "8harm": f"{MORE}/ur-20_02_05-20sec_8harm.csv",
-    "01_31-unload": f"{MORE}/ur-20_01_31-unload.csv",
-    "ptp_10_points": f"{FOLDER}/ur-20_01_17-ptp_10_points.csv",
-    "collision_free": f"{MORE}/collision_free.csv",
-}
-COLLISIONS = (  # s
-    (4.6, 5.1),
-    (7.3, 8.0),
-    (11.2, 11.8),
-    (15.2, 15.6),
-    (19.2, 19.6),
-    (22.7, 23.7),
-    (26.4, 27.1),
-)
-ALONE = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
-STILL = {f"p{k}": f"{MORE}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
-OLDER = {"12_23_free": f"{MORE}/ur-19_12_23_free.csv"}
 TWIN_DAYS = 3
-RATE = 1.0  # false alarms an hour
 RATES = (0.1, 1.0, 10.0, 60.0, 360.0)  # for the threshold
 SIZES = (5.0, 10.0, 20.0, 30.0, 60.0)  # N
 DURATIONS = (0.1, 0.5, 2.0)  # s
-FIRST = 4.0  # s into a log
-PAUSE = 3.5  # s
-SLOWEST = 0.05  # rad/s: what counts as moving
-ROUNDS = 2  # of pushes through every log
 SIMULATED = (10.0, 30.0)  # N
 SIMULATED_DURATION = 0.5  # s
 SIMULATED_STEP = 1e-3  # s
@@ -112,12 +95,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot, model = presliding_arm(context, 0.2)
     rounds = 1 if context.quick else ROUNDS
     recordings = {
-        name: read_recording(context.data / file, robot=robot)
+        name: read_recording(log_file(context.data, Path(file).stem), robot=robot)
         for name, file in (FREE | ALONE | OLDER | STILL).items()
     }
     every = {name: TrialLog(recording, robot, model) for name, recording in recordings.items()}
     logs = {name: every[name] for name in FREE}
-    fitted = [read_recording(context.data / FOLDER / name, robot=robot) for name in FITTED]
+    ur10e = data_set_folder(FOLDER, context.data)
+    fitted = [read_recording(ur10e / name, robot=robot) for name in FITTED]
     every |= _held_out(fitted, robot, context)
     metrics: dict[str, Any] = {"levels": _levels(logs)}
     context.progress(0.35, "contact-free logs")
@@ -133,13 +117,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics[f"threshold_{rate:g}_per_hour"] = _at_rate(every, logs, rate, rounds)
     context.progress(0.7, "hand collisions")
     metrics["collision_wrist"] = _labelled(
-        context.data / MORE / "collision_wrist.csv", COLLISIONS, robot, model
+        log_file(context.data, Path(COLLISION_LOG).stem), COLLISIONS, robot, model
     )
-    pushes = np.genfromtxt(context.data / PUSHES / "pushes.csv", delimiter=",", names=True)
+    pushed = data_set_folder(PUSHES, context.data)
+    pushes = np.genfromtxt(pushed / "pushes.csv", delimiter=",", names=True)
     spans = tuple((float(row["t_start"]), float(row["t_end"])) for row in pushes)
-    metrics["push_pose_1"] = _labelled(
-        context.data / PUSHES / "push_pose_1.csv", spans, robot, model
-    )
+    metrics["push_pose_1"] = _labelled(pushed / "push_pose_1.csv", spans, robot, model)
     context.progress(0.72, "simulated days")
     moving = {name: entry for name, entry in recordings.items() if name not in STILL}
     metrics |= _twins(fitted, moving, robot, context)
@@ -241,8 +224,7 @@ def _pushed(
         detector = log.detector(rate)
         for turn in range(rounds):
             rng = np.random.default_rng((number, turn))
-            first = FIRST + turn * 0.5 * PAUSE
-            pushes = schedule(log.v, duration, PAUSE, first, TIME_STEP, SLOWEST)
+            pushes = spans_of(log.v, duration, turn)
             link = links[(number + turn) % len(links)] if links else None
             J = log.J[:, 3:] if link is None else jacobian_on_link(log.J, link)
             detection = log.detect(detector, put_in(pushes, J, size, rng))
@@ -283,8 +265,7 @@ def _labelled(
     detection = log.detect(log.detector(RATE))
     tally = Tally()
     apart = np.ones(len(log.t), bool)
-    for begin, end in spans:
-        first, last = (int(np.searchsorted(log.t, x)) for x in (begin, end))
+    for first, last in samples_of(spans, log.t):
         tally.add(detection, first, last, TIME_STEP, None)
         apart[first : last + round(1.0 / TIME_STEP)] = False
     begins = onsets(detection.contact)

@@ -1,10 +1,10 @@
-"""Are odds of links odds? A Panda's labelled touches, by what is said of their likeliest link.
+"""Calibration of the odds of links on a Panda's labelled touches.
 
 Each recording of the data set `link_contact` is read alone, as `estimate` reads it: contacts, and
 the odds of each link. E counts for the last link, which carries it. Touches fall into bins by the
-odds of their likeliest link; of each bin it is told what was stated in the mean and how often that
-link is the labelled one. Touches of one recording are of one spot, so that the recordings, ten of
-them, are what is independent: intervals of so many touches are too short.
+odds of their likeliest link. Each bin has the mean of the stated odds and the share of touches
+whose likeliest link is the labelled one. All touches of a recording are of one spot: the ten
+recordings are what is independent, and an interval by the number of touches is too short.
 """
 
 from collections.abc import Sequence
@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.csv as pa_csv
 from scipy.stats import binomtest
 
+from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import (
+    TouchLog,
+    read_touch_logs,
+)
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
@@ -23,7 +26,6 @@ from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
-FOLDER = "link_contact"
 BINS = {
     "below_50": (0.0, 0.5),
     "50_70": (0.5, 0.7),
@@ -62,20 +64,17 @@ class Touch:
         return int(np.argmax(self.odds)) + 1 == self.link
 
 
-def touches_of(log: Path) -> tuple[list[Touch], int, int]:
+def touches_of(log: TouchLog) -> tuple[list[Touch], int, int]:
     """The touches of a recording, how many of the labelled ones were missed, and false ones."""
     config, robot = EstimateConfig(torque="external"), Robot.load("panda")
-    source = TorqueLog(log, None, robot, config.check, config.reference, config.torque_sign)
+    source = TorqueLog(log.path, None, robot, config.check, config.reference, config.torque_sign)
     reading = TorqueTouches(source)
     for chunk, J, tau_ext in source.chunks(source.reader()):
         found, odds, _ = reading.take(chunk, J, tau_ext)
         count = chunk.num_samples
         reading.episodes.add(chunk.t, found, np.zeros((count, 3)), np.zeros(count, bool), odds)
     reading.episodes.finish()
-    table = pa_csv.read_csv(log)
-    t, labelled = table["t"].to_numpy(), table["contact"].to_numpy()
-    begins = t[1:][np.diff(labelled) == 1]
-    link = int(table["link"].to_numpy().max())
+    begins = np.array([log.t[touch.start] for touch in log.touches])
     touches, seen, false = [], set[int](), 0
     for contact in reading.episodes.contacts:
         nearest = int(np.argmin(np.abs(begins - contact.begin)))
@@ -84,19 +83,23 @@ def touches_of(log: Path) -> tuple[list[Touch], int, int]:
         elif contact.place is not None:
             seen.add(nearest)
             place = contact.place
-            touches.append(Touch(log.stem, link, place.bodies, tuple(place.named())))
+            touches.append(Touch(log.path.stem, log.link, place.bodies, tuple(place.named())))
     return touches, len(begins) - len(seen), false
 
 
-def link_metrics(data: Path) -> dict[str, Any]:
-    """Of all recordings below `data`, under the keys of the experiment."""
+def link_metrics(data: Path | None) -> dict[str, Any]:
+    """Metrics over all recordings of the set, under the keys of the experiment.
+
+    Args:
+        data: the folder of recordings that is given.
+    """
     touches: list[Touch] = []
     missed, false, by_recording = 0, 0, {}
-    for log in sorted((data / FOLDER).glob("panda_link*.csv")):
+    for log in read_touch_logs(data):
         found, without, imagined = touches_of(log)
         touches += found
         missed, false = missed + without, false + imagined
-        by_recording[log.stem.removeprefix("panda_")] = {
+        by_recording[log.path.stem.removeprefix("panda_")] = {
             "touches": len(found),
             "named_pct": 100.0 * _share([one.link in one.named for one in found]),
             "likeliest_pct": 100.0 * _share([one.right for one in found]),

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
 from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal import (
     POSTURES,
     SeparatedFriction,
@@ -188,7 +189,8 @@ def real_arm(context: ExperimentContext, start: float) -> LawsOnOneArm:
         context.progress(start + (0.9 - start) * k / len(COMPARED), f"UR10e, {law}")
         config = IdentificationConfig(friction=law, cross_validate=False, seed=context.seed)
         results[law] = identify_ur10e(context.data, robot, config)
-    single = [read_recording(context.data / FOLDER / name, robot=robot) for name in SINGLE_JOINTS]
+    ur10e = data_set_folder(FOLDER, context.data)
+    single = [read_recording(ur10e / name, robot=robot) for name in SINGLE_JOINTS]
     halves = [len(r.t) // 2 for r in single]
     joints = range(robot.num_joints)
     plain = results[WITH_OFFSET]
@@ -253,7 +255,7 @@ def _one_joint(
 
 def run(context: ExperimentContext) -> ExperimentResult:
     """Compares all laws on both arms."""
-    has_data = (context.data / FOLDER).is_dir()
+    has_data = find_data_set(FOLDER, context.data) is not None
     arms = {"simulated": simulated_arm(context, 0.5 if has_data else 0.9)}
     if has_data:
         arms["real"] = real_arm(context, 0.5)

@@ -8,6 +8,9 @@ data set states them; `source` repeats the source's way, without.
 
 "moving" is each joint over the rows in which it moves, "rest" over those in which it stands, from
 the observer's settling on; of the wrench, whether any joint moves.
+
+Without the maker's description (DESCRIPTION) the controller's variant alone is read, with masses
+that were fitted to that controller's torque.
 """
 
 from dataclasses import replace
@@ -16,7 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder, recording_file
 from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
+    DESCRIPTION,
     FOLDER,
     FORMAT,
     K_0,
@@ -56,18 +61,19 @@ from wrenchsight.models.signals.bands import SIGMA_95
 SWEEP: Final = "joint3_sweep"
 _JOINT: Final = 2  # joint 3, counted from 0
 _THESIS: Final = "thesis of the data's source"
+_BY_URDF: Final = "summary.joint3_urdf_rmse_nm"
 _LOADED = 20.0  # N m, from which a joint's friction tells its share of the load
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
-    """Reads every recording by both variants, and judges them against the sensor."""
+    """Reads every recording by each variant, and judges them against the sensor."""
     context.progress(0.0, "reading the recordings")
     logs = read_logs(context.data)
     metrics: dict[str, Any] = {}
     readings: dict[tuple[str, str], Lara8Reading] = {}
     for k, log in enumerate(logs):
         context.progress(0.1 + 0.5 * k / len(logs), log.name)
-        own = {variant: read_log(log, variant) for variant in VARIANTS}
+        own = {variant: read_log(log, variant) for variant in log.variants}
         readings |= {(log.name, variant): reading for variant, reading in own.items()}
         compared = {variant: reading.against_sensor() for variant, reading in own.items()}
         metrics[log.name] = {
@@ -76,15 +82,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
             for state in ("moving", "rest")
         }
     context.progress(0.6, "what the errors are made of")
-    metrics["parts"] = {log.name: _parts(log, readings[log.name, "urdf"]) for log in logs}
-    metrics["load_share"] = {log.name: _load_share(log) for log in logs}
-    metrics["stiction"] = {log.name: _stiction(readings[log.name, "urdf"]) for log in logs}
+    variants = logs[0].variants
+    if "urdf" in variants:
+        metrics["parts"] = {log.name: _parts(log, readings[log.name, "urdf"]) for log in logs}
+        metrics["load_share"] = {log.name: _load_share(log) for log in logs}
+        metrics["stiction"] = {log.name: _stiction(readings[log.name, "urdf"]) for log in logs}
     sweep = next((log for log in logs if log.name == SWEEP), None)
     if sweep is not None:
         metrics["source"] = _source(context.data, readings)
         metrics["summary"] = {
             f"joint3_{variant}_rmse_nm": metrics[SWEEP]["moving"][variant]["rmse_nm"][_JOINT]
-            for variant in VARIANTS
+            for variant in variants
         }
     context.progress(0.9, "figures")
     return ExperimentResult(
@@ -98,7 +106,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             )
         ],
         comparison=_comparison(metrics),
-        notes=NOTES,
+        notes=NOTES if "urdf" in variants else NOTES_WITHOUT_DESCRIPTION,
         configuration={"sensor": {log.name: log.config for log in logs}},
     )
 
@@ -141,10 +149,10 @@ def _by_hand(log: Lara8Log, state: str) -> list[float | None]:
     return by_joint(rms, _rows(log, state), tau - log.truth)
 
 
-def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
+def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) -> dict[str, Any]:
     """Joint 3 of the sweep as its source has it: every row, the sensor as it was recorded."""
-    raw = read_recording(data / FOLDER / f"{SWEEP}.csv", FORMAT)
-    log = readings[SWEEP, "urdf"].log
+    raw = read_recording(recording_file(data_set_folder(FOLDER, data), SWEEP), FORMAT)
+    log = readings[SWEEP, VARIANTS[0]].log
     R_WE, _ = log.robot.chain.pose(raw.q)
     J = log.robot.chain.jacobian(raw.q)
     halves = raw.extra["sensor"].reshape(-1, 2, 3)[:, ::-1]  # moment, force
@@ -161,7 +169,7 @@ def _source(data: Path, readings: dict[tuple[str, str], Lara8Reading]) -> dict[s
 
     by_current = raw.extra["tau_target"] - raw.current
     result = {"current": errors(by_current[:, _JOINT])}
-    for variant in VARIANTS:
+    for variant in log.variants:
         reading = readings[SWEEP, variant]
         tau = np.interp(raw.t, reading.log.recording.t, reading.batch.tau_ext[:, _JOINT])
         result[variant] = errors(tau)
@@ -227,7 +235,8 @@ def _stiction(reading: Lara8Reading) -> dict[str, Any]:
 def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> Figure:
     figure, axes = new_figure(len(names), 1, height=2.0 * len(names) + 0.6)
     for panel, name in zip(axes[:, 0], names, strict=True):
-        ours = readings[name, "urdf"]
+        variants = [variant for variant in VARIANTS if (name, variant) in readings]
+        ours = readings[name, variants[-1]]
         log = ours.log
         truth = log.truth
         moves = log.moving.sum(axis=0) >= MIN_ROWS
@@ -236,9 +245,11 @@ def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[st
         by_current = (log.recording.extra["tau_target"] - log.recording.current)[:, j]
         panel.plot(t, by_current, color=COLOUR["article"], lw=0.5, label="target less motor torque")
         fill_band(panel, t, tau, SIGMA_95 * sd)
-        panel.plot(t, tau, color=COLOUR["estimate"], lw=1.2, label="ours, the URDF's masses")
-        other = readings[name, "controller_model"].batch.tau_ext[:, j]
-        panel.plot(t, other, color=SERIES[2], lw=0.9, label="ours, the controller's")
+        label = f"ours, the {'URDF' if len(variants) > 1 else 'controller'}'s masses"
+        panel.plot(t, tau, color=COLOUR["estimate"], lw=1.2, label=label)
+        for variant in variants[:-1]:
+            other = readings[name, variant].batch.tau_ext[:, j]
+            panel.plot(t, other, color=SERIES[2], lw=0.9, label="ours, the controller's")
         panel.plot(t, truth[:, j], color=COLOUR["truth"], lw=1.0, label="sensor")
         panel.set_ylabel(f"joint {j + 1} [N m]")
         panel.set_title(name)
@@ -251,7 +262,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
     if "source" not in metrics:
         return []
     network = "a neural network trained on that robot"
-    return [
+    rows = [
         ComparisonRow(
             "Joint 3 over its sweep, by the controller's target torque less the motor's: RMSE",
             "source.current.all_rows_rmse_nm",
@@ -261,7 +272,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         ),
         ComparisonRow(
             "Joint 3 over its sweep, nothing trained, masses of the URDF: RMSE in motion",
-            "summary.joint3_urdf_rmse_nm",
+            _BY_URDF,
             2.671,
             f"{network} gave 2.671",
             _THESIS,
@@ -274,6 +285,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
             _THESIS,
         ),
     ]
+    return [row for row in rows if row.key != _BY_URDF or "urdf" in metrics["source"]]
 
 
 NOTES = (
@@ -289,6 +301,16 @@ NOTES = (
     "N m, and the observer's gain are a UR10e's; the rest is stated with the data.",
 )
 
+NOTES_WITHOUT_DESCRIPTION = (
+    "Joint 3 over its sweep, in motion: <summary.joint3_controller_model_rmse_nm:.2f> N m with the "
+    "controller's masses. As the source counts, all rows: "
+    "<source.controller_model.all_rows_rmse_nm:.2f> N m; the source states 6.483 N m by current "
+    "(here <source.current.all_rows_rmse_nm:.3f>) and 2.671 N m by a network.",
+    "The maker's description of the arm is not here (`wrenchsight data fetch neura_lara8_urdf`): "
+    "masses are fitted to the controller's rigid-body torque, the URDF's are not tried.",
+    NOTES[-1],
+)
+
 
 EXPERIMENT = Experiment(
     name="lara8-contact",
@@ -296,6 +318,7 @@ EXPERIMENT = Experiment(
     section="recordings of a NEURA LARA 8",
     run=run,
     needs=(FOLDER,),
+    uses=(DESCRIPTION,),
     order=170,
     seconds=20.0,
     readme=("summary.joint3_urdf_rmse_nm",),

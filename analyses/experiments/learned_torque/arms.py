@@ -6,7 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
+from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
+    controller_friction,
+    read_logs,
+    stated_model,
+)
+from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors import (
     FILTER,
     METHODS,
     SHORTEST,
@@ -16,20 +21,19 @@ from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
     TorqueLog,
     torque_log,
 )
-from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
-    controller_friction,
-    read_logs,
-    stated_model,
-)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_pieces import contact_pieces
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
     JUDGED,
-    ContactRun,
     find_runs,
     read_run,
     tooled,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import payload_reference
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.three_run_networks import (
+    LAW,
+    three_run_predictors,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
     FREE_LOGS,
@@ -39,21 +43,14 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
 )
 from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_specimen
 from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
 from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
-from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.signals.zero_phase import derivative
 
-LAW: Final = IdentificationConfig(
-    friction="presliding", cross_validate=False
-)  # what `--friction best` chooses here
 THREE: Final = "three_runs"
 AMOUNTS: Final = {"quarter": 0.25, "half": 0.5, THREE: 1.0}  # of each fitted run, its start
 REPEATED: Final = "same_motion"  # the three runs, and the motion that is judged, without its load
@@ -77,7 +74,9 @@ class Ur10e:
         seconds: that were fitted, by amount.
     """
 
-    def __init__(self, data: Path, seed: int, quick: bool, progress: ProgressCallback) -> None:
+    def __init__(
+        self, data: Path | None, seed: int, quick: bool, progress: ProgressCallback
+    ) -> None:
         """Args: `quick` takes one model for all amounts, and little training."""
         self.robot, self._data = Robot.load("ur10e"), data
         whole = [self._read(name.removesuffix(".csv")) for name in FITTED]
@@ -102,7 +101,12 @@ class Ur10e:
             motions = [log.motion for log in logs]
             self.seconds[name] = float(sum(own.time_step * own.used.sum() for own in motions))
             logs, more = logs[: len(recordings)], motions[len(recordings) :]
-            self.predictors[name] = Predictors(logs, seed, QUICK if quick else 1.0, more)
+            share = QUICK if quick else 1.0
+            self.predictors[name] = (
+                three_run_predictors(data, self.robot, seed, share)
+                if name == THREE
+                else Predictors(logs, seed, share, more)
+            )
             if name == THREE:
                 state = np.vstack([_state(log)[log.motion.used] for log in logs])
                 self._range = state.min(axis=0), state.max(axis=0)
@@ -144,7 +148,7 @@ def _state(log: TorqueLog) -> Array:
     return np.concatenate([log.motion.q, log.motion.v], axis=1)
 
 
-def contact_errors(data: Path, arm: Ur10e) -> dict[str, dict[str, Errors]]:
+def contact_errors(data: Path | None, arm: Ur10e) -> dict[str, dict[str, Errors]]:
     """Errors of the force along the tool by interval and method, of another UR10e in contact.
 
     Its runs have .6 s in the air, too little for a network's history: the networks are those of the
@@ -160,7 +164,7 @@ def contact_errors(data: Path, arm: Ur10e) -> dict[str, dict[str, Errors]]:
         air = [(run.log, run.is_free) for run in runs]
         refit = refit_specimen(air, robot, arm.models[THREE]).model if runs else arm.models[THREE]
         for run in runs:
-            for own in _pieces(run, robot, refit, predictors.covariance["model"]):
+            for own in contact_pieces(run, robot, refit, predictors.covariance["model"]):
                 for interval in JUDGED:
                     first, last = run.intervals.get(interval, (np.inf, np.inf))
                     judged = own.narrowed((own.log.t >= first) & (own.log.t <= last))
@@ -171,38 +175,7 @@ def contact_errors(data: Path, arm: Ur10e) -> dict[str, dict[str, Errors]]:
     }
 
 
-def _pieces(
-    run: ContactRun, robot: Robot, refit: IdentifiedModel, covariance: Array
-) -> list[Judged]:
-    """The stretches of a run whose motion is known, read along the tool, less the tool's torque."""
-    known = np.isfinite(run.q).all(axis=1) & np.isfinite(run.log.v).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]]))).reshape(-1, 2)
-    carrying = with_tool_of(refit, robot)
-
-    def pressing(q: Array) -> tuple[Array, Array]:
-        """Jacobian (N, 3, n) at the contact, and the axis (N, 3) along which it is pushed back."""
-        return np.asarray(robot.chain.jacobian(q))[:, 3:], -robot.chain.pose(q)[0][:, :, 2]
-
-    found = []
-    for first, end in edges.tolist():
-        piece = run.log[first:end]
-        if piece.duration < 1.5 * SHORTEST / FILTER.cutoff:
-            continue
-        J, axis = pressing(piece.q)
-        external = run.sensor_force[first:end, None] * np.einsum("kaj,ka->kj", J, axis)
-        log = torque_log(piece, robot, carrying, external, True)
-        own = log.motion
-        state = own.q, own.v, derivative(own.v, own.time_step)
-        tool = carrying.chain(robot).inverse_dynamics(*state)
-        tool = tool - refit.chain(robot).inverse_dynamics(*state)
-        J, axis = pressing(own.q)
-        judged = Judged.at_point(log.less(tool), J, covariance)
-        along = np.einsum("ka,kaj->kj", axis, judged.gain)[:, None, :]
-        found.append(replace(judged, gain=along))
-    return found
-
-
-def lara8_errors(data: Path, seed: int, quick: bool) -> dict[str, dict[str, Errors]]:
+def lara8_errors(data: Path | None, seed: int, quick: bool) -> dict[str, dict[str, Errors]]:
     """Errors by log and method; each log is predicted from the others, their loads taken off.
 
     The model is not fitted on this arm: the maker's masses, the controller's friction.

@@ -27,6 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import find_data_set
 from wrenchsight.analyses.experiments.learned_torque.arms import (
     AMOUNTS,
     FREE,
@@ -39,7 +40,7 @@ from wrenchsight.analyses.experiments.learned_torque.arms import (
     contact_errors,
     lara8_errors,
 )
-from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
+from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors import (
     ALONE,
     HELD_OUT,
     METHODS,
@@ -63,6 +64,7 @@ from wrenchsight.analyses.study.experiment import (
 
 ByMethod = Mapping[str, Errors]
 LOAD: Final = LOADED.removesuffix(".csv")
+CONTACT: Final = "ur10e_contact"  # the set, which its metrics go by as well
 LAW_FROM: Final = 0.9  # times the model's error, from which on the hybrid would be a law
 LABELS: Final = {"model": "model", "network": "network alone", "hybrid": "network on the model"}
 
@@ -83,7 +85,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     others = [name for name in free if name != SAME_WEEK]
     torque = [free[name].log.motion.torque[free[name].rows] for name in others]
     context.progress(0.75, "in contact")
-    contact = contact_errors(context.data, arm)
+    has_contact = find_data_set(CONTACT, context.data) is not None
+    contact = contact_errors(context.data, arm) if has_contact else {}
     context.progress(0.85, "LARA 8")
     lara8 = lara8_errors(context.data, context.seed, context.quick)
     metrics: dict[str, Any] = {
@@ -92,7 +95,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "ur10e": _metrics(errors | loads),
         "ur10e_weeks": _metrics(later),
         "ur10e_same_motion": _metrics({LOAD: repeated}),
-        "ur10e_contact": _metrics(contact),
+        **({CONTACT: _metrics(contact)} if has_contact else {}),
         "lara8": _metrics(lara8) | {"all": _held_out(list(lara8.values()))},
         "amount": {
             amount: {"fitted_s": arm.seconds[amount]}
@@ -108,8 +111,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return ExperimentResult(
         metrics=metrics,
         figures=[("errors", _figure(metrics), what)],
-        comparison=_comparison(),
-        notes=NOTES,
+        comparison=[row for row in _comparison() if has_contact or CONTACT not in row.key],
+        notes=[note for note in NOTES if has_contact or CONTACT not in note],
         configuration={
             "alone": asdict(ALONE),
             "on_model": asdict(ON_MODEL),
@@ -186,7 +189,7 @@ def _comparison() -> list[ComparisonRow]:
     rows += [
         ComparisonRow(
             f"Force along the tool while it slides, {words}: RMSE",
-            f"ur10e_contact.slide.{method}.rmse_n.0",
+            f"{CONTACT}.slide.{method}.rmse_n.0",
         )
         for method, words in LABELS.items()
     ]
@@ -215,7 +218,7 @@ NOTES: Final = (
     "Force along the tool against the sensor, first hold, slide, second hold: "
     + "; ".join(
         f"{LABELS[m]} "
-        + " ".join(f"<ur10e_contact.{i}.{m}.rmse_n.0:.1f>" for i in ("hold1", "slide", "hold2"))
+        + " ".join(f"<{CONTACT}.{i}.{m}.rmse_n.0:.1f>" for i in ("hold1", "slide", "hold2"))
         for m in METHODS
     )
     + " N. No observer, no prior; the runs' air motion of .6 s is too short to train on.",
@@ -230,7 +233,8 @@ EXPERIMENT = Experiment(
     title="Recurrent network instead of the model, and on top of it",
     section="recordings of a UR10e and of a NEURA LARA 8",
     run=run,
-    needs=("ur10e", "ur10e_more", "ur10e_contact", "neura_lara8"),
+    needs=("ur10e", "ur10e_more", "neura_lara8", "neura_lara8_urdf"),
+    uses=(CONTACT,),
     order=158,
     seconds=180.0,
     readme=("hybrid.times_model",),

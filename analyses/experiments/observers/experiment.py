@@ -23,7 +23,7 @@ and `ur-20_02_10-20sec_7harm`, with and without.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,12 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import (
     identify_arm,
     read_contact_free,
 )
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import force_of_load
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import (
+    TIME_STEP,
+    Scene,
+    loaded_scene,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FOLDER,
     LOADS,
@@ -74,39 +78,17 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.models.signals.bands import SIGMA_95
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass
 
 PUSHED = ("ur-20_02_19_14harm50sec", "ur-20_02_19_15harm50sec", "ur-20_02_10-20sec_7harm")
 PUSH, PUSH_TIME, PAUSE = 30.0, 0.5, 1.5  # N, s, s
-TIME_STEP = 0.01  # s, of the UR10e's logs
 LAW = "presliding"
 MARGIN = 1.0  # s left out at both ends
 NOISE_CUTOFF = 5.0  # Hz
 DELAYS = np.arange(-0.05, 0.3005, 0.0025)  # s that are tried
 METHODS = ("force_only", "bayesian")
 SMOOTHED = "kalman-smoothed"
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A log with its truth.
-
-    Attributes:
-        recording: on a uniform grid.
-        truth: (N, 3) N, in axes of W at E of `robot`.
-        robot, model: that read it.
-        resolution: (n,) rad, of the encoders.
-        torque_samples: as the observers' configurations.
-    """
-
-    recording: Recording
-    truth: Array
-    robot: Robot
-    model: IdentifiedModel
-    resolution: Array
-    torque_samples: str = "trapezoidal"
 
 
 def run(context: ExperimentContext) -> ExperimentResult:
@@ -141,7 +123,7 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
             continue
         recording = read_recording(log, robot=robot)
         if mass > 0.0:
-            scenes[name] = _loaded_scene(recording, mass, robot, model)
+            scenes[name] = loaded_scene(recording, mass, robot, model)
             continue
         uniform = resampled(recording, TIME_STEP)
         N, step = uniform.num_samples, position_resolution(recording.q)
@@ -152,22 +134,6 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
             there = pushed(uniform, robot, forces)
             scenes[f"{name}-pushes"] = Scene(there, forces, robot, model, step)
     return scenes
-
-
-def _loaded_scene(recording: Recording, mass: float, robot: Robot, model: IdentifiedModel) -> Scene:
-    """The log read where its load acts, which its first 10 s tell."""
-    uniform, step = resampled(recording, TIME_STEP), position_resolution(recording.q)
-    config = WrenchEstimatorConfig(
-        MomentumObserverConfig(time_step=TIME_STEP, torque_samples="trapezoidal"),
-        position_resolution=step.tolist(),
-    )
-    seen = WrenchEstimator(robot, model, config).observe(uniform.q, uniform.v, uniform.current)
-    Sigma_tau = model.residual_covariance
-    point, truth = force_of_load(robot, uniform, seen.J, seen.tau_ext, Sigma_tau, mass)
-    if any(robot.config.tool_frame.xyz) or any(robot.config.tool_frame.rpy):
-        raise ValueError("the load's point is given in the flange")
-    there = robot.with_tool(robot.config.tool, PoseConfig([float(x) for x in point]))
-    return Scene(uniform, truth, there, model, step)
 
 
 def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.methods.learning.identification import identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
@@ -35,7 +36,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
-FOLDER = "staubli_tx40"  # below the data folder
+FOLDER = "staubli_tx40"
 LOG = "excitation.csv"
 FORMAT = "staubli-tx40"
 GEARS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)  # motor turns per turn of what it drives, with sign
@@ -46,9 +47,9 @@ FIFTHS, THIRDS = 5, 3
 LAW, PLAIN = "presliding", "coulomb-viscous-offset"
 
 
-def tx40(data: Path, out: Path, coupled: bool = True) -> Robot:
+def tx40(data: Path | None, out: Path, coupled: bool = True) -> Robot:
     """The arm of the recordings, with its coupled wrist or without; writes its robot.yaml."""
-    source = data / FOLDER / "robot.yaml"
+    source = data_set_folder(FOLDER, data) / "robot.yaml"
     config = yaml.safe_load(source.read_text(encoding="utf-8"))
     config["urdf"] = str((source.parent / config["urdf"]).resolve())
     for drive, gear in zip(config["drives"], GEARS, strict=True):
@@ -86,7 +87,7 @@ def held_out(log: Recording, robot: Robot, law: str, stretches: int) -> TorqueFi
 def run(context: ExperimentContext) -> ExperimentResult:
     """Fits and predicts, with the coupling and without it."""
     robot = tx40(context.data, context.out)
-    log = read_recording(context.data / FOLDER / LOG, FORMAT, robot)
+    log = read_recording(data_set_folder(FOLDER, context.data) / LOG, FORMAT, robot)
     context.progress(0.1, "stretches held out, coupled wrist")
     fifths = held_out(log, robot, LAW, FIFTHS)
     context.progress(0.4, "longer stretches")

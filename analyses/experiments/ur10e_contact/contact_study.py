@@ -7,8 +7,20 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-import numpy as np
-
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
+    PreparedRun,
+    air_refits,
+    command_reading,
+    judge_interval,
+    of_controller,
+    plain_law,
+    read_article,
+    read_by_hand,
+    read_command,
+    read_gravity,
+    read_two_joints,
+    save_model,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
     INTERVALS,
@@ -16,19 +28,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     SCENES,
     write_rounded,
 )
-from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
-    PreparedRun,
-    averaged,
-    read_article,
-    read_by_hand,
-    read_command,
-    read_gravity,
-    read_two_joints,
-)
 from wrenchsight.analyses.methods.calibration.specimen_refitting import (
     SpecimenRefit,
     carried_over,
-    fit_rows,
     presliding_of,
     refit_rows,
 )
@@ -37,21 +39,13 @@ from wrenchsight.analyses.methods.sensors.judged_force import (
     Judgement,
     pooled_judgement,
 )
-from wrenchsight.models.friction.presliding_friction import PreslidingFriction
-from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.robot.robot import Robot
 
 METHODS: Final = (
     *("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints", "gravity"),
     "carried_over",
 )
 SPEEDS: Final = ("v10", "v25", "v90")
-# The UR10e of data set `ur10e`, experiment ur10e-identification, law coulomb-viscous.
-_PLAIN_COULOMB: Final = (16.50, 16.91, 6.61, 2.80, 3.31, 2.73)  # N m
-_PLAIN_VISCOUS: Final = (22.44, 17.91, 10.38, 3.66, 2.44, 3.26)  # N m s/rad
-_UNKNOWN_SCATTER = 2.0  # N m, of a joint that does not move in the air, for the article's band
-
 # The runs on which every constant of `ContactConfig` was settled; all others only check them.
 SETTLED_ON: Final = frozenset(
     {
@@ -91,11 +85,7 @@ class ReadRun:
 
     def judged(self, method: str, interval: str) -> Judgement | None:
         """A method over an interval; None where the run has it not, or no reading there."""
-        windows = self.prepared.windows(interval)
-        if not len(windows):
-            return None
-        truth = self.prepared.truth[windows].mean(axis=1)
-        return Judgement.of(averaged(self.readings[method], windows), truth)
+        return judge_interval(self.prepared, self.readings[method], interval)
 
 
 def read_runs(
@@ -109,36 +99,31 @@ def read_runs(
     Args:
         identified: model of another specimen.
     """
-    plain = fit_rows([run.air.level for run in prepared], plain_friction())
-    torque_sd = np.where(np.isfinite(plain.scatter), plain.scatter, _UNKNOWN_SCATTER)
+    law, torque_sd = plain_law(prepared)
     own = {run.run.name.controller: run.robot for run in prepared}
-    air = {
-        controller: refit_rows([run.air for run in _of(prepared, controller)], robot, identified)
-        for controller, robot in own.items()
-    }
+    air = air_refits(prepared, identified)
     known = replace(identified, friction=carried_over(presliding_of(identified)))
     runs = []
     with TemporaryDirectory() as name:
         folder = Path(name)
         for controller, robot in own.items():
-            _save(folder / f"{controller}_air", robot, air[controller].model)
-            _save(folder / f"{controller}_other", robot, known)
+            save_model(folder / f"{controller}_other", robot, known)
         for k, (run, file) in enumerate(zip(prepared, files, strict=True)):
             progress(k / len(prepared))
             controller, log = run.run.name.controller, folder / file.name
             write_rounded(run.run, file, log)
-            others = [other for other in _of(prepared, controller) if other is not run]
+            others = [other for other in of_controller(prepared, controller) if other is not run]
             refit = air[controller]
             if others:
                 refit = refit_rows([other.measured for other in others], run.robot, identified)
             once = folder / f"{file.stem}_once"
-            _save(once, refit.robot or run.robot, refit.model)
-            command = read_command(run, log, folder / f"{controller}_air", folder / file.stem)
+            save_model(once, refit.robot or run.robot, refit.model)
+            command = command_reading(run, file, air[controller].model)
             readings = {
                 "no_sensor": command,
                 "command": command,
                 "calibrated": read_command(run, log, once, folder / f"{file.stem}_calibrated"),
-                "article": read_article(run, plain.law, torque_sd),
+                "article": read_article(run, law, torque_sd),
                 "by_hand": read_by_hand(run),
                 "two_joints": read_two_joints(run),
                 "gravity": read_gravity(run),
@@ -148,32 +133,6 @@ def read_runs(
             }
             runs.append(ReadRun(run, readings))
     return runs, air
-
-
-def _of(prepared: Sequence[PreparedRun], controller: str) -> list[PreparedRun]:
-    return [run for run in prepared if run.run.name.controller == controller]
-
-
-def _save(folder: Path, robot: Robot, model: IdentifiedModel) -> None:
-    """Writes robot.yaml and model.yaml, as `identify --other-specimen` and `estimate` have them."""
-    folder.mkdir()
-    robot.save(folder / "robot.yaml")
-    model.save(folder / "model.yaml")
-
-
-def plain_friction() -> PreslidingFriction:
-    """Coulomb-viscous friction of another UR10e, the article's law."""
-    zero = np.zeros(len(_PLAIN_COULOMB))
-    return PreslidingFriction(
-        SemiParametricFriction(CoulombViscous(zero, np.array(_PLAIN_VISCOUS), zero)),
-        coulomb=np.array(_PLAIN_COULOMB),
-        stribeck=zero,
-        stribeck_velocity=np.ones_like(zero),
-        load=zero,
-        cubic=zero,
-        weight=np.ones((len(zero), 1)),
-        displacement=np.zeros((len(zero), 1)),
-    )
 
 
 def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:

@@ -12,6 +12,11 @@ same controller; `carried_over` takes the friction of the other specimen as it i
 from collections.abc import Sequence
 from typing import Any
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
+    AXIS,
+    block_mean,
+    prepare,
+)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
     FOLDER,
@@ -24,11 +29,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FOLDER as IDENTIFIED_FOLDER,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import presliding_arm
-from wrenchsight.analyses.experiments.ur10e_contact.contact_reading import (
-    AXIS,
-    block_mean,
-    prepare,
-)
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
     SETTLED_ON,
     ReadRun,

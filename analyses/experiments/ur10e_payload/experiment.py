@@ -36,6 +36,7 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload import (
     INNER,
     MASS,
@@ -96,7 +97,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
     robot = Robot.load("ur10e")
     model = identify_ur10e(context.data, robot, progress=context.part(0.0, 0.3)).model
     context.progress(0.3, "estimating over the loaded run")
-    loaded, batch = estimate_run(context.data / FOLDER / LOADED, robot, model)
+    ur10e = data_set_folder(FOLDER, context.data)
+    loaded, batch = estimate_run(ur10e / LOADED, robot, model)
     direction = payload_reference(robot, loaded, REFERENCE_CUTOFF)[INNER]
 
     context.progress(0.4, "finding the prior")
@@ -108,7 +110,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     readings = _at_flange(batch, Sigma_tau, priors)
 
     context.progress(0.7, "the same over an unloaded run")
-    _, empty = estimate_run(context.data / FOLDER / UNLOADED, robot, model)
+    _, empty = estimate_run(ur10e / UNLOADED, robot, model)
     unloaded = _at_flange(empty, Sigma_tau, {"bayesian": prior})["bayesian"]
     metrics: dict[str, Any] = {
         name: payload_metrics(own, direction) for name, own in readings.items()
@@ -138,9 +140,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     }
     context.progress(0.72, "the best friction law")
     best_model = identify_ur10e(context.data, robot, IdentificationConfig(friction="best"))
-    at_load, best_readings = _with_best_law(
-        context.data / FOLDER / LOADED, robot, best_model.model, direction
-    )
+    at_load, best_readings = _with_best_law(ur10e / LOADED, robot, best_model.model, direction)
     metrics["best"] = {"law": best_model.law, **best_readings, "at_load": at_load.metrics}
     context.progress(0.9, "figures")
     return ExperimentResult(

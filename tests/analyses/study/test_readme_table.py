@@ -251,3 +251,24 @@ def test_a_campaign_alone_changes_no_figure_of_the_study(study, readme, campaign
 def test_campaigns_alone_ask_for_a_folder(capsys):
     assert main(["--campaign", "README.md"]) == 2
     assert "CAMPAIGN_FOLDER" in capsys.readouterr().err
+
+
+def test_an_experiment_s_page_gets_its_tables_and_their_metrics(study, readme, capsys):
+    table = {"name": "first", "title": "First", "heads": ["", "ours"], "remarks": ["A remark."]}
+    stored = json.loads((study / "repeat-cycle" / "result.json").read_text(encoding="utf-8"))
+    stored["tables"] = [table | {"rows": [["error | N", "1.0 (0.5 to 2.0)"]]}]
+    OutputFolder(study / "repeat-cycle").write_json("result.json", stored)
+    assert main([str(study), str(readme)]) == 0  # without a page there is nothing to fill
+    page = readme.parent / "docs" / "repeat-cycle.md"
+    page.write_text("# Page\n\n<!-- table first: begin -->\n<!-- table first: end -->\n\nRest.\n")
+    assert main([str(study), str(readme)]) == 0
+    assert page.read_text() == (
+        "# Page\n\n<!-- table first: begin -->\n|  | ours |\n|---|---:|\n"
+        "| error \\| N | 1.0 (0.5 to 2.0) |\n\nA remark.\n<!-- table first: end -->\n\nRest.\n"
+    )
+    kept = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    assert kept["metrics"] == {"reduction_rmse_y_pct": 20.5}
+    assert kept["tables"] == stored["tables"]
+    page.write_text("no place")
+    assert main([str(study), str(readme)]) == 2
+    assert "table first: begin" in capsys.readouterr().err

@@ -9,9 +9,10 @@ import pytest
 
 from wrenchsight.analyses.output.figures import new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder, plain
-from wrenchsight.analyses.study.experiment import ComparisonRow
+from wrenchsight.analyses.study.experiment import ComparisonRow, ResultTable
 from wrenchsight.analyses.study.outcome import Outcome, StudySettings, look_up
 from wrenchsight.analyses.study.report import comparisons, number, write_report
+from wrenchsight.analyses.study.stored_result import filled_table
 
 METRICS = {
     "initial": {"max_error_y_n": 24.71234, "max_jcn": None},
@@ -287,3 +288,24 @@ def test_keys_are_paths(key, value):
 def test_wrong_keys_are_refused(key):
     with pytest.raises(ValueError, match="no metric is at"):
         look_up(METRICS, key)
+
+
+def test_tables_and_failures_of_an_experiment_are_shown_as_text(outcome, render):
+    table = {
+        "name": "first",
+        "title": "A <table>",
+        "heads": ["", "`their_method`"],
+        "rows": [["RMSE [N]", "0.60 (0.30 to 0.90)"], ["<b>", "failed"]],
+        "remarks": ["Below `it`."],
+    }
+    page = render(outcome("one", stored={"tables": [table], "failures": ["method x failed: <y>"]}))
+    for text in ("A <table>", "their_method", "0.60 (0.30 to 0.90)", "<b>", "method x failed: <y>"):
+        assert text in page.text
+
+
+def test_cells_have_their_figures_in_their_places_and_a_dash_for_none():
+    rows = (("RMSE", "<initial.max_error_y_n:.1f>", "<absent.rmse_n:.1f>", "failed"),)
+    table = ResultTable("first", "First", ("", "a", "b", "c"), rows, ("Of <log.v2.count:d>.",))
+    filled = filled_table(table, METRICS)
+    assert filled.rows == [["RMSE", "24.7", "–", "failed"]]
+    assert filled.remarks == ["Of 12345."]

@@ -271,7 +271,8 @@ def test_absent_recordings_skip_with_a_reason(experiments, run, tmp_path):
     experiments("two")
     result = run()
     assert [(o.name, o.state) for o in result.outcomes] == [("one", "skipped"), ("two", "done")]
-    assert str(tmp_path / "data" / "ur10e") in result.outcomes[0].reason
+    assert "`wrenchsight data fetch ur10e`" in result.outcomes[0].reason
+    assert result.outcomes[0].lacks == ("ur10e",)
     assert not result.failed
 
 

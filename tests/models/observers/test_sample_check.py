@@ -1,5 +1,6 @@
 """Samples held against what the joints can do, and what becomes of those that cannot be."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -25,7 +26,6 @@ from wrenchsight.models.robot.robot import Robot
 Array = NDArray[np.float64]
 T = 0.002
 N = 1000
-DATA = Path(__file__).parents[4] / "shared" / "data"
 
 
 @cache
@@ -231,10 +231,8 @@ REAL = [
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_no_sample_of_a_real_log_is_beyond_anything(name: str) -> None:
-    if not (DATA / name).exists():
-        pytest.skip(f"{DATA / name} is not here")
-    recording = resampled(read_recording(DATA / name, "ur10e-dynamic-calibration", arm()))
+def test_no_sample_of_a_real_log_is_beyond_anything(data: Callable[[str], Path], name: str) -> None:
+    recording = resampled(read_recording(data(name), "ur10e-dynamic-calibration", arm()))
     check = SampleCheck(arm())
     _, codes = check.run(
         check.initial_state(), recording.q, recording.v, recording.current, recording.time_step

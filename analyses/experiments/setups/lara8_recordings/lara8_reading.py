@@ -2,7 +2,8 @@
 
 Only one joint of this arm moves without a load in these recordings, so nothing is fitted on it:
 
-    kinematics, masses  the maker's URDF, or the controller's own rigid-body torque (`variant`)
+    kinematics, masses  the maker's URDF, or the controller's own rigid-body torque (`variant`);
+                        where the URDF is not there, the latter with masses fitted to that torque
     friction            the controller's feed-forward law, as that day's recording holds it
     its load share      that of the UR10e, whose drives are harmonic ones of the same size
     its sd              stated: a share of viscous and of load-dependent friction, stiction at rest
@@ -18,6 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
 from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
 from wrenchsight.analyses.methods.sensors.mounting import Mounting
 from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
@@ -40,7 +42,8 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot
 
-FOLDER: Final = "neura_lara8"  # below the data folder
+FOLDER: Final = "neura_lara8"
+DESCRIPTION: Final = "neura_lara8_urdf"  # the set with the maker's URDF
 FORMAT: Final = "neura-lara8"
 FILES: Final = (
     "joint3_sweep",
@@ -49,7 +52,10 @@ FILES: Final = (
     "jog_linear_loaded",
     "fourier_start_loaded",
 )
-VARIANTS: Final = ("controller_model", "urdf")
+VARIANTS: Final[tuple[str, ...]] = (
+    "controller_model",
+    "urdf",
+)  # whose rigid body; the second needs DESCRIPTION
 NUM_JOINTS: Final = 6
 K_0: Final = 15.0  # 1/s, as in `ur10e-payload`
 DELAY: Final = 0.0775  # s, of the sensor's own filter: 65 to 90 ms by the data set's description
@@ -88,6 +94,7 @@ class Lara8Log:
         J: (N, 6, n) rows [angular; linear] at the flange in base axes.
         R_WE: (N, 3, 3).
         config: how the sensor is mounted.
+        variants: of VARIANTS, those that can be read.
     """
 
     name: str
@@ -96,6 +103,7 @@ class Lara8Log:
     J: Array
     R_WE: Array
     config: ReferenceConfig
+    variants: tuple[str, ...]
 
     @property
     def moving(self) -> Flags:
@@ -184,23 +192,31 @@ def settled_from(recording: Recording) -> int:
     return first if recording.num_samples > 2 * first else 0
 
 
-def read_logs(data: Path) -> list[Lara8Log]:
-    """The recordings below `data` that are there.
+def read_logs(data: Path | None) -> list[Lara8Log]:
+    """The recordings that are there.
+
+    Args:
+        data: the folder of recordings that is given.
 
     Raises:
         InputError: there is no recording, or one is damaged.
     """
-    folder = data / FOLDER
-    names = [name for name in FILES if (folder / f"{name}.csv").is_file()]
+    folder = data_set_folder(FOLDER, data)
+    files = {path.stem: path for path in folder.iterdir() if path.suffix in (".csv", ".parquet")}
+    names = [name for name in FILES if name in files]
     if not names:
         raise InputError(
             folder, "", f"holds none of {', '.join(FILES)}", "give the recordings with --data"
         )
-    robot = Robot.load(folder / "robot.yaml")
-    return [_log(folder / f"{name}.csv", robot) for name in names]
+    maker = find_data_set(DESCRIPTION, data)
+    if maker is None:
+        robot, variants = Robot.load(folder / "fitted_robot.yaml"), VARIANTS[:1]
+    else:
+        robot, variants = Robot.load(maker.folder / "robot.yaml"), VARIANTS
+    return [_log(files[name], robot, variants) for name in names]
 
 
-def _log(path: Path, robot: Robot) -> Lara8Log:
+def _log(path: Path, robot: Robot, variants: tuple[str, ...]) -> Lara8Log:
     recording = resampled(read_recording(path, FORMAT))
     R_WE, _ = robot.chain.pose(recording.q)
     tare = np.concatenate([_zero(recording, R_WE), np.zeros(3)])
@@ -213,7 +229,8 @@ def _log(path: Path, robot: Robot) -> Lara8Log:
         delay=str(DELAY),
         rest_speed=REST_SPEED,
     )
-    return Lara8Log(path.stem, robot, recording, robot.chain.jacobian(recording.q), R_WE, config)
+    J = robot.chain.jacobian(recording.q)
+    return Lara8Log(path.stem, robot, recording, J, R_WE, config, variants)
 
 
 def _zero(recording: Recording, R_WE: Array) -> Array:

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.analyses.data_sets.places import data_set_folder
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording import Recording
@@ -128,13 +129,16 @@ class ContactRun:
         return np.asarray(free)
 
 
-def find_runs(data: Path) -> list[Path]:
-    """The runs' files below `data`, sorted by name.
+def find_runs(data: Path | None) -> list[Path]:
+    """The runs' files, sorted by name.
+
+    Args:
+        data: the folder of recordings that is given.
 
     Raises:
         InputError: there are no such files.
     """
-    folder = data / FOLDER
+    folder = data_set_folder(FOLDER, data)
     found = sorted(path for path in folder.glob("*.csv") if RunName.parse(path.stem) is not None)
     if not found:
         raise InputError(

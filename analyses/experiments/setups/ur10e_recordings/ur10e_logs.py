@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
 from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
 from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
 from wrenchsight.analyses.study.experiment import ExperimentContext
@@ -12,7 +13,7 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 
-FOLDER = "ur10e"  # below the data folder
+FOLDER = "ur10e"
 FITTED = (
     "ur-20_02_10-30sec_12harm.csv",
     "ur-20_02_12-40sec_12harm.csv",
@@ -25,7 +26,7 @@ VALIDATED = {
 # The motion of 14harm50sec with a payload of 2.805 kg.
 LOADED = "ur-20_02_19_14harm50secLoad.csv"
 FILES = tuple(f"{FOLDER}/{name}" for name in (*FITTED, *VALIDATED.values(), LOADED))
-MORE = "ur10e_more"  # below the data folder
+MORE = "ur10e_more"
 # All contact-free logs that no model is fitted on, and those with a payload (kg).
 FREE_LOGS = (
     "ur-20_02_19_14harm50sec",
@@ -43,35 +44,45 @@ LOADED_LOGS = {"ur-20_02_19_14harm50secLoad": 2.805, "ur-19_12_23_load": 1.069}
 LOADS = dict.fromkeys(FREE_LOGS, 0.0) | LOADED_LOGS  # kg
 
 
-def log_file(data: Path, name: str) -> Path:
-    """A log's file, in whichever of both folders below `data` it is."""
-    path = data / FOLDER / f"{name}.csv"
-    return path if path.is_file() else data / MORE / f"{name}.csv"
+def log_file(data: Path | None, name: str) -> Path:
+    """A log's file, in whichever of both sets it is; it need not exist where MORE is not there.
+
+    Args:
+        data: the folder of recordings that is given.
+
+    Raises:
+        InputError: the set FOLDER is nowhere.
+    """
+    path = data_set_folder(FOLDER, data) / f"{name}.csv"
+    more = find_data_set(MORE, data)
+    return path if path.is_file() or more is None else more.folder / path.name
 
 
-def validation_recordings(data: Path, robot: Robot) -> list[Recording]:
+def validation_recordings(data: Path | None, robot: Robot) -> list[Recording]:
     """The runs of `VALIDATED`, under their short names."""
+    folder = data_set_folder(FOLDER, data)
     return [
-        replace(read_recording(data / FOLDER / name, robot=robot), source=key)
+        replace(read_recording(folder / name, robot=robot), source=key)
         for key, name in VALIDATED.items()
     ]
 
 
 def identify_ur10e(
-    data: Path,
+    data: Path | None,
     robot: Robot,
     config: IdentificationConfig | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> IdentificationResult:
-    """Fits the UR10e's model on the three unloaded runs below `data`.
+    """Fits the UR10e's model on the three unloaded runs.
 
     The results of the validation logs carry the short names of `VALIDATED`.
 
     Raises:
         InputError: a log is missing or damaged.
     """
+    folder = data_set_folder(FOLDER, data)
     fitted, validated = (
-        [read_recording(data / FOLDER / name, robot=robot) for name in names]
+        [read_recording(folder / name, robot=robot) for name in names]
         for names in (FITTED, VALIDATED.values())
     )
     result = identify(fitted, robot, validated, config, progress)

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from wrenchsight.analyses.data_sets.places import BUNDLED
 from wrenchsight.analyses.experiments.lara8_contact.experiment import EXPERIMENT
 from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import VARIANTS
+from wrenchsight.analyses.study.experiment import ExperimentContext
 
 _FILES = ("joint3_sweep", "jog_joint1_unloaded")
 
@@ -35,6 +37,19 @@ def test_the_joint_without_load_reads_none(ran) -> None:
     assert moving["rmse_nm"][0] < 3.0  # the drive's own noise is 2 N m; 4.2 by target less motor
     assert moving["rmse_nm"][1:] == [None] * 5  # those stand
     assert moving["torque_inside_95_pct"][0] > 80.0
+
+
+def test_without_the_makers_description_the_controllers_masses_are_read(tmp_path) -> None:
+    """Masses fitted to the controller's torque read as the maker's do beside that torque."""
+    result = EXPERIMENT.run(ExperimentContext(tmp_path, BUNDLED, draws=False))
+    metrics = result.metrics
+    assert set(metrics["joint3_sweep"]["moving"]) == {"controller_model", "target_less_motor"}
+    assert list(metrics["summary"]) == ["joint3_controller_model_rmse_nm"]
+    # With the maker's masses 2.390 N m.
+    assert metrics["summary"]["joint3_controller_model_rmse_nm"] == pytest.approx(2.39, rel=0.01)
+    keys = [row.key for row in result.comparison]
+    assert keys == ["source.current.all_rows_rmse_nm", "summary.joint3_controller_model_rmse_nm"]
+    assert any("wrenchsight data fetch neura_lara8_urdf" in note for note in result.notes)
 
 
 def test_what_stands_is_within_its_stiction(ran) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from wrenchsight.analyses.experiments.panda_wrench.experiment import (
+from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
     PoseLog,
     knowledge_of_logs,
     read_forces,
@@ -76,6 +76,7 @@ def test_rank_correlation_is_spearmans() -> None:
 
 
 def test_absent_logs_are_named(tmp_path: Path) -> None:
+    (tmp_path / "panda_ati_gamma").mkdir()
     with pytest.raises(InputError, match=r"data_pos_1\.csv"):
         read_pose_logs(tmp_path)
 

@@ -8,7 +8,7 @@ import pyarrow.csv as pa_csv
 import pytest
 import yaml
 
-from wrenchsight.analyses.experiments.panda_wrench.experiment import (
+from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
     knowledge_of_logs,
     read_forces,
     read_pose_logs,

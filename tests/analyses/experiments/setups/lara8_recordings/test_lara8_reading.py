@@ -61,5 +61,6 @@ def test_friction_is_the_controllers_law_at_speed() -> None:
 
 
 def test_a_folder_without_recordings(tmp_path: Path) -> None:
+    (tmp_path / FOLDER).mkdir()
     with pytest.raises(InputError, match="holds none of joint3_sweep"):
         read_logs(tmp_path)

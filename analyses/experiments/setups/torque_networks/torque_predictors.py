@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.learned_torque.recurrent_network import (
+from wrenchsight.analyses.experiments.setups.torque_networks.recurrent_network import (
     Motion,
     NetworkConfig,
     TorqueNetwork,
@@ -172,9 +172,13 @@ class Predictors:
         self.covariance = {}
         for method in METHODS:
             error = np.concatenate(
-                [self._error(method, log)[end] for log, end in zip(logs, ends, strict=True)]
+                [self.error(method, log)[end] for log, end in zip(logs, ends, strict=True)]
             )
             self.covariance[method] = error.T @ error / len(error)
+
+    def torque_alone(self, motion: Motion) -> Array:
+        """(N, n) N m, what the network alone says of a motion."""
+        return self._alone.torque(motion)
 
     def errors(self, judged: Judged) -> dict[str, Errors]:
         """By method."""
@@ -182,14 +186,14 @@ class Predictors:
         clear = (np.einsum("kai,ij,kaj->ka", G, S, G) <= READABLE**2).all(axis=1)
         found = {}
         for method in METHODS:
-            torque = self._error(method, judged.log)[judged.rows]
+            torque = self.error(method, judged.log)[judged.rows]
             variance = np.einsum("kai,ij,kaj->ka", G, self.covariance[method], G)
             force = np.einsum("kaj,kj->ka", G, torque)
             found[method] = Errors(torque, force[clear], np.sqrt(variance[clear]))
         return found
 
-    def _error(self, method: str, log: TorqueLog) -> Array:
-        """(N, n) N m, predicted less measured."""
+    def error(self, method: str, log: TorqueLog) -> Array:
+        """(N, n) N m, predicted less measured, by one of METHODS."""
         if method == "network":
             return self._alone.torque(log.motion) - log.motion.torque
         more = self._over.torque(log.motion) if method == "hybrid" else 0.0

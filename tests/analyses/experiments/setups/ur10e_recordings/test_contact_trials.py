@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.stats import poisson
 
-from wrenchsight.analyses.experiments.contact_detection.contact_trials import (
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
     Tally,
     TrialLog,
     false_alarm_metrics,

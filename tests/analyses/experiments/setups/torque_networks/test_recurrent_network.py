@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from wrenchsight.analyses.experiments.learned_torque.recurrent_network import (
+from wrenchsight.analyses.experiments.setups.torque_networks.recurrent_network import (
     Motion,
     NetworkConfig,
     TorqueNetwork,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from wrenchsight.analyses.experiments.learned_torque.recurrent_network import Motion
-from wrenchsight.analyses.experiments.learned_torque.torque_predictors import (
+from wrenchsight.analyses.experiments.setups.torque_networks.recurrent_network import Motion
+from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors import (
     READABLE,
     Judged,
     Predictors,

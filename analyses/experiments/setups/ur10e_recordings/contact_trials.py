@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
@@ -32,6 +33,36 @@ TIME_STEP = 0.01  # s
 K_0 = 20.0  # 1/s
 LATE = 0.1  # s after a push in which it may still be found: the observer's own lag and more
 PROMPT = 0.05 + 1e-9  # s, the delay that is wanted; delays are multiples of the period
+FREE = {
+    "14harm50sec": f"{FOLDER}/ur-20_02_19_14harm50sec.csv",
+    "15harm50sec": f"{MORE}/ur-20_02_19_15harm50sec.csv",
+    "7harm": f"{MORE}/ur-20_02_10-20sec_7harm.csv",
+    "5harm": f"{MORE}/ur-20_02_06-20sec_5harm.csv",
+    "10harm": f"{MORE}/ur-20_02_06-20sec_10harm.csv",
+    "8harm": f"{MORE}/ur-20_02_05-20sec_8harm.csv",
+    "01_31-unload": f"{MORE}/ur-20_01_31-unload.csv",
+    "ptp_10_points": f"{FOLDER}/ur-20_01_17-ptp_10_points.csv",
+    "collision_free": f"{MORE}/collision_free.csv",
+}
+"""Logs of free motion, into which pushes are put."""
+ALONE = {f"joint_{k}": f"{FOLDER}/ur-20_01_22-joint_{k}.csv" for k in range(1, 7)}
+STILL = {f"p{k}": f"{MORE}/ur-20_01_17-p{k}.csv" for k in range(1, 6)}
+OLDER = {"12_23_free": f"{MORE}/ur-19_12_23_free.csv"}
+COLLISION_LOG = f"{MORE}/collision_wrist.csv"
+COLLISIONS = (  # s, in it
+    (4.6, 5.1),
+    (7.3, 8.0),
+    (11.2, 11.8),
+    (15.2, 15.6),
+    (19.2, 19.6),
+    (22.7, 23.7),
+    (26.4, 27.1),
+)
+FIRST = 4.0  # s into a log
+PAUSE = 3.5  # s
+SLOWEST = 0.05  # rad/s: what counts as moving
+ROUNDS = 2  # of pushes through every log
+RATE = 1.0  # false alarms an hour
 CONFIDENCE = 0.95  # of the largest rate that a count agrees with, and of the least
 
 
@@ -204,6 +235,17 @@ def schedule(
         else:
             begin += max(1, rest // 10)
     return result
+
+
+def spans_of(v: Array, duration: float, turn: int) -> list[tuple[int, int]]:
+    """(begin, end) of the pushes of one of ROUNDS through a log of v (N, n) rad/s."""
+    first = FIRST + turn * 0.5 * PAUSE
+    return schedule(v, duration, PAUSE, first, TIME_STEP, SLOWEST)
+
+
+def samples_of(spans: Sequence[tuple[float, float]], t: Array) -> list[tuple[int, int]]:
+    """First and last sample of spans of time, s, in a log of t (N,) s."""
+    return [(int(np.searchsorted(t, begin)), int(np.searchsorted(t, end))) for begin, end in spans]
 
 
 def put_in(

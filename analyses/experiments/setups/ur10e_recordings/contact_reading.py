@@ -9,25 +9,39 @@
 Only by_hand and two_joints read the target currents.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import FORMAT, ContactRun
-from wrenchsight.analyses.methods.calibration.specimen_refitting import LogRows, joint_torques
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    FORMAT,
+    ContactRun,
+    write_rounded,
+)
+from wrenchsight.analyses.methods.calibration.specimen_refitting import (
+    LogRows,
+    SpecimenRefit,
+    fit_rows,
+    joint_torques,
+    refit_rows,
+)
 from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.analyses.methods.sensors.judged_force import ForceReading
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
@@ -38,6 +52,10 @@ WINDOW: Final = 5  # blocks: a force is judged over 0.1 s
 OBSERVER_GAIN: Final = 20.0  # 1/s
 RESOLUTION: Final = 1e-5  # rad, of the rebuilt angles
 AXIS: Final = "tool_z"
+# The UR10e of data set `ur10e`, experiment ur10e-identification, law coulomb-viscous.
+_PLAIN_COULOMB: Final = (16.50, 16.91, 6.61, 2.80, 3.31, 2.73)  # N m
+_PLAIN_VISCOUS: Final = (22.44, 17.91, 10.38, 3.66, 2.44, 3.26)  # N m s/rad
+_UNKNOWN_SCATTER = 2.0  # N m, of a joint that does not move in the air, for the article's band
 _TWO_JOINTS = slice(1, 3)  # joints 2 and 3
 
 
@@ -105,6 +123,65 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
         measured=LogRows.of(run.log, run.is_free | slide, robot, model, external),
         truth=block_mean(run.sensor_force),
     )
+
+
+def of_controller(prepared: Sequence[PreparedRun], controller: str) -> list[PreparedRun]:
+    """The runs of one controller."""
+    return [run for run in prepared if run.run.name.controller == controller]
+
+
+def save_model(folder: Path, robot: Robot, model: IdentifiedModel) -> None:
+    """Writes robot.yaml and model.yaml, as `identify --other-specimen` and `estimate` have them."""
+    folder.mkdir()
+    robot.save(folder / "robot.yaml")
+    model.save(folder / "model.yaml")
+
+
+def air_refits(
+    prepared: Sequence[PreparedRun], identified: IdentifiedModel
+) -> dict[str, SpecimenRefit]:
+    """Another specimen's model with the friction that the runs' motion in the air shows, by
+    controller.
+    """
+    robots = {run.run.name.controller: run.robot for run in prepared}
+    return {
+        controller: refit_rows(
+            [run.air for run in of_controller(prepared, controller)], robot, identified
+        )
+        for controller, robot in robots.items()
+    }
+
+
+def plain_law(prepared: Sequence[PreparedRun]) -> tuple[PreslidingFriction, Array]:
+    """Coulomb-viscous friction that the motion in the air shows, and the sd (6,) N m of what it
+    leaves.
+    """
+    fit = fit_rows([run.air.level for run in prepared], plain_friction())
+    return fit.law, np.where(np.isfinite(fit.scatter), fit.scatter, _UNKNOWN_SCATTER)
+
+
+def plain_friction() -> PreslidingFriction:
+    """Coulomb-viscous friction of another UR10e, the article's law."""
+    zero = np.zeros(len(_PLAIN_COULOMB))
+    return PreslidingFriction(
+        SemiParametricFriction(CoulombViscous(zero, np.array(_PLAIN_VISCOUS), zero)),
+        coulomb=np.array(_PLAIN_COULOMB),
+        stribeck=zero,
+        stribeck_velocity=np.ones_like(zero),
+        load=zero,
+        cubic=zero,
+        weight=np.ones((len(zero), 1)),
+        displacement=np.zeros((len(zero), 1)),
+    )
+
+
+def judge_interval(prepared: PreparedRun, reading: ForceReading, interval: str) -> Judgement | None:
+    """A reading over an interval; None where the run has it not, or no reading there."""
+    windows = prepared.windows(interval)
+    if not len(windows):
+        return None
+    truth = prepared.truth[windows].mean(axis=1)
+    return Judgement.of(averaged(reading, windows), truth)
 
 
 def block_mean(signal: Array) -> Array:
@@ -210,6 +287,22 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z, covariance, z))
     valid = block_mean((column["valid"] == 1.0).astype(float)) == 1.0
     return ForceReading(block_mean(-np.einsum("ki,ki->k", z, force)), block_mean(sd), valid)
+
+
+def command_reading(run: PreparedRun, file: Path, model: IdentifiedModel) -> ForceReading:
+    """As `read_command`, of a run's file and the model that its motion in the air gives; read once
+    in a study.
+    """
+
+    def read() -> ForceReading:
+        with TemporaryDirectory() as name:
+            folder = Path(name)
+            log = folder / file.name
+            write_rounded(run.run, file, log)
+            save_model(folder / "model", run.robot, model)
+            return read_command(run, log, folder / "model", folder / "out")
+
+    return shared("contact-by-command", (str(file), run.robot, model), read)
 
 
 def _excess_torque(prepared: PreparedRun) -> Array:

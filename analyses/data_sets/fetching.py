@@ -1,0 +1,275 @@
+"""Gets published recordings into the user's cache: whole files, checked, or none.
+
+A file that comes in part stays beside its place as `.NAME.part`, and the next attempt asks the host
+for the rest. Under its own name a file appears when its SHA-256 is the known one. Two processes
+that get the same set take turns.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final
+from urllib.parse import unquote, urlsplit
+
+import filelock
+
+from wrenchsight.analyses.data_sets.conversion import CONVERSIONS
+from wrenchsight.analyses.data_sets.places import CACHE_VARIABLE, cache_folder, is_whole
+from wrenchsight.analyses.data_sets.registry import DATA_SETS, DataSet, PublishedFile, data_set
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file
+
+if TYPE_CHECKING:
+    import requests
+
+PUBLIC_HOST: Final = "https://raw.githubusercontent.com"
+MIRROR_VARIABLE: Final = "WRENCHSIGHT_DATA_MIRROR"
+_TIMEOUT: Final = (10.0, 30.0)  # s to connect, and between two pieces
+_PIECE: Final = 1 << 12  # bytes; a cut connection loses what of the last one has come
+_RETRIES: Final = 1
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """What became of a set that was asked for."""
+
+    name: str
+    folder: Path
+    num_files: int  # that were got now; none where all were there
+    problem: str = ""  # why the set is not whole
+
+
+def fetchable() -> tuple[str, ...]:
+    """The sets that can be fetched."""
+    return tuple(name for name, one in DATA_SETS.items() if one.published)
+
+
+def mirror_url(mirror: str | None) -> str:
+    """The host that files come from: a mirror, else that of the environment, else the public one.
+
+    Raises:
+        InputError: not an address of the kinds http, https or file.
+    """
+    url = mirror or os.environ.get(MIRROR_VARIABLE, "") or PUBLIC_HOST
+    source = "--mirror" if mirror else MIRROR_VARIABLE
+    parts = urlsplit(url)
+    is_file = parts.scheme == "file" and not parts.netloc and parts.path.startswith("/")
+    if not is_file and not (parts.scheme in ("http", "https") and parts.netloc):
+        problem = f"is {url!r}, expected an address such as https://host/path or file:///folder"
+        raise InputError(source, "", problem)
+    return url.rstrip("/")
+
+
+def fetch_data_sets(
+    names: Sequence[str],
+    mirror: str | None = None,
+    progress: Callable[[str, float, str], None] = lambda name, share, what: None,
+) -> tuple[Fetched, ...]:
+    """Gets sets into the cache; one that fails does not stop the others.
+
+    Args:
+        names: of sets; none means all that can be fetched.
+        mirror: address below which files lie as on the public host,
+            `<repository>/<commit>/<path>`; None: `mirror_url`'s.
+        progress: takes the set, the share of it that is there, and words; none at its end.
+
+    Raises:
+        InputError: an unknown set, one that cannot be fetched, a wrong address, or a cache that
+            cannot be written.
+    """
+    sets = [data_set(name) for name in dict.fromkeys(names or fetchable())]
+    for one in sets:
+        if not one.published:
+            raise InputError(one.name, "", "cannot be fetched", one.advice)
+    url = mirror_url(mirror)
+    return tuple(_fetch_set(one, url, progress) for one in sets)
+
+
+def _fetch_set(one: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
+    folder = cache_folder() / one.name
+    if all(is_whole(folder / file.name, file) for file in one.files):
+        progress(one.name, 1.0, "")
+        return Fetched(one.name, folder, 0)
+    with _writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with _one_process(folder, lambda: progress(one.name, 0.0, "another process gets it: waiting")):
+        for stray in folder.glob("tmp*"):  # of a process that was killed while pooch checked
+            stray.unlink()
+        missing = [file for file in one.published if not is_whole(folder / file.name, file)]
+        done = sum(file.num_bytes for file in one.published if file not in missing)
+        total = sum(file.num_bytes for file in one.published)
+        for file in missing:
+            progress(one.name, done / total, file.name)
+
+            def report(count: int, file: PublishedFile = file, done: int = done) -> None:
+                progress(one.name, (done + min(count, file.num_bytes)) / total, file.name)
+
+            problem = _fetch_file(file, folder, url, report)
+            if problem:
+                return Fetched(one.name, folder, 0, problem)
+            done += file.num_bytes
+        _convert(one, folder)
+    progress(one.name, 1.0, "")
+    return Fetched(one.name, folder, len(missing))
+
+
+def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[int], None]) -> str:
+    """Gets a file, with one retry; returns what went wrong, or nothing."""
+    import pooch
+    import requests
+
+    address = f"{url}/{file.address}"
+    source = pooch.create(
+        path=folder,
+        base_url="",
+        registry={file.name: f"sha256:{file.sha256}"},
+        urls={file.name: address},
+        retry_if_failed=_RETRIES,
+    )
+    pooch.get_logger().setLevel("ERROR")
+    try:
+        with _writing(folder):
+            source.fetch(file.name, downloader=_Resuming(file, folder, report))
+    except requests.RequestException as error:
+        return f"{address}: {_reason(error)}"
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        return f"{address}: is not the published file (its SHA-256 differs)"
+    return ""
+
+
+class _Resuming:
+    """A downloader for pooch that goes on where an earlier attempt was cut."""
+
+    def __init__(self, file: PublishedFile, folder: Path, report: Callable[[int], None]) -> None:
+        self._file, self._report = file, report
+        self._part = folder / f".{file.name}.part"
+
+    def __call__(
+        self, url: str, output_file: str | IO[bytes], pooch: Any, check_only: bool = False
+    ) -> None:
+        """Puts what is at an address into the file that pooch checks then.
+
+        Raises:
+            requests.RequestException: the file did not come to its end.
+            OSError: it cannot be written.
+        """
+        import requests
+
+        size = self._file.num_bytes
+        have = self._part.stat().st_size if self._part.is_file() else 0
+        if have < size:
+            # A connection that is cut has brought what is in the part.
+            with self._part.open("ab") as part, suppress(requests.exceptions.ChunkedEncodingError):
+                for count in _pieces(url, part, have):
+                    self._report(count)
+                    if count > size:
+                        break
+            have = self._part.stat().st_size
+        if have < size:
+            raise requests.ConnectionError(f"ended after {have} of {size} bytes")
+        # Whole, or not the file: in either case the next attempt begins anew.
+        self._part.replace(str(output_file))
+
+
+def _pieces(url: str, part: IO[bytes], have: int) -> Iterator[int]:
+    """Writes what is at an address behind the `have` bytes of a part; yields its size."""
+    parts = urlsplit(url)
+    if parts.scheme == "file":
+        yield from _copied(Path(unquote(parts.path)), part, have)
+        return
+    import requests
+
+    # Not compressed: a range would count compressed bytes.
+    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={have}-"} if have else {})
+    with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
+        if response.status_code == requests.codes.requested_range_not_satisfiable:
+            part.truncate(0)
+            raise requests.ConnectionError("the host has less of the file than came before")
+        response.raise_for_status()
+        if have and not _continues(response, have):
+            part.truncate(0)
+            have = 0
+        for piece in response.iter_content(_PIECE):
+            part.write(piece)
+            have += len(piece)
+            yield have
+
+
+def _continues(response: "requests.Response", have: int) -> bool:
+    """Whether a host sends the rest behind `have` bytes, as it was asked to."""
+    sent = response.headers.get("Content-Range", "")
+    return response.status_code == 206 and sent.replace(" ", "").startswith(f"bytes{have}-")
+
+
+def _copied(path: Path, part: IO[bytes], have: int) -> Iterator[int]:
+    import requests
+
+    try:
+        with path.open("rb") as source:
+            source.seek(have)
+            while piece := source.read(_PIECE):
+                part.write(piece)
+                have += len(piece)
+                yield have
+    except OSError as error:
+        if error.filename != str(path):
+            raise
+        raise requests.ConnectionError(error.strerror or str(error)) from error
+
+
+def _reason(error: "requests.RequestException") -> str:
+    """What went wrong, in a few words."""
+    import requests
+
+    if isinstance(error, requests.HTTPError) and error.response is not None:
+        return f"the host answers {error.response.status_code} {error.response.reason}"
+    if isinstance(error, requests.Timeout):
+        return "the host does not answer in time"
+    cause = error.args[0] if error.args else error
+    deepest = getattr(cause, "reason", None) or cause
+    words = str(deepest).rpartition(": ")[2] or type(error).__name__
+    return f"the connection failed ({words.strip(' )')})"
+
+
+def _convert(one: DataSet, folder: Path) -> None:
+    """Makes the files that an experiment reads of those that were published."""
+    if all(is_whole(folder / file.name, file) for file in one.converted):
+        return
+    for name, text in CONVERSIONS[one.name](folder).items():
+        with whole_file(folder / name) as path:
+            path.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def _one_process(folder: Path, waiting: Callable[[], None]) -> Iterator[None]:
+    """Within, no other process gets the same set."""
+    lock = filelock.FileLock(folder.parent / f".{folder.name}.lock")
+    with _writing(folder):
+        try:
+            lock.acquire(blocking=False)
+        except filelock.Timeout:
+            waiting()
+            lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Turns an error of the cache's file system into an InputError."""
+    import requests
+
+    try:
+        yield
+    except requests.RequestException:  # an OSError, too
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        remedy = f"free space there, or name another folder in {CACHE_VARIABLE}"
+        raise InputError(folder, "", f"cannot be written ({reason})", remedy) from error

@@ -1,0 +1,119 @@
+"""Where a set of recordings is looked for on this computer.
+
+The first place that holds the set counts:
+
+    given       its folder below `data`: `--data DIR`, or DATA= of make;
+                where that is not given, below ../shared/data, from the working directory
+    fetched     its folder in the user's cache, all files as they were published
+    bundled     its folder in `examples/recordings` of the repository that this software runs from
+"""
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from hashlib import file_digest
+from pathlib import Path
+from typing import Final, Literal
+
+from platformdirs import user_cache_path
+
+import wrenchsight
+from wrenchsight.analyses.data_sets.advice import how_to_get
+from wrenchsight.analyses.data_sets.registry import DATA_SETS, KnownFile
+from wrenchsight.models.files.input_error import InputError
+
+CACHE_VARIABLE: Final = "WRENCHSIGHT_DATA_CACHE"
+BESIDE: Final = Path("../shared/data")
+"""Below which sets count as given where no folder is."""
+BUNDLED: Final = Path(wrenchsight.__file__).resolve().parents[1] / "examples" / "recordings"
+"""The repository's own sets; an installed package has none."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a set of recordings is."""
+
+    kind: Literal["given", "fetched", "bundled"]
+    folder: Path
+
+
+def find_data_set(name: str, data: Path | None = None) -> Place | None:
+    """Looks for a set of recordings; None where it is nowhere.
+
+    Args:
+        data: the folder that is given, with a folder for each set; None: BESIDE.
+    """
+    given = given_folder(data)
+    if given is not None and (given / name).is_dir():
+        return Place("given", given / name)
+    files = DATA_SETS[name].files if name in DATA_SETS else ()
+    whole = DATA_SETS[name].part_of if name in DATA_SETS else ""
+    if given is not None and whole:
+        named = (given / whole / file.name for file in DATA_SETS[name].converted)
+        if all(path.is_file() for path in named):
+            return Place("given", given / whole)
+    fetched = cache_folder() / name
+    if files and all(is_whole(fetched / file.name, file) for file in files):
+        return Place("fetched", fetched)
+    if (BUNDLED / name).is_dir():
+        return Place("bundled", BUNDLED / name)
+    return None
+
+
+def given_folder(data: Path | None) -> Path | None:
+    """The folder that is given, else BESIDE where that is there, as an absolute path."""
+    if data is None:
+        return BESIDE.resolve() if BESIDE.is_dir() else None
+    return data.resolve()
+
+
+def data_set_folder(name: str, data: Path | None = None) -> Path:
+    """The folder of a set of recordings.
+
+    Args:
+        data: as `find_data_set`.
+
+    Raises:
+        InputError: the set is nowhere; the line says how to get it.
+    """
+    place = find_data_set(name, data)
+    if place is None:
+        raise InputError(name, "", "these recordings are not there", how_to_get(name))
+    return place.folder
+
+
+def recording_file(folder: Path, stem: str) -> Path:
+    """The file of a recording in a set's folder, which may hold it as CSV or as Parquet.
+
+    Raises:
+        InputError: it holds neither.
+    """
+    for path in (folder / f"{stem}.csv", folder / f"{stem}.parquet"):
+        if path.is_file():
+            return path
+    problem = f"holds neither {stem}.csv nor {stem}.parquet"
+    raise InputError(folder, "", problem, "give the folder of whole recordings with --data")
+
+
+def cache_folder() -> Path:
+    """The folder for sets that were fetched: $WRENCHSIGHT_DATA_CACHE, else this user's cache."""
+    named = os.environ.get(CACHE_VARIABLE, "")
+    return Path(named).resolve() if named else user_cache_path("wrenchsight") / "recordings"
+
+
+def is_whole(path: Path, file: KnownFile) -> bool:
+    """Whether a file is there, byte for byte as it is known."""
+    try:
+        status = path.stat()
+        if status.st_size != file.num_bytes:
+            return False
+        return _sha256(path, status.st_mtime_ns, status.st_size) == file.sha256
+    except OSError:
+        return False
+
+
+@cache
+def _sha256(path: Path, changed: int, size: int) -> str:
+    """Of a file's content; it is read again when the file has changed."""
+    with path.open("rb") as content:
+        return file_digest(content, "sha256").hexdigest()

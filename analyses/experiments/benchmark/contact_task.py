@@ -1,0 +1,222 @@
+"""Task `contact`: the force along the tool of another UR10e in contact, against a force sensor.
+
+The roller rests on the workpiece or slides along it; a force is judged over 0.1 s. What a method
+knows of this arm's friction it knows from the runs' motion in the air.
+
+    plain         K (i_target - i) of joints 2 and 3, least squares: the data set's own check
+    plain_tools   Coulomb-viscous friction of the air, momentum observer, damped inverse of J^T
+    article       the same with eq. 22; .6 s in the air are too short for the article's network
+    kalman        the air's presliding friction, Kalman observer, force_only
+    network       of another UR10e's three runs; non-causal, filtered both ways
+    ours          `identify --refresh MODEL --other-specimen`, `estimate --tool --contact-axis`
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reading, Ur10eArm
+from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
+from wrenchsight.analyses.experiments.benchmark.scores import spread
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_pieces import contact_pieces
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
+    OBSERVER_GAIN,
+    RESOLUTION,
+    PreparedRun,
+    air_refits,
+    block_mean,
+    command_reading,
+    judge_interval,
+    plain_law,
+    prepare,
+    read_article,
+    read_two_joints,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTROLLERS,
+    find_runs,
+    read_run,
+    tooled,
+)
+from wrenchsight.analyses.methods.reading.contact_places import stretches
+from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.calibration.known_tool import with_tool_of
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+
+QUICK: Final = 4  # every such run, shortened
+KINDS: Final = {"slide": ("slide",), "rest": ("hold1", "hold2")}
+_LEAST_AIR: Final = 0.2  # s, of a stretch that a method of others is given
+ReadRun = Callable[[PreparedRun], ForceReading]
+
+
+class ContactTask:
+    """Errors of the force along the tool, run by run."""
+
+    def __init__(self, arm: Ur10eArm, quick: bool, progress: Callable[[float, str], None]) -> None:
+        self._arm = arm
+        self.files = find_runs(arm.data)[:: QUICK if quick else 1]
+        robots = {controller: tooled(arm.robot, controller) for controller in CONTROLLERS}
+        self._runs = []
+        for k, path in enumerate(self.files):
+            progress(k / len(self.files), "contact runs")
+            run = read_run(path)
+            own = prepare(run, robots[run.name.controller], arm.models["ours"])
+            self._runs.append(own)
+        self._refits = {
+            controller: refit.model
+            for controller, refit in air_refits(self._runs, arm.models["ours"]).items()
+        }
+
+    def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
+        """By method."""
+        law, torque_sd = plain_law(self._runs)
+        kalman = {
+            controller: with_tool_of(model, self._robot(controller))
+            for controller, model in self._refits.items()
+        }
+        readers: dict[str, ReadRun] = {
+            "plain": read_two_joints,
+            "plain_tools": lambda run: _estimated(
+                run,
+                replace(
+                    run.model,
+                    friction=law,
+                    torque_error=None,
+                    residual_covariance=np.diag(torque_sd**2),
+                ),
+                MomentumObserverConfig([OBSERVER_GAIN]),
+                "damped",
+            ),
+            "article": lambda run: read_article(run, law, torque_sd),
+            "kalman": lambda run: _estimated(
+                *(run, kalman[run.run.name.controller], KalmanObserverConfig(), "force_only")
+            ),
+            "network": self._network,
+            "ours": self._ours,
+        }
+        found = {}
+        for k, (method, reader) in enumerate(readers.items()):
+            progress(k / len(readers), f"in contact, {method}")
+            found[method] = self._scored(reader)
+        return found
+
+    def of(self, entrant: Entrant) -> dict[str, Any] | None:
+        """Of a method of others; None: it does not enter.
+
+        Raises:
+            FaultError: it fails.
+        """
+        readers = {}
+        for controller, refit in self._refits.items():
+            robot = self._robot(controller)
+            model = with_tool_of(refit, robot)
+            runs = [run.run for run in self._runs if run.run.name.controller == controller]
+            air = tuple(piece for run in runs for piece in _air(run.log, run.is_free))
+            step = float(f"{runs[0].log.time_step:.3g}")
+            made = entrant.made("contact", robot, model, air, step)
+            if made is None:
+                return None
+            readers[controller] = reader_of(made, robot, model, step), step
+
+        def read(run: PreparedRun) -> ForceReading:
+            reader, step = readers[run.run.name.controller]
+            log = run.run.log
+            q, v = _bridged(log.q), _bridged(log.v)
+            resolution = np.full(log.num_joints, RESOLUTION)
+            every = np.ones(log.num_samples, bool)
+            signals = log.t, q, v, log.current, run.run.current_desired
+            filled = CurrentLog(run.run.name.stem, *signals, resolution, every, step, True)
+            reading = reader(filled)
+            known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
+            return _along(run, reading, known, known)
+
+        return self._scored(read)
+
+    def _robot(self, controller: str) -> Any:
+        return next(own.robot for own in self._runs if own.run.name.controller == controller)
+
+    def _ours(self, run: PreparedRun) -> ForceReading:
+        file = self.files[self._runs.index(run)]
+        return command_reading(run, file, self._refits[run.run.name.controller])
+
+    def _network(self, run: PreparedRun) -> ForceReading:
+        """Truth and error, where the motion is known."""
+        predictors = self._arm.predictors
+        refit, t = self._refits[run.run.name.controller], block_mean(run.run.t)
+        error: Array = np.full(len(t), np.nan)
+        for piece in contact_pieces(run.run, run.robot, refit, predictors.covariance["model"]):
+            rows = np.flatnonzero(piece.rows)
+            if not len(rows):
+                continue
+            torque = predictors.error("network", piece.log)[rows]
+            force = np.einsum("kj,kj->k", piece.gain[rows, 0], torque)
+            inside = (t >= piece.log.t[rows[0]]) & (t <= piece.log.t[rows[-1]])
+            error[inside] = np.interp(t[inside], piece.log.t[rows], force)
+        return ForceReading(run.truth + error)
+
+    def _scored(self, read: ReadRun) -> dict[str, Any]:
+        judged: dict[str, list[Judgement]] = {kind: [] for kind in KINDS}
+        for run in self._runs:
+            reading = read(run)
+            for kind, intervals in KINDS.items():
+                results = [judge_interval(run, reading, interval) for interval in intervals]
+                judged[kind] += [one for one in results if one is not None]
+        found: dict[str, Any] = {}
+        for kind, own in judged.items():
+            if not own:
+                continue
+            found |= spread(f"{kind}_rmse_n", [one.rmse for one in own])
+            inside = [one.inside_95 for one in own if one.inside_95 is not None]
+            if inside:
+                found[f"{kind}_inside_95_pct"] = 100.0 * float(np.mean(inside))
+        return found
+
+
+def _estimated(
+    run: PreparedRun, model: IdentifiedModel, observer: Any, method: str
+) -> ForceReading:
+    log = run.run.log
+    config = WrenchEstimatorConfig(
+        replace(observer, time_step=log.time_step, torque_samples="trapezoidal"),
+        WrenchReconstructionConfig(method),
+        position_resolution=[RESOLUTION] * log.num_joints,
+        check_samples=False,  # velocities are rebuilt, and jump
+    )
+    estimator = WrenchEstimator(run.robot, model, config)
+    batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
+    states_error = method == "force_only"
+    known = np.asarray(np.isfinite(log.q).all(axis=1))
+    reading = Reading(batch.wrench, batch.covariance if states_error else None)
+    return _along(run, reading, known, batch.fresh)
+
+
+def _along(run: PreparedRun, reading: Reading, known: Flags, fresh: Flags) -> ForceReading:
+    """The force along the tool over blocks, where the posture is known."""
+    z = run.R_WE[:, :, 2]
+    force = np.where(known & fresh, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)
+    if reading.covariance is None:
+        return ForceReading(block_mean(force))
+    sd = np.sqrt(np.einsum("ki,kij,kj->k", z, reading.covariance[:, 3:, 3:], z))
+    return ForceReading(block_mean(force), block_mean(sd))
+
+
+def _bridged(signal: Array) -> Array:
+    """What is not known stays as it was; at the start, as it will be."""
+    known = np.isfinite(signal).all(axis=1)
+    rows = np.flatnonzero(known)
+    last = np.maximum(np.searchsorted(rows, np.arange(len(signal)), side="right") - 1, 0)
+    return np.asarray(signal[rows[last]])
+
+
+def _air(log: Recording, free: Flags) -> list[Recording]:
+    least = _LEAST_AIR / log.time_step
+    known = np.asarray(free & np.isfinite(log.q + log.v).all(axis=1))
+    return [log[part] for part in stretches(known) if part.stop - part.start >= least]

@@ -1,0 +1,222 @@
+"""Task `detection`: contacts of a moving UR10e, found from its currents.
+
+Forces of 30 N for half a second, put into the currents of free motion; hand collisions of a log;
+and free motion of other weeks and static postures, in which every alarm is false.
+
+`ours` is the detector of the product at one false alarm an hour. All others, and `ours_by_level`,
+raise an alarm where the external torque of any joint exceeds the largest that this joint had in the
+three fitted runs (of a method of others that states a wrench alone: the force, in units of its
+covariance where it states one). `quiet_missed` counts pushes that are missed when these levels are
+raised, all by one factor, until no contact-free log has an alarm. Alarms less than GAP apart are
+one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reader, Reading, Ur10eArm
+from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
+from wrenchsight.analyses.experiments.benchmark.scores import share
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import (
+    ALONE,
+    COLLISION_LOG,
+    COLLISIONS,
+    FREE,
+    OLDER,
+    RATE,
+    ROUNDS,
+    STILL,
+    TIME_STEP,
+    Tally,
+    TrialLog,
+    false_alarm_metrics,
+    onsets,
+    put_in,
+    samples_of,
+    spans_of,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import log_file
+from wrenchsight.analyses.methods.reading.contact_places import stretches
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.recordings.recording_reader import read_recording
+
+SIZE: Final = 30.0  # N
+DURATION: Final = 0.5  # s
+GAP: Final = 0.5  # s
+SETTLED: Final = 1.0  # s after a log's begin
+AFTER: Final = 1.0  # s after a collision in which an alarm is its own
+_LEAST: Final = 1e-9
+_DETECTED: Final = 2.0
+# (N,) of a log with a torque from outside put in: an alarm above 1
+Statistic = Callable[[str, Array | None], Array]
+
+
+class DetectionTask:
+    """Contacts found, missed and imagined."""
+
+    def __init__(self, arm: Ur10eArm, quick: bool) -> None:
+        self._arm, self._rounds = arm, 1 if quick else ROUNDS
+        files = FREE | ALONE | OLDER | STILL | {"collision_wrist": COLLISION_LOG}
+        paths = {name: log_file(arm.data, Path(file).stem) for name, file in files.items()}
+        self._recordings = {
+            name: read_recording(path, robot=arm.robot)
+            for name, path in paths.items()
+            if path.is_file()
+        }
+        self._logs = {name: CurrentLog.of(name, own) for name, own in self._recordings.items()}
+        self._fitted = [
+            CurrentLog.of(f"fitted {k}", own) for k, own in enumerate(arm.fitted, start=1)
+        ]
+
+    def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
+        """By method."""
+        found = {}
+        readers = self._arm.readers(self._arm.robot)
+        for k, (method, reader) in enumerate(readers.items()):
+            progress(k / len(readers), f"contacts, {method}")
+            logs = list(self._logs)
+            if method == "plain":  # which needs the controller's target
+                logs = [name for name in logs if self._logs[name].target is not None]
+            key = "ours_by_level" if method == "ours" else method
+            found[key] = self._counted(self._by_level(reader), logs)
+        found["ours"] = self._counted(self._by_detector(), list(self._logs))
+        return found
+
+    def of(self, entrant: Entrant) -> dict[str, Any] | None:
+        """Of a method of others; None: it does not enter.
+
+        Raises:
+            FaultError: it fails.
+        """
+        arm, model = self._arm, self._arm.models["ours"]
+        made = entrant.made("detection", arm.robot, model, arm.fitted, TIME_STEP)
+        if made is None:
+            return None
+        reader = reader_of(made, arm.robot, model, TIME_STEP)
+        return self._counted(self._by_level(reader), list(self._logs))
+
+    def _by_level(self, reader: Reader) -> Statistic:
+        settled = round(SETTLED / TIME_STEP)
+        sizes = [_sizes(reader(log))[settled:].max(axis=0) for log in self._fitted]
+        level = np.maximum(np.max(sizes, axis=0), _LEAST)
+
+        def statistic(name: str, tau: Array | None) -> Array:
+            log = self._logs[name] if tau is None else self._with(name, tau)
+            largest: Array = (_sizes(reader(log)) / level).max(axis=1)
+            largest[:settled] = 0.0
+            return largest
+
+        return statistic
+
+    def _with(self, name: str, tau: Array) -> CurrentLog:
+        log = self._logs[name]
+        return replace(log, current=log.current - self._arm.robot.motor_current(tau))
+
+    def _by_detector(self) -> Statistic:
+        trials = {
+            name: TrialLog(own, self._arm.robot, self._arm.models["ours"])
+            for name, own in self._recordings.items()
+        }
+
+        def statistic(name: str, tau: Array | None) -> Array:
+            log = trials[name]
+            return np.where(log.detect(log.detector(RATE), tau).contact, _DETECTED, 0.0)
+
+        return statistic
+
+    def _counted(self, statistic: Statistic, names: list[str]) -> dict[str, Any]:
+        alarms, hours, inside, quiet = 0, 0.0, 0.0, 1.0
+        for name in names:
+            if name != "collision_wrist":
+                largest = statistic(name, None)
+                alarm = np.asarray(largest > 1.0)
+                quiet = max(quiet, float(largest.max()))
+                alarms += len(onsets(_joined(alarm)))
+                hours += len(alarm) * TIME_STEP / 3600.0
+                inside += float(alarm.sum()) * TIME_STEP / 3600.0
+        pushes, quietly, collisions = Tally(), Tally(), Tally()
+        for number, name in enumerate(FREE):
+            if name not in names:
+                continue
+            log = self._logs[name]
+            J = np.asarray(self._arm.robot.chain.jacobian(log.q))[:, 3:]
+            for turn in range(self._rounds):
+                rng = np.random.default_rng((number, turn))
+                spans = spans_of(log.v, DURATION, turn)
+                largest = statistic(name, put_in(spans, J, SIZE, rng))
+                _tallied(pushes, np.asarray(largest > 1.0), spans)
+                _tallied(quietly, np.asarray(largest > quiet), spans)
+        found = {"pushes": _shares(pushes), "quiet": _shares(quietly)}
+        if "collision_wrist" in names:
+            log = self._logs["collision_wrist"]
+            spans = samples_of(COLLISIONS, log.t)
+            alarm = np.asarray(statistic("collision_wrist", None) > 1.0)
+            _tallied(collisions, alarm, spans)
+            found["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
+        return {
+            **_flat(found),
+            **false_alarm_metrics(alarms, hours),
+            "in_alarm_pct": 100.0 * inside / hours,
+            "quiet_level": quiet,
+            "logs": len(names),
+        }
+
+
+def _sizes(reading: Reading) -> Array:
+    """(N, 1 or n), what a level is set for."""
+    if reading.tau_ext is not None:
+        return np.asarray(np.abs(reading.tau_ext))
+    force = reading.wrench[:, 3:]
+    if reading.covariance is None:
+        return np.asarray(np.linalg.norm(force, axis=1, keepdims=True))
+    inverse = np.linalg.pinv(reading.covariance[:, 3:, 3:], hermitian=True)
+    square = np.einsum("ka,kab,kb->k", force, inverse, force)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0))[:, None])
+
+
+def _tallied(tally: Tally, alarm: Flags, spans: list[tuple[int, int]]) -> None:
+    nothing = np.zeros(len(alarm), bool)
+    none = nothing.astype(np.int8)
+    detection = Detection(alarm.astype(float), alarm, nothing, none, nothing, nothing)
+    for begin, end in spans:
+        tally.add(detection, begin, end, TIME_STEP, None)
+
+
+def _shares(tally: Tally) -> dict[str, Any]:
+    counted = tally.metrics()
+    keys = ("contacts", "missed", "delay_median_s", "delay_p95_s", "delay_max_s")
+    found = {key: counted[key] for key in keys}
+    if tally.contacts:
+        found |= share("missed", tally.missed, tally.contacts)
+        prompt = round(0.01 * counted["within_50ms_pct"] * tally.contacts)
+        found |= share("within_50ms", prompt, tally.contacts)
+    return found
+
+
+def _joined(alarm: Flags) -> Flags:
+    """With pauses shorter than GAP filled."""
+    joined = alarm.copy()
+    for pause in stretches(~alarm):
+        inner = pause.start > 0 and pause.stop < len(alarm)
+        if inner and (pause.stop - pause.start) * TIME_STEP < GAP:
+            joined[pause] = True
+    return joined
+
+
+def _between(alarm: Flags, spans: list[tuple[int, int]]) -> int:
+    """Alarms that begin apart from any contact."""
+    apart = np.ones(len(alarm), bool)
+    for first, last in spans:
+        apart[first : last + round(AFTER / TIME_STEP)] = False
+    begins: NDArray[np.intp] = onsets(_joined(alarm))
+    return int(apart[begins].sum())
+
+
+def _flat(found: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    return {f"{kind}_{key}": value for kind, own in found.items() for key, value in own.items()}

@@ -1,0 +1,87 @@
+"""Task `torque`: the motor torque of motion without contact that no method was fitted on.
+
+All see the same zero-phase low-passed q and v, and are held against torque with the same low-pass.
+The score of a log is the geometric mean of its joints' RMS errors, so that each joint counts alike.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.benchmark.arm import LAWS, Ur10eArm
+from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, motor_torque
+from wrenchsight.analyses.experiments.benchmark.scores import spread
+from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors import torque_log
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import TIME_STEP
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FREE_LOGS
+from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.models.arrays import Array
+from wrenchsight.models.recordings.resampling import resampled
+
+LOGS: Final = tuple(name for name in FREE_LOGS if "17-p" not in name or "ptp" in name)
+"""Those that move."""
+
+
+class TorqueTask:
+    """Errors of the torque, log by log."""
+
+    def __init__(self, arm: Ur10eArm) -> None:
+        self._arm = arm
+        self._recordings = {name: arm.read(name) for name in LOGS}
+        model = arm.models["ours"]
+        self._logs = {
+            name: torque_log(own, arm.robot, model) for name, own in self._recordings.items()
+        }
+
+    def built_in(self) -> dict[str, dict[str, Any]]:
+        """By method."""
+        errors: dict[str, dict[str, Array]] = {"plain": self._plain(), "network": {}}
+        for method in LAWS:
+            model = self._arm.models[method]
+            logs = {
+                name: torque_log(own, self._arm.robot, model)
+                for name, own in self._recordings.items()
+            }
+            errors[method] = {
+                name: (log.model - log.motion.torque)[log.motion.used] for name, log in logs.items()
+            }
+        for name, log in self._logs.items():
+            errors["network"][name] = self._arm.predictors.error("network", log)[log.motion.used]
+        return {method: _metrics(own) for method, own in errors.items()}
+
+    def of(self, entrant: Entrant) -> dict[str, Any] | None:
+        """Of a method of others; None: it predicts no torque.
+
+        Raises:
+            FaultError: it fails.
+        """
+        arm = self._arm
+        made = entrant.made("torque", arm.robot, arm.models["ours"], arm.fitted, TIME_STEP)
+        errors = {}
+        for name, log in self._logs.items():
+            predicted = motor_torque(made, log.motion.q, log.motion.v)
+            if predicted is None:
+                return None
+            errors[name] = (predicted - log.motion.torque)[log.motion.used]
+        return _metrics(errors)
+
+    def _plain(self) -> dict[str, Array]:
+        """What K i_target leaves."""
+        robot, errors = self._arm.robot, {}
+        for name, recording in self._recordings.items():
+            uniform = resampled(recording, TIME_STEP)
+            target = robot.joint_torque(uniform.extra["current_desired"])
+            log = torque_log(uniform, robot, self._arm.models["ours"], -target)
+            errors[name] = -log.motion.torque[log.motion.used]
+        return errors
+
+
+def _metrics(errors: dict[str, Array]) -> dict[str, Any]:
+    by_log = {name: rms(error) for name, error in errors.items()}
+    scores = {name: float(np.exp(np.mean(np.log(own)))) for name, own in by_log.items()}
+    return {
+        **spread("rmse_nm", list(scores.values())),
+        "logs": {
+            name: {"rmse_nm": scores[name], "joints_rmse_nm": own} for name, own in by_log.items()
+        },
+    }

@@ -1,0 +1,197 @@
+"""Tasks `touches` and `link`: a Panda at rest is touched; when, and on which link?
+
+From the external torque that the arm reports itself. A touch is found if a contact begins between
+EARLY before its label and LATE after its end; one apart from every label is false. Of a
+touch that is found, the labelled link should be among those named, and none before the last joint
+that is loaded, which statics rule out.
+
+    plain   contact where any joint's torque leaves a slow baseline by LEVEL, and the last joint
+            that is loaded names the link: the data set's own reference
+    ours    `estimate --torque external`
+
+The unit of evidence is the recording: the same spot is touched all through it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, touched_link
+from wrenchsight.analyses.experiments.benchmark.scores import spread
+from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import (
+    TouchLog,
+    read_touch_logs,
+)
+from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
+from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
+from wrenchsight.analyses.methods.reading.contact_places import stretches
+from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.robot.robot import Robot
+
+LATE: Final = 0.2  # s
+LEVEL: Final = 0.5  # N m
+FIRST: Final = 0.15  # s that the baseline begins with
+SLOW: Final = 1.0  # s of its low-pass
+EARLY: Final = 0.05  # s before its label that a contact may begin: the label is no surer
+LOADED: Final = np.array([0.15, 0.15, 0.15, 0.15, 0.08, 0.08, 0.05])  # N m
+LOADED_SHARE: Final = 0.02  # of the peak
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A contact that a method reports, s, and the links that it names."""
+
+    begin: float
+    end: float
+    links: tuple[int, ...]
+
+
+class TouchTasks:
+    """What is found of every touch."""
+
+    def __init__(self, data: Path | None) -> None:
+        self._robot = Robot.load("panda")
+        self._logs = read_touch_logs(data)
+        self._last = [[_last_loaded(log, touch) for touch in log.touches] for log in self._logs]
+
+    def built_in(self) -> dict[str, dict[str, dict[str, Any]]]:
+        """By task and method."""
+        return self._by_task({"plain": self._plain(), "ours": self._ours()})
+
+    def of(self, entrant: Entrant) -> dict[str, dict[str, Any]] | None:
+        """By task, of a method of others; None: it names no link.
+
+        Raises:
+            FaultError: it fails.
+        """
+        robot, episodes = self._robot, []
+        step = float(np.median(np.diff(self._logs[0].t)))
+        made = entrant.made("link", robot, IdentifiedModel.nominal(robot), (), step)
+        for log in self._logs:
+            link = touched_link(made, log.t, log.tau_ext, robot.chain.jacobian(log.q))
+            if link is None:
+                return None
+            episodes.append(_episodes(log.t, link > 0.0, link))
+        scored = self._by_task({entrant.name: episodes})
+        return {task: own[entrant.name] for task, own in scored.items()}
+
+    def _by_task(
+        self, methods: Mapping[str, Sequence[Sequence[Episode]]]
+    ) -> dict[str, dict[str, dict[str, Any]]]:
+        scores = {method: self._scored(own) for method, own in methods.items()}
+        return {
+            task: {method: own[task] for method, own in scores.items()}
+            for task in ("touches", "link")
+        }
+
+    def _plain(self) -> list[list[Episode]]:
+        found = []
+        for log in self._logs:
+            alone = log.tau_ext - _baseline(log)
+            contact = np.asarray((np.abs(alone) > LEVEL).any(axis=1))
+            link = np.zeros(len(log.t))
+            for part in stretches(contact):
+                link[part] = _last_of(alone[part])
+            found.append(_episodes(log.t, contact, link))
+        return found
+
+    def _ours(self) -> list[list[Episode]]:
+        found = []
+        for log in self._logs:
+            source = TorqueLog(log.path, None, self._robot, True, ReferenceConfig())
+            touches = TorqueTouches(source)
+            for chunk, J, tau_ext in source.chunks(source.reader()):
+                detection, odds, trusted = touches.take(chunk, J, tau_ext)
+                nothing = np.zeros((chunk.num_samples, 3))
+                touches.episodes.add(chunk.t, detection, nothing, trusted, odds)
+            touches.episodes.finish()
+            found.append(
+                [
+                    Episode(one.begin, one.end, tuple(one.place.named() if one.place else ()))
+                    for one in touches.episodes.contacts
+                ]
+            )
+        return found
+
+    def _scored(self, episodes: Sequence[Sequence[Episode]]) -> dict[str, dict[str, Any]]:
+        found, false, touches, delays = 0, 0, 0, list[float]()
+        found_pct, delay, named, counts, ruled_out = ([] for _ in range(5))
+        for log, own, last in zip(self._logs, episodes, self._last, strict=True):
+            spans = [(log.t[part.start], log.t[part.stop - 1]) for part in log.touches]
+            hits = [_hit(own, *span) for span in spans]
+            late = [hit.begin - span[0] for hit, span in zip(hits, spans, strict=True) if hit]
+            touches, found, delays = touches + len(spans), found + len(late), delays + late
+            false += sum(
+                all(one.end < begin or one.begin > end + LATE for begin, end in spans)
+                for one in own
+            )
+            found_pct.append(100.0 * len(late) / len(spans))
+            pairs = [(hit, k) for hit, k in zip(hits, last, strict=True) if hit is not None]
+            if not pairs:
+                continue
+            delay.append(float(np.median(late)))
+            named.append(100.0 * float(np.mean([log.link in hit.links for hit, _ in pairs])))
+            counts.append(float(np.mean([len(hit.links) for hit, _ in pairs])))
+            ruled_out.append(
+                100.0 * float(np.mean([any(k < end for k in hit.links) for hit, end in pairs]))
+            )
+        totals = {"touches": touches, "found": found, "false": false}
+        detected = {**totals, **spread("found_pct", found_pct)}
+        link: dict[str, Any] = {"touches": touches}
+        if delay:
+            detected |= spread("delay_s", delay)
+            detected["delay_p90_s"] = float(np.quantile(delays, 0.9))
+            link |= spread("named_pct", named) | spread("links_named", counts)
+            link |= spread("ruled_out_pct", ruled_out)
+        return {"touches": detected, "link": link}
+
+
+def _hit(episodes: Sequence[Episode], begin: float, end: float) -> Episode | None:
+    """The first that begins during a touch."""
+    return next((one for one in episodes if begin - EARLY <= one.begin <= end + LATE), None)
+
+
+def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
+    """Stretches of contact, pauses shorter than LATE filled, by the link most often named."""
+    joined = contact.copy()
+    for pause in stretches(~contact):
+        inner = pause.start > 0 and pause.stop < len(t)
+        if inner and t[pause.stop] - t[pause.start - 1] < 0.5 * LATE:
+            joined[pause] = True
+    found = []
+    for part in stretches(joined):
+        named = link[part][link[part] > 0].astype(int)
+        links = (int(np.bincount(named).argmax()),) if len(named) else ()
+        found.append(Episode(float(t[part.start]), float(t[part.stop - 1]), links))
+    return found
+
+
+def _baseline(log: TouchLog) -> Array:
+    """(N, 7) N m, of the first FIRST s, and slowly followed while nothing is found."""
+    base = log.tau_ext[log.t <= log.t[0] + FIRST].mean(axis=0)
+    found = np.empty_like(log.tau_ext)
+    steps = np.diff(log.t, prepend=log.t[0])
+    for k, (tau, step) in enumerate(zip(log.tau_ext, steps, strict=True)):
+        found[k] = base
+        if (np.abs(tau - base) <= LEVEL).all():
+            base = base + (1.0 - np.exp(-step / SLOW)) * (tau - base)
+    return found
+
+
+def _last_of(alone: Array) -> int:
+    """The last joint, 1 to 7, that is loaded at the peak of a contact (K, 7) N m; at least 1."""
+    peak = np.abs(alone[int(np.linalg.norm(alone, axis=1).argmax())])
+    loaded = np.flatnonzero(peak > np.maximum(LOADED, LOADED_SHARE * peak.max()))
+    return int(loaded[-1]) + 1 if len(loaded) else 1
+
+
+def _last_loaded(log: TouchLog, touch: slice) -> int:
+    """The same of a labelled touch, by the torque less that right before it."""
+    before = log.tau_ext[max(touch.start - 5, 0) : touch.start]
+    base = before.mean(axis=0) if len(before) else 0.0
+    return _last_of(log.tau_ext[touch] - base)
