@@ -30,8 +30,8 @@ LOAD = ToolConfig(
 
 _REAL = "The figures below are those of a real UR10e: this page was built with its recordings."
 _SIMULATED = (
-    "!!! warning\n    The recordings were not on the computer that built this page. The logs below have "
-    "their names, but a **simulated** UR10e made them, along other motions."
+    "!!! warning\n    The recordings were not on the computer that built this page. The logs "
+    "below have their names, but a **simulated** UR10e made them, along other motions."
 )
 
 
@@ -44,7 +44,7 @@ def ur10e_logs(folder: Path) -> tuple[Path, str]:
 
 
 def simulate_logs(folder: Path) -> None:
-    """Writes the five logs of a simulated UR10e: the last two along one motion, without and with a load."""
+    """Writes five logs of a simulated UR10e: the last two of one motion, the last with a load."""
     folder.mkdir(parents=True)
     robot = Robot.load("ur10e")
     loaded = robot.with_tool(LOAD, PoseConfig())

@@ -8,7 +8,7 @@ The pages' own blocks are run by the plugin markdown-exec, each page in a folder
     <!-- recordings -->              which logs the page "real-arm" reads
 
 A block that ends in an exception, and so a figure out of the bounds that a page asserts, is a
-warning of markdown-exec, which `--strict` makes an error. Here a number that is none is one, too.
+warning of markdown-exec, which `--strict` makes an error. A number that is none is one here, too.
 """
 
 import html
@@ -31,8 +31,11 @@ _TAGS = re.compile(r"<[^>]+>")
 # A command's progress is no part of its result: shown only where the command fails.
 _COMMAND = """#!/bin/sh
 progress=$(mktemp)
-"{python}" -m wrenchsight "$@" 2>"$progress" || {{ code=$?; cat "$progress"; rm "$progress"; exit $code; }}
+"{python}" -m wrenchsight "$@" 2>"$progress"
+code=$?
+[ $code = 0 ] || cat "$progress"
 rm "$progress"
+exit $code
 """
 
 _made: dict[str, set[str]] = {}
@@ -41,7 +44,7 @@ _words_of_logs = ""
 
 def on_pre_build(**_: Any) -> None:
     """The hook of MkDocs: an empty folder for each page, and what its blocks take for granted."""
-    global _words_of_logs  # noqa: PLW0603  (hooks are functions; MkDocs keeps nothing between them)
+    global _words_of_logs
     _made.clear()
     shutil.rmtree(WORK, ignore_errors=True)
     for page in PAGES:
@@ -106,7 +109,7 @@ def frame(kind: str, file: str, words: str) -> str:
             f'<iframe src="{file}" title="{words}" loading="lazy" '
             'style="width: 100%; height: 28rem; border: 0"></iframe>'
         )
-    return f"<figure>{shown}<figcaption>{words}</figcaption></figure>"
+    return f'<figure style="width: 100%">{shown}<figcaption>{words}</figcaption></figure>'
 
 
 def refuse_no_number(content: str, source: str) -> None:
