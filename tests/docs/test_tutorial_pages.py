@@ -46,7 +46,9 @@ def test_each_page_runs_in_its_own_folder_and_bounds_its_figures(pages, name):
 
 
 def test_a_directive_shows_what_the_page_has_made(pages, tmp_path):
-    text = "a\n\n<!-- picture: figures/x.png | Force & moment. -->\n\n<!-- moving: y.html | An arm. -->"
+    text = (
+        "a\n\n<!-- picture: figures/x.png | Force & moment. -->\n<!-- moving: y.html | An arm. -->"
+    )
     shown = pages.on_page_markdown(text, page("tutorial/article.md"))
     assert '<img src="figures/x.png" alt="Force &amp; moment."' in shown
     assert '<iframe src="y.html" title="An arm."' in shown
