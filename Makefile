@@ -24,7 +24,7 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study test test-all test-generic lint fuzz kills arms bench docs readme readme-worlds clean
+.PHONY: study test test-all test-generic lint fuzz kills arms bench docs readme readme-worlds release-check clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
@@ -64,6 +64,7 @@ arms: .venv/.ready-test
 bench: .venv/.ready-test
 	@set -e; for file in tests/benchmarks/bench_*.py; do echo "== $$file"; PYTHONPATH=tests/sample_models $(BIN)/python $$file; done
 
+# Runs the tutorial, too: a minute, and some more where its kernels are not compiled yet.
 docs: .venv/.ready-docs
 	$(BIN)/python -m mkdocs build --strict --quiet
 	@echo "out/docs/index.html"
@@ -74,6 +75,10 @@ readme: .venv/.ready
 # The same with the figures of campaigns alone.
 readme-worlds: .venv/.ready
 	$(BIN)/python -m wrenchsight.analyses.study.readme_table --campaign README.md $(CAMPAIGN)
+
+# Wheel and sdist, each in an empty environment of PYTHON; needs a package index, and minutes.
+release-check: .venv/.ready-test
+	$(BIN)/python tests/wrenchsight/release_check.py --work out/release --python $(PYTHON)
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .hypothesis

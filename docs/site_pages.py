@@ -1,24 +1,31 @@
 """Fills in what the documentation takes from the code, so that it cannot fall behind it.
 
-Three directives, each alone on a line of a page:
+Five directives, each alone on a line of a page:
 
     <!-- schema: wrenchsight.models.files.X -->   the keys of a YAML file, out of its dataclass
     <!-- api: wrenchsight.models.files -->        every public module below a package
+    <!-- public -->                   the names of `wrenchsight`, and its commands
+    <!-- robots -->                   sources and licences of the bundled robots
     <!-- results -->                  the table "article / here" of the last study
 """
 
 import dataclasses
+import inspect
 import re
 import typing
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import wrenchsight
+from wrenchsight.analyses.commands.discovery import find_commands
 from wrenchsight.analyses.study.readme_table import RESULTS, WORLDS, committed, results_table
 from wrenchsight.models.files.field_words import field_words, schemas_in
 
 ROOT = Path(__file__).resolve().parent.parent
-_DIRECTIVE = re.compile(r"^<!-- (schema|api|results)(?:: ([\w.]+))? -->$", re.MULTILINE)
+_DIRECTIVE = re.compile(
+    r"^<!-- (schema|api|public|robots|results)(?:: ([\w.]+))? -->$", re.MULTILINE
+)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -31,7 +38,9 @@ def _replacement(match: "re.Match[str]") -> str:
     if kind == "schema":
         module, _, cls = name.rpartition(".")
         return schema_tables(getattr(import_module(module), cls))
-    return api_of(name) if kind == "api" else results()
+    if kind == "api":
+        return api_of(name)
+    return {"public": public, "robots": robots, "results": results}[kind]()
 
 
 def api_of(room: str) -> str:
@@ -40,6 +49,26 @@ def api_of(room: str) -> str:
     files = [f.relative_to(folder) for f in sorted(folder.rglob("*.py")) if f.stem[0] != "_"]
     names = [".".join((room, *file.with_suffix("").parts)) for file in files]
     return "\n\n".join(f"::: {name}" for name in names)
+
+
+def public() -> str:
+    """Tables of what `wrenchsight` offers in Python and on the command line, a line each."""
+    names = [name for name in wrenchsight.__all__ if not name.startswith("__")]
+    rows = [(f"`{name}`", _first_line(getattr(wrenchsight, name))) for name in sorted(names)]
+    commands = find_commands().values()
+    rows += [(f"`wrenchsight {command.name}`", command.summary) for command in commands]
+    return "\n".join(["| name | what |", "|---|---|", *(f"| {a} | {b} |" for a, b in rows)])
+
+
+def _first_line(thing: Any) -> str:
+    text = (inspect.getdoc(thing) or "").partition("\n\n")[0].replace("\n", " ")
+    return text.partition(". ")[0].rstrip(".:").replace("|", "&#124;") + "."
+
+
+def robots() -> str:
+    """The page of `models/robots` but for its title."""
+    text = (ROOT / "models" / "robots" / "README.md").read_text(encoding="utf-8")
+    return text.partition("\n\n")[2].strip()
 
 
 def results() -> str:

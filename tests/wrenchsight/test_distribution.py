@@ -1,5 +1,6 @@
 """What is installed: one name, with every file of the four folders."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from wrenchsight import bundled_robots
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("analyses", "diagrams", "models", "systems")
@@ -54,6 +57,24 @@ def test_a_wheel_holds_one_name_and_every_file(checkout: Path, wheel: Path) -> N
     assert {"wrenchsight/py.typed", "wrenchsight/models/robots/ur10e/robot.urdf"} < expected
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert len(tops) == 2  # wrenchsight and its .dist-info
+
+
+def test_the_licences_of_bundled_robots_are_in_the_wheel(wheel: Path) -> None:
+    table = (ROOT / "models" / "robots" / "README.md").read_text(encoding="utf-8")
+    listed = zipfile.ZipFile(wheel).namelist()
+    for robot in bundled_robots():
+        assert f"| `{robot}` |" in table
+    for file in re.findall(r"`(\w+/(?:LICENSE|NOTICE))`", table):
+        assert f"wrenchsight/models/robots/{file}" in listed
+        assert any(name.endswith(f".dist-info/licenses/models/robots/{file}") for name in listed)
+
+
+def test_a_wheel_says_its_version_as_the_citation_does(wheel: Path) -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    (version,) = re.findall(r"^version: (.+)$", citation, re.MULTILINE)
+    assert wheel.name.split("-")[1] == version
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\n## {version}\n" in changes
 
 
 def test_a_wheel_of_the_source_distribution_is_the_same(
