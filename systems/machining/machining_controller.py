@@ -4,14 +4,15 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.tick import tick_update
-from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
+from wrenchsight.models.machining.air_pass import Lesson, LessonTick, TaughtTorque, taught_tick
+from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.machining.machining_tick import follow_tick, lead_tick
 from wrenchsight.models.machining.tool_vibration import (
     VibrationTracker,
+    WorkTick,
     expected_shares,
     freed_friction,
     track_vibration,
@@ -81,11 +82,10 @@ class MachiningController(LeafSystem):
         self._chain: SerialChain = estimator.estimator.chain
         self._n = n = self._chain.num_joints
         self._packed = estimator.default_packed
-        self._taught: tuple[Array, Array, float] | None = None
+        self._taught: Lesson | None = None
         self._tracker: VibrationTracker | None = None
         if taught is not None:
-            assert taught.steady is not None
-            self._taught = (taught.tau_ext, taught.steady, float(taught.t[1]))
+            self._taught = Lesson.of(taught)
             self._tracker = VibrationTracker(estimator.estimator)
         self._q, self._v, self._current = (
             self.DeclareVectorInputPort(name, n) for name in ("q", "v", "current")
@@ -108,6 +108,7 @@ class MachiningController(LeafSystem):
             known.add(self._wrench.ticket())
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
+        self._phase_at = ends["phase"] - 1
         self._reference_from = ends["pose_reference"]
         self._reference_to = ends["reference"]
         self._wrench_at = slice(ends["tau_ext"], ends["wrench"])
@@ -128,7 +129,7 @@ class MachiningController(LeafSystem):
         self._taking = (choice, *packed)
         self._model_terms = RigidBodyTerms.zeros(n).record
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
-        self._lesson = np.zeros(n + 1)
+        self._lesson = LessonTick.zeros(n)
         self._unread = np.zeros(n)
 
     @property
@@ -167,7 +168,7 @@ class MachiningController(LeafSystem):
         taught, n = None, self._n
         if self._taught is not None and self._tracker is not None:
             lesson, reference = self._lesson, out[self._reference_from : self._reference_to]
-            taught_tick(*self._taught, plan[-2], lesson)
+            taught_tick(self._taught, plan[-2], lesson)
             freed, own = out[self._freed_at], terms[0]
             freed_friction(self._tracker.constants.amplitudes, state[integral + 1 :], freed)
             normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
@@ -175,8 +176,8 @@ class MachiningController(LeafSystem):
                 *(own["M"], self._tracker.constants.inertia_sd, own["J"], normal),
                 out[self._shares_at],
             )
-            correction = lesson[:n] - freed[:n]
-            taught = (correction, reference[n : 2 * n], lesson[n], freed[n : 2 * n])
+            correction, v_planned = lesson.correction - freed[:n], reference[n : 2 * n]
+            taught = (correction, v_planned, lesson.counts.item(), freed[n : 2 * n])
         self._estimator.read(self._packed, state[:end], q, v, self._unread, taught, reading)
         impedance_tick(
             self._impedance,
@@ -197,15 +198,16 @@ class MachiningController(LeafSystem):
             *(self._given, action[self._reading_at], self._estimator_scratch),
         )
         if self._taught is not None and self._tracker is not None:
-            feed_time = action.item(self._plan_to - 2)
-            taught_tick(*self._taught, feed_time, self._lesson)
+            n, reference = self._n, action[self._reference_from : self._reference_to]
+            taught_tick(self._taught, action.item(self._plan_to - 2), self._lesson)
+            phase = action.item(self._phase_at)
+            touches = Phase.TOUCH <= phase <= Phase.RELEASE
+            work = WorkTick(self._lesson, reference[n : 2 * n], action[self._shares_at], touches)
             track_vibration(
                 self._tracker.constants,
                 action[self._reading_at],
-                self._lesson,
                 action[self._freed_at],
-                action[self._shares_at],
-                feed_time >= 0.0,  # at work
+                work,
                 state[integral + 1 :],
             )
         follow_tick(
