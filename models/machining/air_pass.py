@@ -14,12 +14,26 @@ Friction without memory is evaluated at planned speeds on both passes, and the c
 while the feed is steady. A law with memory follows the measured motion instead: under contact
 forces a joint may stick where it slid through the air, and its friction is then not the lesson's.
 What is left of the error, a second air pass shows (`wrenchsight.analyses.methods.runs.air_pass`).
+
+A lesson is of the motion that the joints made in the air. Where the feed turns it changes within
+tenths of a second (a joint that reverses slowly has little friction yet), and under the contact's
+forces the joint reverses at another moment and speed. How far it then may be from what was taught
+is the lesson's own change nearby, as far as the joint's speed is not the planned one:
+
+    sd = LP(spread departure),   spread^2 = mean of (tau(t') - tau(t))^2 over |t' - t| < NEARBY
+    departure = |v - v_planned| / max(|v|, |v_planned|, STILL),   at most 1
+
+LP is the observer's low-pass. NEARBY was settled on grinding at 15 and 30 s one way in two worlds
+of `campaign`.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import uniform_filter1d
 
 from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
@@ -29,6 +43,8 @@ from wrenchsight.models.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
 LEAD = 0.5  # s at rest before the motion: the observer settles
+NEARBY = 0.3  # s
+STILL = 2e-3  # rad/s: below it a speed that differs from the planned one hardly moves a joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +88,17 @@ class TaughtTorque:
         """n."""
         return int(self.tau_ext.shape[1])
 
+    @cached_property
+    def spread(self) -> Array:
+        """(T, n) N m, by how much what was taught differs from that of less than NEARBY s apart."""
+        samples = 2 * int(NEARBY / self.t[1]) + 1
+        centred = self.tau_ext - self.tau_ext.mean(axis=0)  # squares of it lose fewer digits
+        mean, square = (
+            uniform_filter1d(signal, samples, axis=0, mode="nearest")
+            for signal in (centred, centred**2)
+        )
+        return np.sqrt(np.maximum(square - 2.0 * centred * mean + centred**2, 0.0))
+
     def at(self, feed_time: ArrayLike) -> Array:
         """The torque (..., n) in N m at these times since the feed started (...), s.
 
@@ -99,25 +126,72 @@ class TaughtTorque:
         return bool(0.0 <= x <= len(self.t) - 1.0 and self.steady[round(x)] == 1.0)
 
 
-@kernel
-def taught_tick(tau_ext: Array, steady: Array, period: float, feed_time: float, out: Array) -> None:
-    """Writes -at(feed_time) (n,) and counts_at(feed_time) of a TaughtTorque: one tick's, sooner.
+class Lesson(NamedTuple):
+    """A TaughtTorque as kernels read it.
 
-    Args:
-        tau_ext, steady: of the TaughtTorque.
+    Attributes:
+        tau_ext, spread: (T, n) N m.
+        steady: (T,).
         period: s, between two of its times.
-        out: (n + 1,).
     """
+
+    tau_ext: Array
+    spread: Array
+    steady: Array
+    period: float
+
+    @classmethod
+    def of(cls, taught: TaughtTorque) -> "Lesson":
+        """Of what an air pass taught."""
+        assert taught.steady is not None
+        return cls(taught.tau_ext, taught.spread, taught.steady, float(taught.t[1]))
+
+
+class LessonTick(NamedTuple):
+    """What a Lesson says at one time.
+
+    Attributes:
+        correction: (n,) N m, to be added to what the observer reads.
+        spread: (n,) N m, of a TaughtTorque.
+        counts: (1,) 1 where a reading that is so corrected may be used, else 0.
+    """
+
+    correction: Array
+    spread: Array
+    counts: Array
+
+    @classmethod
+    def zeros(cls, num_joints: int) -> "LessonTick":
+        """Before anything is taught."""
+        return cls(np.zeros(num_joints), np.zeros(num_joints), np.zeros(1))
+
+
+@kernel
+def taught_tick(lesson: Lesson, feed_time: float, out: LessonTick) -> None:
+    """Writes -at(feed_time), spread and counts_at(feed_time) of a TaughtTorque: one tick's, sooner.
+
+    All are 0 before the feed has started, after the motion's end and for NaN.
+    """
+    tau_ext, spread, steady, period = lesson
     last, n = len(steady) - 1, tau_ext.shape[1]
-    out[:] = 0.0
+    out.correction[:] = 0.0
+    out.spread[:] = 0.0
+    out.counts[0] = 0.0
     x = feed_time / period
     if not 0.0 <= x <= last:  # true for NaN as well
         return
     k = min(int(x), last - 1)
-    share = x - k
+    share, nearest = x - k, int(np.rint(x))
     for j in range(n):
-        out[j] = -(tau_ext[k, j] + share * (tau_ext[k + 1, j] - tau_ext[k, j]))
-    out[n] = 1.0 if steady[int(np.rint(x))] == 1.0 else 0.0
+        out.correction[j] = -(tau_ext[k, j] + share * (tau_ext[k + 1, j] - tau_ext[k, j]))
+        out.spread[j] = spread[nearest, j]
+    out.counts[0] = 1.0 if steady[nearest] == 1.0 else 0.0
+
+
+@kernel
+def departure(v: float, v_planned: float) -> float:
+    """How far a joint's speed is from the planned one, 0 to 1; both rad/s."""
+    return min(abs(v - v_planned) / max(abs(v), abs(v_planned), STILL), 1.0)
 
 
 def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> JointTrajectory:

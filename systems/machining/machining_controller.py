@@ -1,7 +1,5 @@
 """Reference, estimator and controller of a machining pass in one block."""
 
-from typing import NamedTuple
-
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -10,11 +8,13 @@ from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.estimator import Taught
 from wrenchsight.models.estimation.tick import tick_update
-from wrenchsight.models.machining.air_pass import TaughtTorque, taught_tick
+from wrenchsight.models.machining.air_pass import Lesson, LessonTick, TaughtTorque, taught_tick
+from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.machining.machining_tick import follow_tick, lead_tick
 from wrenchsight.models.machining.tool_vibration import (
     VibrationTracker,
+    WorkTick,
     expected_shares,
     freed_friction,
     track_vibration,
@@ -27,14 +27,6 @@ from wrenchsight.systems.last_tick import LastTick
 from wrenchsight.systems.wrench_estimator import WrenchEstimatorSystem
 
 _POSE_SIZE, _POSE = 12, 18  # of a pose, and of a pose's reference: R_WD first, row by row
-
-
-class _TaughtRows(NamedTuple):
-    """A TaughtTorque for `taught_tick`: tau_ext (T, n), steady (T,) and its period, s."""
-
-    tau_ext: Array
-    steady: Array
-    period: float
 
 
 class MachiningController(LeafSystem):
@@ -92,11 +84,10 @@ class MachiningController(LeafSystem):
         self._chain: SerialChain = estimator.estimator.chain
         self._n = n = self._chain.num_joints
         self._packed = estimator.default_packed
-        self._taught: _TaughtRows | None = None
+        self._taught: Lesson | None = None
         self._tracker: VibrationTracker | None = None
         if taught is not None:
-            assert taught.steady is not None
-            self._taught = _TaughtRows(taught.tau_ext, taught.steady, float(taught.t[1]))
+            self._taught = Lesson.of(taught)
             self._tracker = VibrationTracker(estimator.estimator)
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
@@ -119,6 +110,7 @@ class MachiningController(LeafSystem):
             prerequisites.add(self._wrench.ticket())
         self._integral_at = ends["integral"] - 1
         self._plan_from, self._plan_to = ends["integral"], ends["feedback_valid"]
+        self._phase_at = ends["phase"] - 1
         self._reference_from = ends["pose_reference"]
         self._reference_to = ends["reference"]
         self._wrench_at = slice(ends["tau_ext"], ends["wrench"])
@@ -140,7 +132,7 @@ class MachiningController(LeafSystem):
         # Memory that is settled once; nothing in it outlives a call.
         self._model_terms = RigidBodyTerms.zeros(n).record
         self._scratch = np.empty((n, SCRATCH_COLUMNS))
-        self._taught_row = np.zeros(n + 1)
+        self._lesson = LessonTick.zeros(n)
         self._unread = np.zeros(n)
 
     @property
@@ -199,19 +191,19 @@ class MachiningController(LeafSystem):
         )
 
     def _taught_sample(
-        self, rows: _TaughtRows, tracker: VibrationTracker, tracked: Array, out: Array
+        self, lesson: Lesson, tracker: VibrationTracker, tracked: Array, out: Array
     ) -> Taught:
         """The correction of the estimator for the sample whose plan and terms are known.
 
         Args:
-            rows: what the air pass taught.
+            lesson: what the air pass taught.
             tracker, tracked: of the tool's vibration, and its state.
             out: `action`, whose entries of the freed friction and the joints' shares are written.
         """
         n, terms = self._n, self._model_terms[0]
         reference = out[self._reference_from : self._reference_to]
         feed_time = out[self._plan_to - 2]
-        taught_tick(rows.tau_ext, rows.steady, rows.period, feed_time, self._taught_row)
+        taught_tick(lesson, feed_time, self._lesson)
         freed = out[self._freed_at]
         freed_friction(tracker.constants.amplitudes, tracked, freed)
         normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
@@ -219,9 +211,9 @@ class MachiningController(LeafSystem):
             terms["M"], tracker.constants.inertia_sd, terms["J"], normal, out[self._shares_at]
         )
         return Taught(
-            tau_correction=self._taught_row[:n] - freed[:n],
+            tau_correction=self._lesson.correction - freed[:n],
             v_planned=reference[n : 2 * n],
-            counts=self._taught_row[n],
+            counts=self._lesson.counts.item(),
             sd=freed[n : 2 * n],
         )
 
@@ -245,16 +237,16 @@ class MachiningController(LeafSystem):
             scratch,
         )
         if self._taught is not None and self._tracker is not None:
-            feed_time = action.item(self._plan_to - 2)
-            rows = self._taught
-            taught_tick(rows.tau_ext, rows.steady, rows.period, feed_time, self._taught_row)
+            n, reference = self._n, action[self._reference_from : self._reference_to]
+            taught_tick(self._taught, action.item(self._plan_to - 2), self._lesson)
+            phase = action.item(self._phase_at)
+            touches = Phase.TOUCH <= phase <= Phase.RELEASE
+            work = WorkTick(self._lesson, reference[n : 2 * n], action[self._shares_at], touches)
             track_vibration(
                 self._tracker.constants,
                 action[self._reading_at],
-                self._taught_row,
                 action[self._freed_at],
-                action[self._shares_at],
-                feed_time >= 0.0,  # at work
+                work,
                 state[integral + 1 :],
             )
         follow_tick(

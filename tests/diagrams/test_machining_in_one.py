@@ -149,9 +149,10 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         time = signals["feed_time"][:, 0]
         correction = np.array([-taught.at(t) for t in time])
         counts = np.array([float(taught.counts_at(t)) for t in time])
-        at_work = np.argmax(time >= 0.0)
-        assert not signals["freed_torque"][: at_work + 1].any()
-        assert signals["freed_torque"][at_work + 10 :].any()
+        touched = np.argmax(signals["phase"] == Phase.TOUCH)
+        assert touched < np.argmax(time >= 0.0)
+        assert not signals["freed_sd"][: touched + 1].any()
+        assert signals["freed_torque"][touched + 10 :].any()
         shares = np.empty(12)
         normal = parts["pose_reference"][:9].reshape(3, 3)[:, 2]
         expected_shares(terms.M, inertia_sd(reads), terms.J, normal, shares)

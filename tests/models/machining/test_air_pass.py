@@ -5,7 +5,17 @@ from scipy.interpolate import make_interp_spline
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.machining.air_pass import LEAD, TaughtTorque, raised_motion, taught_tick
+from wrenchsight.models.machining.air_pass import (
+    LEAD,
+    NEARBY,
+    STILL,
+    Lesson,
+    LessonTick,
+    TaughtTorque,
+    departure,
+    raised_motion,
+    taught_tick,
+)
 
 HEIGHT = 0.005
 
@@ -127,8 +137,40 @@ def test_steady_must_be_one_number_a_sample():
 def test_a_tick_takes_off_what_the_record_says():
     rng = np.random.default_rng(0)
     known = TaughtTorque(0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40))
-    found = np.empty(7)
+    found = LessonTick.zeros(6)
     for feed_time in (*rng.uniform(-0.05, 0.45, 60), 0.0, 0.39, 0.385, 0.005, np.nan):
-        taught_tick(known.tau_ext, known.steady, known.t[1], feed_time, found)
-        np.testing.assert_array_equal(found[:6], -known.at(feed_time))
-        assert found[6] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
+        taught_tick(Lesson.of(known), feed_time, found)
+        np.testing.assert_array_equal(found.correction, -known.at(feed_time))
+        inside = 0.0 <= feed_time <= known.t[-1]
+        spread = known.spread[round(feed_time / 0.01)] if inside else np.zeros(6)
+        np.testing.assert_array_equal(found.spread, spread)
+        assert found.counts[0] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
+
+
+def test_a_lesson_spreads_where_it_changes_nearby():
+    """Against its definition, sample by sample; where it is even, it is what it is."""
+    rng = np.random.default_rng(2)
+    t = 0.01 * np.arange(400)
+    tau_ext = np.where(t < 2.0, 3.0, -12.0)[:, np.newaxis] + 1e-3 * rng.normal(size=(400, 6))
+    spread = TaughtTorque(t, tau_ext).spread
+    for k in (60, 150, 185, 199, 200, 215, 300):
+        near = np.abs(np.arange(400) - k) <= round(NEARBY / 0.01)
+        expected = np.sqrt(np.mean((tau_ext[near] - tau_ext[k]) ** 2, axis=0))
+        np.testing.assert_allclose(spread[k], expected, rtol=1e-6)
+    assert spread[:165].max() < 0.01
+    assert spread[199].min() > 10.0
+
+
+@pytest.mark.parametrize(
+    ("v", "planned", "expected"),
+    [
+        (0.02, 0.02, 0.0),
+        (-0.04, -0.002, 0.95),
+        (0.004, -0.004, 1.0),
+        (0.0, 0.02, 1.0),
+        (0.1 * STILL, 0.0, 0.1),
+        (0.0, 0.0, 0.0),
+    ],
+)
+def test_a_joint_departs_from_its_plan_as_far_as_its_speed_does(v, planned, expected):
+    assert departure(v, planned) == pytest.approx(expected)

@@ -8,16 +8,19 @@ from scipy.stats import multivariate_normal
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.estimator_arrays import tick_of, tick_sizes
-from wrenchsight.models.estimation.tick import COUNTS
+from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
+from wrenchsight.models.machining.air_pass import LessonTick
 from wrenchsight.models.machining.tool_vibration import (
     AMPLITUDES,
     CORRELATION,
+    DEPARTED_STEPS,
     GRID_STEPS,
     INERTIA,
     SHRINKAGE,
     VibrationTracker,
+    WorkTick,
     expected_shares,
     freed_friction,
     held_share,
@@ -37,6 +40,14 @@ SHARES = np.array([0.1, 0.2, 2.8, 0.1, 0.5, 0.0])  # rad/m
 FORCE = np.array([0.0, 0.0, 0.0, 5.0, -8.0, 40.0])  # N m, N
 POSTURE = np.array([0.1, -0.95, -0.2, 3.1, 1.3, 1.3])  # rad, of work on the blade
 NOTHING = np.zeros(N)
+
+
+def work_of(shares, sd=NOTHING, touches=True, counts=1.0, v_planned=SPEED, **lesson):
+    """What is known of the work: shares with their sd, and what an air pass taught."""
+    nothing = {"correction": NOTHING, "spread": NOTHING, "counts": np.array([counts])}
+    return WorkTick(
+        LessonTick(**nothing | lesson), v_planned, np.concatenate([shares, sd]), touches
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +75,7 @@ def follow(
     seconds=9.0,
     noise=0.2,
     counts=1.0,
-    works=True,
+    touches=True,
     shares=SHARES,
     lesson=0.0,
     state=None,
@@ -87,7 +98,7 @@ def follow(
     reading = np.zeros(sum(tick_sizes(N).values()))
     tick = tick_of(reading, N)
     tick.flags[COUNTS], tick.J[:] = counts, J
-    pole, known = np.exp(-K_0 * T), np.concatenate([SHARES, sd])
+    pole = np.exp(-K_0 * T)
     freed, error, log = np.zeros(N), np.zeros(N), []
     for k in range(int(seconds / T)):
         speed = SPEED * np.cos(2.0 * np.pi * k * T / 6.0)
@@ -99,7 +110,8 @@ def follow(
         tick.signals[V] = speed
         tick.tau_ext[:] = J.T @ FORCE + freed + error - taken[:N]
         tick.error.sd[:] = np.hypot(noise, taken[N : 2 * N])
-        track_vibration(tracker.constants, reading, taught, taken, known, works, state)
+        work = work_of(SHARES, sd, touches, v_planned=speed, correction=taught)
+        track_vibration(tracker.constants, reading, taken, work, state)
         log.append((taken.copy(), freed))
     return *map(np.array, zip(*log, strict=True)), state
 
@@ -249,17 +261,22 @@ def test_joints_that_are_shaken_less_than_the_model_says_stay_in_the_band(tracke
 
 def test_what_is_taken_off_is_a_mean_and_its_sd_that_of_all_that_may_be_off(tracker):
     rng, m = np.random.default_rng(4), len(AMPLITUDES)
-    state, out = rng.uniform(0.0, 2.0, m * (1 + 2 * N)), np.empty(2 * N + 1)
+    state, out = rng.uniform(0.0, 2.0, len(tracker.initial_state)), np.empty(2 * N + 1)
+    state[-2 * N : -N] = departed = np.array([0.0, 0.1, 0.5, 0.9, 1.0, 0.0])
     freed_friction(AMPLITUDES, state, out)
-    freed, sd = state[m:].reshape(2, m, N)
+    freed, sd = state[m : -2 * N].reshape(2, m, N)
     weights = np.exp(state[:m]) * np.where(AMPLITUDES == 0.0, m - 1.0, 1.0)
     weights /= weights.sum()
     k = np.arange(m)
-    step = 0.5 * (freed[np.minimum(k + GRID_STEPS, m - 1)] - freed[np.maximum(k - GRID_STEPS, 0)])
+    near, far = (
+        0.5 * (freed[np.minimum(k + steps, m - 1)] - freed[np.maximum(k - steps, 0)])
+        for steps in (GRID_STEPS, DEPARTED_STEPS)
+    )
+    step = (1.0 - departed) * near + departed * far
     step[0] = 0.0  # nothing vibrates
     mean = weights @ freed
     np.testing.assert_allclose(out[:N], mean, rtol=1e-12)
-    variance = weights @ ((freed - mean) ** 2 + sd**2 + step**2)
+    variance = weights @ ((freed - mean) ** 2 + sd**2 + step**2) + state[-N:] ** 2
     np.testing.assert_allclose(out[N : 2 * N], np.sqrt(variance), rtol=1e-12)
     assert out[-1] == pytest.approx(weights @ AMPLITUDES)
 
@@ -272,10 +289,14 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     tick.flags[COUNTS], tick.J[:] = 1.0, sts.chain.jacobian(POSTURE)
     tick.signals[TAU_F], tick.signals[V] = DRY + tracker.constants.viscous * SPEED, SPEED
     tick.tau_ext[:], tick.error.sd[:] = rng.normal(0.0, 3.0, N), rng.uniform(0.3, 1.0, N)
-    before = state[m:] = rng.uniform(0.0, 2.0, 2 * m * N)  # what it has read before
-    known = np.concatenate([SHARES, 0.5 * SHARES])
-    track_vibration(tracker.constants, reading, NOTHING, taken, known, True, state)
-    freed, sd = state[m:].reshape(2, m, N)
+    before = state[m : -2 * N] = rng.uniform(0.0, 2.0, 2 * m * N)  # what it has read before
+    departed, lesson_sd = state[-2 * N :].reshape(2, N)
+    departed[:], lesson_sd[:] = 0.5, rng.uniform(0.3, 1.0, N)
+    uncertain, known = lesson_sd.copy(), np.concatenate([SHARES, 0.5 * SHARES])
+    planned, spread = 0.6 * SPEED, rng.uniform(1.0, 9.0, N)
+    work = work_of(SHARES, 0.5 * SHARES, v_planned=planned, spread=spread)
+    track_vibration(tracker.constants, reading, taken, work, state)
+    freed, sd = state[m : -2 * N].reshape(2, m, N)
     loose = np.array(
         [
             [loose_share(*v, p) for v in zip(SPEED, known[:N], known[N:], strict=True)]
@@ -285,7 +306,9 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     pole = np.exp(-K_0 * T)
     now = pole * before.reshape(2, m, N) + (1.0 - pole) * DRY * np.moveaxis(loose, 2, 0)
     np.testing.assert_allclose([freed, sd], now, rtol=1e-12)
-    own = tick.error.sd**2 - taken[N : 2 * N] ** 2
+    np.testing.assert_allclose(departed, pole * 0.5 + (1.0 - pole) * 0.4, rtol=1e-12)
+    np.testing.assert_allclose(lesson_sd, pole * uncertain + (1.0 - pole) * 0.4 * spread)
+    own = tick.error.sd**2 - taken[N : 2 * N] ** 2 + uncertain**2
     spread = tick.J.T @ np.diag(tracker.constants.prior) @ tick.J + np.diag(own)
     tau = tick.tau_ext + taken[:N]
     expected = np.array(
@@ -323,8 +346,44 @@ def test_a_reading_that_does_not_count_tells_nothing_but_may_be_off_by_what_any_
     assert np.all(off < 2.0 * taken[-1, N : 2 * N] + 0.01)
 
 
-def test_a_tool_that_does_not_work_frees_nothing(tracker, sts):
-    taken, _, state = follow(tracker, sts, 0.0, seconds=0.5, works=False)
+@pytest.mark.parametrize(("fault", "told"), [(0.0, True), (1.0, False)])
+def test_a_start_before_what_was_taught_counts_tells_the_amplitude(tracker, sts, fault, told):
+    """Where no lesson counts no reading does, but its torque is one: of a sample that can be."""
+    reading, state = np.zeros(sum(tick_sizes(N).values())), tracker.initial_state.copy()
+    tick = tick_of(reading, N)
+    tick.flags[COUNTS], tick.flags[FAULT], tick.error.sd[:] = 0.0, fault, 0.3
+    tick.J[:], tick.signals[V] = sts.chain.jacobian(POSTURE), SPEED
+    tick.signals[TAU_F], tick.tau_ext[:] = DRY, 0.5 * DRY
+    for counts in (1.0, 0.0):
+        np.testing.assert_array_equal(state[: len(AMPLITUDES)], 0.0)
+        work = work_of(SHARES, counts=counts)
+        track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
+    assert np.any(state[: len(AMPLITUDES)] != 0.0) == told
+
+
+def test_a_joint_off_its_plan_may_have_another_lesson_and_amplitude(tracker, sts):
+    """At one speed as planned and not: the band is wider, of the lesson and of what is freed."""
+    reading, taken = np.zeros(sum(tick_sizes(N).values())), np.zeros(2 * N + 1)
+    tick = tick_of(reading, N)
+    tick.flags[COUNTS], tick.error.sd[:], tick.J[:] = 1.0, 0.3, sts.chain.jacobian(POSTURE)
+    tick.signals[V], tick.signals[TAU_F] = SPEED, np.sign(SPEED) * DRY
+    spread, sd = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), {}
+    m = len(AMPLITUDES)
+    for planned in (1.0, 0.1):
+        state = tracker.initial_state.copy()
+        work = work_of(SHARES, v_planned=planned * SPEED, spread=spread)
+        for _ in range(200):
+            track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
+        state[:m] = np.where(np.abs(AMPLITUDES - 0.0125) < 0.003, 0.0, -np.inf)
+        freed_friction(AMPLITUDES, state, taken)
+        sd[planned] = taken[N : 2 * N].copy()
+    assert sd[1.0][1] < 0.1
+    assert sd[0.1][1] == pytest.approx(0.9 * 5.0, rel=0.05)
+    assert sd[0.1][2] > 1.3 * sd[1.0][2] > 0.0
+
+
+def test_a_tool_that_does_not_touch_frees_nothing(tracker, sts):
+    taken, _, state = follow(tracker, sts, 0.0, seconds=0.5, touches=False)
     np.testing.assert_array_equal(taken[:, : 2 * N], 0.0)
     np.testing.assert_array_equal(state, tracker.initial_state)
 
@@ -337,8 +396,7 @@ def test_a_torque_that_is_not_finite_is_no_evidence(tracker, sts):
     tick.flags[COUNTS], tick.error.sd[:] = 1.0, 0.3
     tick.J[:], tick.signals[V] = sts.chain.jacobian(sts.home), SPEED
     tick.signals[TAU_F], tick.tau_ext[2] = DRY, np.nan
-    known = np.concatenate([SHARES, NOTHING])
-    track_vibration(tracker.constants, reading, NOTHING, taken[-1], known, True, state)
+    track_vibration(tracker.constants, reading, taken[-1], work_of(SHARES), state)
     m = len(AMPLITUDES)
     np.testing.assert_array_equal(state[:m], before[:m])
     assert np.all(np.isfinite(state))
