@@ -54,7 +54,8 @@ _AIR_SEED = 1000  # apart from the runs' own
 def study_machining(context: ExperimentContext, task: MachiningTask) -> ExperimentResult:
     """The experiments `polishing` and `grinding` of `study`."""
     robot = context.robot(ROBOT)
-    models = identify_arm(robot, context.seed, context.quick, context.part(0.0, 0.1))
+    report = context.part(0.0, 0.1)
+    models = identify_arm(robot, context.seed, context.quick, report, context.draws)
     scenarios = {
         feedback: load_scenario(name)
         for feedback, name in zip(FEEDBACKS, (task.scenario, task.sensorless), strict=True)
@@ -140,6 +141,14 @@ def feed_metrics(
         out[key] = out["article"][key]
     out["steady_share"] = float(steady.sum() / working.sum())
     out["band"] = {feedback: band_shares(entry) for feedback, entry in runs.items()}
+    out["valid_share"] = {
+        feedback: {
+            part: float(entry.signals["valid"][rows].mean())
+            for part, rows in entry.parts.items()
+            if rows.any()
+        }
+        for feedback, entry in runs.items()
+    }
     out["regulation"] = {feedback: regulation(entry) for feedback, entry in runs.items()}
     out["tool_vibration_m_per_s"] = {
         feedback: float(np.median(entry.signals["tool_vibration"][entry.working]))
@@ -189,9 +198,15 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
             values.append(float("nan") if value is None else value)
         return values
 
-    def worst_axis(feed: float, part: str) -> float:
-        of_a_feed = metrics.get(feed_key(feed))
-        return min(of_a_feed["band"]["sensor"][part].values()) if of_a_feed else float("nan")
+    def worst_axes(feedback: str) -> dict[str, list[float]]:
+        """By part of the work, over the feeds; NaN also where a pass did not have that part."""
+        bands = [
+            metrics.get(feed_key(feed), {}).get("band", {}).get(feedback, {}) for feed in FEEDS
+        ]
+        return {
+            part: [min(band[part].values()) if part in band else float("nan") for band in bands]
+            for part in ("steady", "ends", "turns", "all")
+        }
 
     return {
         name: {"correlation": collect(name, "correlation"), "rmse_n": collect(name, "rmse_n")}
@@ -202,10 +217,8 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
             feedback: {key: collect("regulation", feedback, key) for key in ("rms_n", "median_n")}
             for feedback in FEEDBACKS
         },
-        "band": {
-            part: [worst_axis(feed, part) for feed in FEEDS]
-            for part in ("steady", "ends", "turns", "all")
-        },
+        "band": worst_axes("sensor"),
+        "band_without_sensor": worst_axes("estimate"),
     }
 
 

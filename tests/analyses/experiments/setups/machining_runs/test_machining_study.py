@@ -30,9 +30,11 @@ def figures_of(feed):
     } | {
         "regulation": {name: {"rms_n": feed, "median_n": feed} for name in FEEDBACKS},
         "band": {
-            "sensor": {
-                part: dict.fromkeys("xyz", feed) for part in ("steady", "ends", "turns", "all")
+            feedback: {
+                part: {"x": share, "y": 2.0 * share, "z": 3.0 * share}
+                for part in ("steady", "ends", "turns", "all")
             }
+            for feedback, share in (("sensor", feed), ("estimate", 10.0 * feed))
         },
     }
 
@@ -107,6 +109,9 @@ def test_the_fastest_feed_alone_is_run_with_a_sensor_and_without(studied, experi
             value = value[part]
         np.testing.assert_array_equal(value, [15.0, np.nan, np.nan], err_msg=row.key)
     # Sentences and figures are of all feeds.
+    np.testing.assert_array_equal(
+        result.metrics["band_without_sensor"]["turns"], [150.0, np.nan, np.nan]
+    )
     assert filled(result.notes, result.metrics) == [] and result.figures == ()
     # Half of the first of two runs, half of the second; between them the models and the figures.
     assert [s for s in shares if 0.1 < s < 0.95] == pytest.approx([0.1 + 0.2125, 0.1 + 0.6375])
@@ -118,6 +123,10 @@ def test_every_feed_is_run_with_a_sensor_and_without(studied, experiment):
     assert [one.machining.one_way for one, _ in runs] == [15.0, 15.0, 30.0, 30.0, 60.0, 60.0]
     assert result.configuration["feeds_s"] == FEEDS
     np.testing.assert_array_equal(result.metrics["ours"]["rmse_n"], FEEDS)
+    for key, factor in (("band", 1.0), ("band_without_sensor", 10.0)):
+        for part in ("steady", "ends", "turns", "all"):
+            least = factor * np.array(FEEDS)
+            np.testing.assert_array_equal(result.metrics[key][part], least, err_msg=part)
     assert filled(result.notes, result.metrics) == [format(max(FEEDS))]
     assert result.figures == ["figures"]
     assert shares == sorted(shares) and shares[-1] <= 1.0
