@@ -23,14 +23,14 @@ from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
 from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
 from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import TaughtTorque
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_reference import MachiningReference
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.impedance_controller import ImpedanceConfig, ImpedanceController

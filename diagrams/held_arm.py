@@ -17,10 +17,10 @@ from pydrake.systems.primitives import (
 )
 
 from wrenchsight.diagrams.estimator import add_estimator
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.external_wrench_source import ExternalWrenchSource

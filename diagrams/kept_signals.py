@@ -7,8 +7,8 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from wrenchsight.diagrams.closed_loop import ClosedLoop
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.whole_file import writing_to
+from wrenchsight.models.numerics.arrays import Array
 
 
 class KeptSignals:

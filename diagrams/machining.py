@@ -7,7 +7,6 @@ import numpy as np
 from wrenchsight.diagrams.robot_cell import tip_radius
 from wrenchsight.diagrams.scenario import MachiningConfig, Scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -17,13 +16,19 @@ from wrenchsight.models.machining.machining_path import (
     plan_machining,
 )
 from wrenchsight.models.machining.machining_phases import RAMP, PhasesConfig
-from wrenchsight.models.motion.branches import all_branches
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.joint_ranges import narrowed_limits
-from wrenchsight.models.motion.posture_measures import ForceSd
-from wrenchsight.models.motion.redundancy import RedundancyProblem, best_on_grid, candidates, refine
-from wrenchsight.models.motion.surface_path import SurfacePath
-from wrenchsight.models.rigid_body.ties import better
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import better
+from wrenchsight.models.planning.motion.branches import all_branches
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.joint_ranges import narrowed_limits
+from wrenchsight.models.planning.motion.posture_measures import ForceSd
+from wrenchsight.models.planning.motion.redundancy import (
+    RedundancyProblem,
+    best_on_grid,
+    candidates,
+    refine,
+)
+from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot import Robot
 
 NUM_ANGLES = 36

@@ -35,10 +35,10 @@ from wrenchsight.diagrams.workpiece import (
     process_contact,
     soft_tip,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_process import MachiningProcess
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot, RobotInPlant
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot, with_friction

@@ -7,18 +7,22 @@ from typing import Union
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchSegment
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import known_of_wrench
-from wrenchsight.models.excitation.fourier_trajectory import FourierCoefficients, FourierTrajectory
 from wrenchsight.models.files.configuration import load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
 from wrenchsight.models.machining.machining_path import NormalForceConfig
 from wrenchsight.models.machining.machining_phases import PhasesConfig, check_phases
 from wrenchsight.models.machining.machining_process import MachiningProcess, ProcessConfig
-from wrenchsight.models.motion.paths import (
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.observers.observer_kinds import kind_name, kind_of
+from wrenchsight.models.planning.excitation.fourier_trajectory import (
+    FourierCoefficients,
+    FourierTrajectory,
+)
+from wrenchsight.models.planning.motion.paths import (
     JointTrajectory,
     StraightPath,
     TimeLaw,
@@ -29,8 +33,7 @@ from wrenchsight.models.motion.paths import (
     thirds,
     uniform_acceleration,
 )
-from wrenchsight.models.motion.workpieces import BladeShapeConfig
-from wrenchsight.models.observers.observer_kinds import kind_name, kind_of
+from wrenchsight.models.planning.motion.workpieces import BladeShapeConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
@@ -133,7 +136,7 @@ class PlateConfig:
 
 @dataclass
 class BladeConfig(BladeShapeConfig):
-    """A section of a wind turbine blade (wrenchsight.models.motion.workpieces), fixed in W."""
+    """A section of a wind turbine blade (models.planning.motion.workpieces), fixed in W."""
 
     pose: PoseConfig = field(default_factory=lambda: PoseConfig([0.6, 0.0, 0.2]))
     # in W, of its frame P; its span is along y

@@ -21,7 +21,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.process_variations import WorkpieceContact
-from wrenchsight.models.motion.workpieces import Plate, Surface, mesh
+from wrenchsight.models.planning.motion.workpieces import Plate, Surface, mesh
 from wrenchsight.models.robot.robot_config import pose_of
 
 _PLATE_COLOUR = np.array([0.62, 0.68, 0.72, 1.0])

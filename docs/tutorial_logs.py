@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight import Recording, Robot, write_recording
-from wrenchsight.analyses.methods.runs.simulated_logs import simulate_excitation
-from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.analyses.methods.simulate.simulated_logs import simulate_excitation
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.robot.robot_config import PoseConfig, ToolConfig
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.contact_statistic import ArmSamples
 from wrenchsight.models.estimation.torque_error_stage import (
@@ -19,6 +18,7 @@ from wrenchsight.models.estimation.torque_error_stage import (
     TorqueError,
     torque_error_views,
 )
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 
 class TunedParameters:

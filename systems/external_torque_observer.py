@@ -11,8 +11,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TAU_EXT, TAU_J, Observer
 from wrenchsight.models.observers.signals import signals_size, write_signals
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts

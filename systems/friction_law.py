@@ -10,9 +10,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.systems.declarations import TunedParameters, declare_cached
 
 

@@ -9,7 +9,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
@@ -20,6 +19,7 @@ from wrenchsight.models.estimation.wrench_reading import (
     read_sample,
 )
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.sample_check import BEYOND
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick

@@ -14,7 +14,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.control.joint_tracking import (
     advance_integral,
     tracking_law,
@@ -22,6 +21,7 @@ from wrenchsight.models.control.joint_tracking import (
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.systems.declarations import declare_cached
 
 LAWS = ("computed_torque", "feedforward_pd")

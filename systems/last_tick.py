@@ -9,7 +9,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 _TIMES = 2  # last entries: when the last tick was, when the next one is
 

@@ -6,10 +6,10 @@ from collections import deque
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.live.samples import Sample, StreamEvent
 from wrenchsight.models.live.source import Source
 from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import default_max_gap
 from wrenchsight.models.robot.robot import Robot
 

@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     NumericParameterIndex,
 )
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.systems.declarations import declare_cached

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.motors import joint_torque, motor_gain
 from wrenchsight.models.robot.robot import Robot
 

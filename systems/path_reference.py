@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 
 
 class PathReference(LeafSystem):

@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
     STAGE_ROWS,
@@ -19,6 +18,7 @@ from wrenchsight.models.estimation.torque_error_stage import (
     torque_error_sample,
 )
 from wrenchsight.models.identification.torque_error_model import take_transmitted
+from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick

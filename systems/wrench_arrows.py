@@ -9,7 +9,7 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 HEAD_LENGTH = 0.045  # m
 SHORTEST = 1e-4  # m; shorter arrows have no direction to show

@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
@@ -30,6 +29,7 @@ from wrenchsight.models.estimation.tick import (
 )
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.velocity_friction import friction_torque
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.sample_check import check_current
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick

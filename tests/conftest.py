@@ -21,7 +21,7 @@ import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads, 
 from wrenchsight.analyses.data_sets.advice import how_to_get
 from wrenchsight.analyses.data_sets.places import CACHE_VARIABLE, find_data_set
 from wrenchsight.analyses.data_sets.registry import DATA_SETS
-from wrenchsight.models.kernel import one_thread
+from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import PLAIN, plain_truth
 
@@ -47,16 +47,16 @@ _COMPILING = (
     "models/estimation/test_estimator.py",
     "models/truth/test_free_arm.py",
     "models/rigid_body/test_serial_chain.py",
-    "models/motion/test_posture_measures.py",
-    "models/motion/test_redundancy.py",
-    "models/placement/test_placement_program.py",
+    "models/planning/motion/test_posture_measures.py",
+    "models/planning/motion/test_redundancy.py",
+    "models/planning/placement/test_placement_program.py",
     "systems/test_impedance_controller.py",
     "models/control/test_impedance.py",
     "models/machining/test_machining_reference.py",
     "models/machining/test_machining_phases.py",
     "test_extensions.py",
     "diagrams/test_observers_everywhere.py",
-    "analyses/methods/runs/test_simulation.py",
+    "analyses/methods/simulate/test_simulation.py",
     "diagrams/test_fused_estimator.py",
     "analyses/test_tilted_arm.py",
     "models/estimation/test_smoothing.py",

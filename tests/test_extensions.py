@@ -14,9 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from played_logs import played
 
-from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.models.arrays import Array
+from wrenchsight.analyses.methods.identify.identification import identify
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -27,7 +26,8 @@ from wrenchsight.models.friction.extended_friction import ExtendedFriction
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.friction_terms import TERMS, FrictionTerm
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer import (
     CTV,

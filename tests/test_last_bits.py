@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrenchsight.analyses.methods.learning.friction_training import train_networks
-from wrenchsight.analyses.methods.learning.identification import (
+from wrenchsight.analyses.methods.identify.friction_training import train_networks
+from wrenchsight.analyses.methods.identify.identification import (
     IdentificationConfig,
     identify,
 )
-from wrenchsight.analyses.methods.learning.law_choice import best_law
-from wrenchsight.analyses.methods.planning.redundancy import make_problem
-from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
+from wrenchsight.analyses.methods.identify.law_choice import best_law
+from wrenchsight.analyses.methods.redundancy.redundancy import make_problem
+from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancyTask
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
@@ -28,14 +28,14 @@ from wrenchsight.models.estimation.point_of_action import find_point_of_action, 
 from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
-from wrenchsight.models.motion.branches import all_branches, closed_form
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.posture_map import best_postures
-from wrenchsight.models.motion.posture_measures import ConditionNumber
-from wrenchsight.models.motion.redundancy import best_on_grid, candidates, refine
-from wrenchsight.models.placement.placement_program import PlacementProgram
-from wrenchsight.models.placement.placement_search import PlacementSearch, SearchEffort
-from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.planning.motion.branches import all_branches, closed_form
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.posture_map import best_postures
+from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
+from wrenchsight.models.planning.motion.redundancy import best_on_grid, candidates, refine
+from wrenchsight.models.planning.placement.placement_program import PlacementProgram
+from wrenchsight.models.planning.placement.placement_search import PlacementSearch, SearchEffort
+from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 

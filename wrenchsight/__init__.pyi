@@ -1,37 +1,39 @@
 """The public names: what a type checker reads, and what `__init__.py` imports when it is used."""
 
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig as EstimateConfig
+from wrenchsight.analyses.methods.estimate.estimation import EstimateResult as EstimateResult
+from wrenchsight.analyses.methods.estimate.estimation import estimate_log as estimate_log
+from wrenchsight.analyses.methods.excite.excitation import ExcitationResult as ExcitationResult
+from wrenchsight.analyses.methods.excite.excitation import excite as excite
+from wrenchsight.analyses.methods.excite.excitation import excite_robot as excite_robot
+from wrenchsight.analyses.methods.excite.excitation_config import (
+    ExcitationConfig as ExcitationConfig,
+)
 from wrenchsight.analyses.methods.external_torque.torque_logs import (
     TorqueLogsResult as TorqueLogsResult,
 )
 from wrenchsight.analyses.methods.external_torque.torque_logs import (
     estimate_torque_logs as estimate_torque_logs,
 )
-from wrenchsight.analyses.methods.learning.identification import (
+from wrenchsight.analyses.methods.identify.identification import (
     IdentificationResult as IdentificationResult,
 )
-from wrenchsight.analyses.methods.learning.identification import identify as identify
-from wrenchsight.analyses.methods.learning.identification import identify_logs as identify_logs
-from wrenchsight.analyses.methods.learning.identification_config import (
+from wrenchsight.analyses.methods.identify.identification import identify as identify
+from wrenchsight.analyses.methods.identify.identification import identify_logs as identify_logs
+from wrenchsight.analyses.methods.identify.identification_config import (
     IdentificationConfig as IdentificationConfig,
 )
-from wrenchsight.analyses.methods.live.session import live as live
-from wrenchsight.analyses.methods.live.sources import open_source as open_source
-from wrenchsight.analyses.methods.live.watch_config import WatchConfig as WatchConfig
-from wrenchsight.analyses.methods.planning.excitation import ExcitationResult as ExcitationResult
-from wrenchsight.analyses.methods.planning.excitation import excite as excite
-from wrenchsight.analyses.methods.planning.excitation import excite_robot as excite_robot
-from wrenchsight.analyses.methods.planning.excitation_config import (
-    ExcitationConfig as ExcitationConfig,
-)
-from wrenchsight.analyses.methods.planning.placement import place_task as place_task
-from wrenchsight.analyses.methods.planning.placement_result import (
+from wrenchsight.analyses.methods.place.placement import place_task as place_task
+from wrenchsight.analyses.methods.place.placement_result import (
     PlacementResult as PlacementResult,
 )
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig as EstimateConfig
-from wrenchsight.analyses.methods.reading.estimation import EstimateResult as EstimateResult
-from wrenchsight.analyses.methods.reading.estimation import estimate_log as estimate_log
-from wrenchsight.analyses.methods.runs.simulation import simulate as simulate
-from wrenchsight.analyses.methods.runs.simulation_result import SimulationResult as SimulationResult
+from wrenchsight.analyses.methods.simulate.simulation import simulate as simulate
+from wrenchsight.analyses.methods.simulate.simulation_result import (
+    SimulationResult as SimulationResult,
+)
+from wrenchsight.analyses.methods.watch.session import live as live
+from wrenchsight.analyses.methods.watch.sources import open_source as open_source
+from wrenchsight.analyses.methods.watch.watch_config import WatchConfig as WatchConfig
 from wrenchsight.diagrams.closed_loop import ClosedLoop as ClosedLoop
 from wrenchsight.diagrams.closed_loop import make_closed_loop as make_closed_loop
 from wrenchsight.diagrams.estimator import add_estimator as add_estimator

@@ -10,7 +10,7 @@ import numpy as np
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord
 from wrenchsight.analyses.campaign.influences import Influence, influences
 from wrenchsight.analyses.study.readme_table import FEWEST_WORLDS
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 LOW: Final = 5.0  # percentile
 HIGH: Final = 95.0  # percentile

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from wrenchsight.analyses.campaign.posterior import FEWEST, MOST
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import load_truth
 from wrenchsight.models.truth.worlds import ArmPosterior, WorldRanges, WorldSource, check_ranges

@@ -35,9 +35,9 @@ from wrenchsight.analyses.output.outputs import json_text, plain
 from wrenchsight.analyses.output.progress import Progress
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.study.registry import REGISTRY
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import save_configuration
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.worlds import ABSOLUTE, PER_JOINT, ArmPosterior, World
 

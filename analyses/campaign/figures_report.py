@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.campaign.figures_fit import FittedRow

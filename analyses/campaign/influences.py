@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import linregress, spearmanr, theilslopes
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 LEVEL: Final = 0.05
 MOST: Final = 3  # parameters named for a figure

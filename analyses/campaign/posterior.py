@@ -12,7 +12,7 @@ Vernon, Goldstein, Bower, Bayesian Analysis 5(4), 2010).
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 FEWEST = 12  # arms that a figure's emulator is made of, at least
 _NEAR = 0.2  # share of the arms that count more than a quarter

@@ -26,7 +26,7 @@ from wrenchsight.analyses.study.shared_results import sharing_in
 from wrenchsight.analyses.study.stored_result import written_figures
 from wrenchsight.analyses.study.study import ONE_THREAD
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import one_thread
+from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.truth.worlds import World, WorldSource, draw_world
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process

@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wrenchsight.analyses.commands.options import Option, Out, hidden, with_settings
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateSettings, with_observer
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateSettings, with_observer
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.reading.estimation import EstimateResult
-    from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
+    from wrenchsight.analyses.methods.estimate.estimation import EstimateResult
+    from wrenchsight.analyses.methods.reference_sensor.comparison import SensorComparison
 
 ORDER = 30
 
@@ -71,7 +71,7 @@ def command(settings: EstimateSettings, out: Out = Path("out/estimate")) -> None
     if _reads_external_torque(settings):
         _read_torque_logs(settings, out)
         return
-    from wrenchsight.analyses.methods.reading.estimation import estimate_log
+    from wrenchsight.analyses.methods.estimate.estimation import estimate_log
 
     with showing_progress("estimate") as progress:
         result = estimate_log(

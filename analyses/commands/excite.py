@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, with_settings
-from wrenchsight.analyses.methods.planning.excitation_config import ExciteSettings
+from wrenchsight.analyses.methods.excite.excitation_config import ExciteSettings
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.planning.excitation import ExcitationResult
+    from wrenchsight.analyses.methods.excite.excitation import ExcitationResult
 
 ORDER = 50
 LIMITS = "excitation.limits"
@@ -36,7 +36,7 @@ OPTIONS = (
 @with_settings(ExciteSettings, OPTIONS)
 def command(settings: ExciteSettings, out: Out = Path("out/excite")) -> None:
     """Find a motion that shows all parameters of a robot: trajectory, coefficients, picture."""
-    from wrenchsight.analyses.methods.planning.excitation import excite_robot
+    from wrenchsight.analyses.methods.excite.excitation import excite_robot
 
     with showing_progress("excite") as progress:
         results = excite_robot(

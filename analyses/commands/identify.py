@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, SeveralValues, hidden, with_settings
-from wrenchsight.analyses.methods.learning.identification_config import (
+from wrenchsight.analyses.methods.identify.identification_config import (
     IdentificationConfig,
     IdentifySettings,
 )
@@ -13,8 +13,8 @@ from wrenchsight.analyses.output.console import new_table, notes, show, showing_
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.calibration.load_calibration import CalibrationResult
-    from wrenchsight.analyses.methods.learning.identification import IdentificationResult
+    from wrenchsight.analyses.methods.identify.identification import IdentificationResult
+    from wrenchsight.analyses.methods.identify.known_model.load_calibration import CalibrationResult
 
 ORDER = 20
 COMMAND_CLASS = SeveralValues
@@ -56,12 +56,14 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
         return
     with showing_progress("identify") as progress:
         if settings.load:
-            from wrenchsight.analyses.methods.calibration.load_calibration import calibrate_logs
+            from wrenchsight.analyses.methods.identify.known_model.load_calibration import (
+                calibrate_logs,
+            )
 
             calibrated = calibrate_logs(settings, out, progress)
             result = calibrated.identification
         else:
-            from wrenchsight.analyses.methods.learning.identification import identify_logs
+            from wrenchsight.analyses.methods.identify.identification import identify_logs
 
             calibrated = None
             result = identify_logs(
@@ -80,7 +82,7 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
 
 
 def _refit(settings: IdentifySettings, out: Path) -> None:
-    from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_logs
+    from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_logs
 
     if settings.refresh is None or settings.load or settings.validate:
         problem = "needs --refresh MODEL, and takes neither --load nor --validate"
@@ -120,7 +122,10 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
 
 
 def _scale(settings: IdentifySettings, out: Path) -> None:
-    from wrenchsight.analyses.methods.calibration.scale_finding import find_scale, sentences
+    from wrenchsight.analyses.methods.identify.known_model.scale_finding import (
+        find_scale,
+        sentences,
+    )
 
     if settings.refresh is not None or settings.validate:
         problem = "takes neither --refresh nor --validate"
@@ -144,7 +149,7 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
 
 
 def _refresh(settings: IdentifySettings, out: Path) -> None:
-    from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_log
+    from wrenchsight.analyses.methods.identify.known_model.friction_refreshing import refresh_log
 
     if settings.load or settings.validate:
         problem = "takes neither --load nor --validate"
@@ -209,13 +214,13 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
 
 
 def _print(result: "IdentificationResult", out: Path) -> None:
-    from wrenchsight.analyses.methods.learning.identification_report import (
+    from wrenchsight.analyses.methods.identify.identification_report import (
         filter_text,
         inconsistent_links_text,
         law_lines,
         residual_text,
     )
-    from wrenchsight.analyses.methods.learning.torque_fit import joined_fits
+    from wrenchsight.analyses.methods.identify.torque_fit import joined_fits
 
     model, law, metrics = result.model, result.model.friction.coulomb_viscous, result.metrics()
     judged = result.cross_validation or result.fit

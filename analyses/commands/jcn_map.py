@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, numbers, with_settings
-from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
+from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import JcnMapSettings, SliceConfig
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.planning.jcn_map import JcnMapResult
+    from wrenchsight.analyses.methods.jcn_map.jcn_map import JcnMapResult
 
 ORDER = 60
 
@@ -38,7 +38,7 @@ OPTIONS = (
 @with_settings(JcnMapSettings, OPTIONS)
 def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
     """Map the condition number over the workspace, and say where a table belongs."""
-    from wrenchsight.analyses.methods.planning.jcn_map import jcn_map
+    from wrenchsight.analyses.methods.jcn_map.jcn_map import jcn_map
 
     with showing_progress("jcn-map") as progress:
         result = jcn_map(settings, out, progress)

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrenchsight.analyses.commands.options import Option, Out, with_settings
-from wrenchsight.analyses.methods.calibration.payload_config import PayloadSettings
+from wrenchsight.analyses.methods.payload.payload_config import PayloadSettings
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.calibration.payload_identification import PayloadResult
+    from wrenchsight.analyses.methods.payload.payload_identification import PayloadResult
 
 ORDER = 35
 OPTIONS = (
@@ -27,7 +27,7 @@ OPTIONS = (
 @with_settings(PayloadSettings, OPTIONS)
 def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
     """Find what the arm carries: mass, centre of mass, inertia, and a tool for robot.yaml."""
-    from wrenchsight.analyses.methods.calibration.payload_identification import payload_log
+    from wrenchsight.analyses.methods.payload.payload_identification import payload_log
 
     with showing_progress("payload") as progress:
         result = payload_log(settings, out, progress)

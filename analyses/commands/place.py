@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
-from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
+from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
+    from wrenchsight.analyses.methods.place.placement_result import PlacementResult
 
 ORDER = 70
 OPTIONS = (
@@ -28,7 +28,7 @@ OPTIONS = (
 @with_settings(PlaceSettings, OPTIONS)
 def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/place")) -> None:
     """Find where a straight path belongs, and how the arm should stand along it."""
-    from wrenchsight.analyses.methods.planning.placement import place_task
+    from wrenchsight.analyses.methods.place.placement import place_task
 
     with showing_progress("place") as progress:
         result = place_task(

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
-from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings
+from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancySettings
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.planning.redundancy import RedundancyResult
+    from wrenchsight.analyses.methods.redundancy.redundancy import RedundancyResult
 
 ORDER = 80
 OPTIONS = (Option("task", required=True), Option("robot"))
@@ -21,7 +21,7 @@ def command(
     settings: RedundancySettings, ctx: typer.Context, out: Out = Path("out/redundancy")
 ) -> None:
     """Choose the free angle about the normal, and the branch, along a path on a surface."""
-    from wrenchsight.analyses.methods.planning.redundancy_results import redundancy
+    from wrenchsight.analyses.methods.redundancy.redundancy_results import redundancy
 
     if on_command_line(ctx, "task"):
         settings.task_content = None

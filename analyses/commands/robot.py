@@ -44,7 +44,7 @@ def command(
         return
     if robot is not None:
         raise InputError(robot, "", "is one argument too many", "write `robot URDF`")
-    from wrenchsight.analyses.methods.arms.robot_draft import FILL_IN, draft_robot
+    from wrenchsight.analyses.methods.robot.robot_draft import FILL_IN, draft_robot
 
     path = out or Path("robot.yaml")
     drafted, places = draft_robot(Path(source), path, base, flange, _arguments(xacro_arg or []))

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wrenchsight.analyses.commands.options import Option, Out, on_command_line, with_settings
-from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
+from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSettings
 from wrenchsight.analyses.output.console import new_table, notes, show, showing_progress
 
 if TYPE_CHECKING:
-    from wrenchsight.analyses.methods.runs.simulation_result import SimulationResult
+    from wrenchsight.analyses.methods.simulate.simulation_result import SimulationResult
 
 ORDER = 40
 OPTIONS = (
@@ -38,7 +38,7 @@ def command(
     out: Out = Path("out/simulate"),
 ) -> None:
     """Simulate an arm, what acts on it, and what the estimator reads from its currents."""
-    from wrenchsight.analyses.methods.runs.simulation import simulate_scenario
+    from wrenchsight.analyses.methods.simulate.simulation import simulate_scenario
 
     if name is not None:
         file = settings.scenario
@@ -49,7 +49,7 @@ def command(
         result = simulate_scenario(settings, out, progress)
     _print(result)
     if settings.publish is not None:
-        from wrenchsight.analyses.methods.live.playing import play
+        from wrenchsight.analyses.methods.watch.playing import play
 
         play(result.recording(), result.robot, settings.publish, show)
 

@@ -1,7 +1,7 @@
 """The command `watch`: the wrench at the tool while the robot runs."""
 
 from wrenchsight.analyses.commands.options import Option, hidden, with_settings
-from wrenchsight.analyses.methods.live.watch_config import WatchSettings
+from wrenchsight.analyses.methods.watch.watch_config import WatchSettings
 from wrenchsight.analyses.output.console import new_console, show
 
 ORDER = 35
@@ -40,7 +40,7 @@ OPTIONS = (
 @with_settings(WatchSettings, OPTIONS)
 def command(settings: WatchSettings) -> None:
     """Tell the wrench at the tool while the robot runs: from a controller, or a log played."""
-    from wrenchsight.analyses.methods.live.watching import watch
+    from wrenchsight.analyses.methods.watch.watching import watch
 
     count = watch(settings, new_console())
     show(f"{count} readings")

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 _NUM_JOINTS: Final = 6
 # N m/A, the exact tau_des / i_des of a joint that stands still.

@@ -1,1 +1,5 @@
-"""What the commands call, without their options: questions and their answers."""
+"""Methods: what the commands do, one room a command, and what several of them share.
+
+In come settings and files; out come typed results and folders of results. `reference_sensor` and
+`external_torque` serve several commands. `identify/known_model` updates a model that is there.
+"""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 
 class EvenSample:

@@ -14,7 +14,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
 from wrenchsight.diagrams.workpiece import add_workpiece
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 INFLUENCE = 0.12  # m, beyond which a pair of shapes does not count

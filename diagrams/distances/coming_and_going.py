@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from wrenchsight.diagrams.distances.placement_cell import FLOOR, PlacementCell
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.placement.placement_program import Placement
-from wrenchsight.models.placement.placement_task import ClearanceConfig, ObstacleConfig
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.placement.placement_program import Placement
+from wrenchsight.models.planning.placement.placement_task import ClearanceConfig, ObstacleConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 

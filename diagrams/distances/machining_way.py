@@ -11,10 +11,10 @@ import numpy as np
 from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
 from wrenchsight.diagrams.distances.coming_and_going import moved_along
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import PhasesConfig
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 _POSTURES = 60  # of the pass

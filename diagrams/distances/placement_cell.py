@@ -27,14 +27,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
 from wrenchsight.diagrams.distances.arm_shapes import ArmShapes
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.placement.placement_program import (
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.placement.placement_program import (
     PathPenalty,
     PlacementBatch,
     quaternion_from,
     rotation_of,
 )
-from wrenchsight.models.placement.placement_task import ClearanceConfig, ObstacleConfig
+from wrenchsight.models.planning.placement.placement_task import ClearanceConfig, ObstacleConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import pose_of
 

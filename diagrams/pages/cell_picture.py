@@ -4,8 +4,8 @@ import numpy as np
 
 from wrenchsight.diagrams.distances.placement_cell import obstacle_corners, workpiece_corners
 from wrenchsight.diagrams.pages.path_page import TriangleMesh
-from wrenchsight.models.placement.placement_program import Placement
-from wrenchsight.models.placement.placement_task import ClearanceConfig
+from wrenchsight.models.planning.placement.placement_program import Placement
+from wrenchsight.models.planning.placement.placement_task import ClearanceConfig
 
 
 def cell_picture(clearance: ClearanceConfig | None, placement: Placement) -> TriangleMesh | None:

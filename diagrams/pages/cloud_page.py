@@ -7,7 +7,7 @@ from pydrake.perception import BaseField, Fields, PointCloud
 
 from wrenchsight.diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 _POINT_SIZE = 0.007  # m

@@ -6,7 +6,7 @@ import numpy as np
 
 from wrenchsight.diagrams.pages.arm_picture import ArmPicture
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
 

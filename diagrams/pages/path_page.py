@@ -10,7 +10,7 @@ from pydrake.geometry import Meshcat, Rgba
 
 from wrenchsight.diagrams.pages.arm_picture import ArmPicture, colour_scale, scale_legend
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 _RADIUS = 0.006  # m, of the tube along the path

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.load_parameters import load_columns
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

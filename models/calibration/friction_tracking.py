@@ -30,7 +30,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration import residual_noise as noise
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.residual_noise import V_REST
@@ -40,7 +39,8 @@ from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS, UNITS, with_sliding
 from wrenchsight.models.friction.slip_elements import add_slip_torque, update_slip
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.signals.first_order import low_pass
 
 PERIOD = 0.1  # s between two steps of the filter

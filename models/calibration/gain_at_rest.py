@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.residual_noise import V_REST
+from wrenchsight.models.numerics.arrays import Array
 
 EDGE = 0.2  # s of a rest, at its begin and its end, that are not judged
 LEAST_REST = 0.3  # s between the edges

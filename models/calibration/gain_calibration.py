@@ -21,7 +21,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import REACH
 from wrenchsight.models.calibration.load_parameters import body_parameters, load_columns
@@ -30,6 +29,7 @@ from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
 from wrenchsight.models.identification.torque_regression import parameter_prior, split_terms
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 GAIN_SD = 0.3  # of u before any log: torque per ampere right within a third

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 LEAST_TILT = math.radians(1.5)

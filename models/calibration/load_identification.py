@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_parameters import (
     inertia_matrix,
@@ -29,6 +28,7 @@ from wrenchsight.models.calibration.load_parameters import (
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
 
 REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution's prior

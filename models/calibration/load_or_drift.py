@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
@@ -32,6 +31,7 @@ from wrenchsight.models.calibration.load_identification import (
 )
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.numerics.arrays import Array
 
 UNLIKELY = 0.01
 SAME = 3.0  # standard errors of the difference

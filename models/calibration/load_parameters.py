@@ -7,8 +7,8 @@ physical_consistency`): P' = X P X^T with X the homogeneous pose of the old fram
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.physical_consistency import pseudo_inertia
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot import rotational_inertia
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import ToolConfig, pose_of

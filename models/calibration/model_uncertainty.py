@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_regression import parameter_names
+from wrenchsight.models.numerics.arrays import Array
 
 # The sds in model.yaml are those of independent rows. Twice them makes the load that is read from
 # unloaded logs of the UR10e, about nothing, agree with its standard errors.

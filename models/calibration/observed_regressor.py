@@ -6,10 +6,10 @@ Acceleration is the difference of velocities of two samples; the pole smooths it
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.load_parameters import flange_map
 from wrenchsight.models.calibration.model_uncertainty import uncertain_parameters
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.first_order import low_pass
 

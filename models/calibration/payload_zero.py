@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.residual_noise import V_REST
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 REACH = 0.2  # m, sd of the centre of mass about E, for a load of half the payload
 LEAST_REST = 0.2  # s that a joint rests before it counts

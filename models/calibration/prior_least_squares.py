@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lstsq, solve_triangular
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.base_parameters import triangular_factor
+from wrenchsight.models.numerics.arrays import Array
 
 FREEDOM = 30.0  # rows, what the stated covariance is worth
 _PASSES = 5

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import dry_and_viscous, sliding_columns, stiction
+from wrenchsight.models.numerics.arrays import Array
 
 GAP = 1.0  # s without a row, after which a joint rests anew
 BETWEEN_LOGS = 20.0  # s, far beyond any correlation

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.numerics.arrays import Array
 
 _ROUNDS = 20  # of reweighting; the weights settle within five
 _NORMAL_MAD = 1.4826  # sd of a normal distribution over its median absolute deviation

@@ -14,12 +14,12 @@ Groups 2, eqs. 10.85, 10.86).
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Record, record
 from wrenchsight.models.control.joint_tracking import friction_feedforward
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Record, record
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.numerics.views import copy_to, plain
 from wrenchsight.models.rigid_body.rotations import rotation_vector
-from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.views import copy_to, plain
 
 _NO_GAIN = np.zeros((6, 6))
 

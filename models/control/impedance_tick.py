@@ -1,8 +1,8 @@
 """The impedance controller for one tick of a machining pass."""
 
-from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.control.impedance import impedance_action
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.kernel import kernel
 
 
 @kernel

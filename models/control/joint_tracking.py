@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Record, record
 from wrenchsight.models.friction.velocity_friction import friction_torque
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.views import plain, read_only
+from wrenchsight.models.numerics.arrays import Array, Record, record
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import plain, read_only
 
 
 @kernel

@@ -10,9 +10,9 @@ from typing import Union
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 _STEP, _RAMP, _SINE, _PUSH = 0.0, 1.0, 2.0, 3.0
 _NUM_TONES = 24  # enough for a nearly Gaussian amplitude; few enough for one microsecond a sample

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.detection.contact_statistic import (
     CHANGE,
     CHANGE_LEVEL,
@@ -54,6 +53,7 @@ from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
     ConstantTorqueError,
 )
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import ExceedanceTail, gaussian_tail
 

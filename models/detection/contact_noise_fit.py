@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetector
 from wrenchsight.models.detection.contact_statistic import (
     CHANGE_LENGTH,
@@ -25,6 +24,7 @@ from wrenchsight.models.identification.torque_error_fit import (
     features_along,
     most_likely,
 )
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import fit_exceedances
 

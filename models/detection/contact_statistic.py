@@ -78,7 +78,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
@@ -87,9 +86,10 @@ from wrenchsight.models.identification.torque_error_model import (
     breakaway,
     variance_parts,
 )
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_lower
-from wrenchsight.models.views import borrowed, copy_to
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_lower
+from wrenchsight.models.numerics.views import borrowed, copy_to
 
 WINDOW = 0.3  # s
 MISFIT_WINDOW = 0.1  # s

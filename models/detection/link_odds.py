@@ -41,8 +41,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, logsumexp
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.wrench import PRIOR_LEVER
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 RADII = (0.06, 0.1)  # m
 REACH = 0.08  # m

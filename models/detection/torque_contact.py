@@ -39,8 +39,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags, contiguous
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 
 FIRST = 0.15  # s
 SLOW = 1.0  # s

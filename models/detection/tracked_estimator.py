@@ -17,7 +17,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.calibration.friction_tracking import FrictionTracker
 from wrenchsight.models.calibration.payload_zero import PayloadZero, ZeroedPayload
 from wrenchsight.models.detection.contact_detector import (
@@ -34,6 +33,7 @@ from wrenchsight.models.estimation.estimator import (
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.robot.robot import Robot
 
 HELD = 2.0  # sds of the model's own error, up to which it holds what friction drifts by

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
     Parameters,
@@ -55,6 +54,7 @@ from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     ConstantTorqueError,
 )
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.lag import JACOBIAN_ROWS
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer import (

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.torque_error_stage import (
     ERROR_ROWS,
     STAGE_ROWS,
@@ -23,11 +22,12 @@ from wrenchsight.models.estimation.wrench_reading import (
     READING_ROWS,
     READING_WORK_ROWS,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import Layout, joined, part, view_2d
 from wrenchsight.models.observers.observer import NUM_SIGNALS, TORQUE_SD
 from wrenchsight.models.observers.sample_check import CHECK_ROWS
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
-from wrenchsight.models.views import Layout, joined, part, view_2d
 
 
 class Parameters(NamedTuple):

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import whitening_matrix
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.rigid_body.bounded_minimum import bounded_minimum
-from wrenchsight.models.rigid_body.small_matrices import factorise
-from wrenchsight.models.rigid_body.ties import in_order
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.bounded_minimum import bounded_minimum
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import factorise
+from wrenchsight.models.numerics.ties import in_order
 
 FORCE_SD_RANGE = (1.0, 1e4)  # N
 MOMENT_SD_RANGE = (0.01, 1e3)  # N m

@@ -10,8 +10,8 @@ type names the kernels:
     observe(choice)(table, state, signals, J)                  # in a kernel
 
 The compiled function is kept on disk like every other. The name in the type holds the kernels'
-stamp (`wrenchsight.models.kernel`): a kernel that changed is another choice. Of a kernel outside
-this package it also holds when its folder's files last changed.
+stamp (`wrenchsight.models.numerics.kernel`): a kernel that changed is another choice. Of a kernel
+outside this package it also holds when its folder's files last changed.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from wrenchsight.models.kernel import kernel_stamp
+from wrenchsight.models.numerics.kernel import kernel_stamp
 
 KernelChoice = NDArray[np.void]
 

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.evidence_prior import FORCE_SD_RANGE, MOMENT_SD_RANGE
-from wrenchsight.models.rigid_body.bounded_minimum import bounded_minimum
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.bounded_minimum import bounded_minimum
 
 NOISE_RANGE = (1.0, 10.0)  # a model is at least as wrong under load as without
 LARGEST_OFFSET = 2.0  # m from E in each axis

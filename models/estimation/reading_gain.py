@@ -12,9 +12,9 @@ gain V gain^T of the wrench.
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, known_of_wrench, live_prior
+from wrenchsight.models.numerics.arrays import Array
 
 _LEAST, _LARGEST = 1e-9, 1e9  # N or N m, for a prior of zero and an infinite one
 

@@ -38,8 +38,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.force_changes import IntervalSmoother, ProportionalError
 from wrenchsight.models.observers.kalman_observer import KalmanObserver, KalmanObserverConfig
 from wrenchsight.models.observers.observer import NUM_SIGNALS

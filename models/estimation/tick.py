@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
     Parameters,
@@ -38,7 +37,17 @@ from wrenchsight.models.identification.torque_error_model import (
     posture_variance_of_links,
     take_transmitted,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
+from wrenchsight.models.numerics.views import (
+    Layout,
+    borrowed,
+    copy_to,
+    copy_whole,
+    read_only,
+    view_2d,
+)
 from wrenchsight.models.observers.observer import (
     CTV,
     DRIFT,
@@ -60,8 +69,6 @@ from wrenchsight.models.observers.sample_check import (
 )
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, observer_terms
 from wrenchsight.models.robot.motors import joint_torque
-from wrenchsight.models.row_blocks import in_row_blocks
-from wrenchsight.models.views import Layout, borrowed, copy_to, copy_whole, read_only, view_2d
 
 GAIN, MOTOR_RATES = range(2)  # rows of `drives`; the last only of coupled joints
 KNOWN_CORRECTION, KNOWN_COUNTS, KNOWN_SD, KNOWN_TAU_F = range(4)  # rows of `known`

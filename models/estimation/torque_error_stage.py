@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
@@ -21,7 +20,9 @@ from wrenchsight.models.identification.torque_error_model import (
     take_transmitted,
     torque_sd_tick,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import view_2d
 from wrenchsight.models.observers.lag import (
     JACOBIAN_ROWS,
     observer_poles,
@@ -29,7 +30,6 @@ from wrenchsight.models.observers.lag import (
     take_jacobian,
 )
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
-from wrenchsight.models.views import view_2d
 
 STAGE_ROWS = TORQUE_ERROR_ROWS + JACOBIAN_ROWS  # of the state, (STAGE_ROWS, n)
 ERROR_ROWS = 3 + JACOBIAN_ROWS + TORQUE_ERROR_ROWS  # of `torque_error_views`

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.numerics.arrays import Array
 
 _BETTER = 0.1  # times its torque error a joint is tried with
 

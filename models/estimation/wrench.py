@@ -47,7 +47,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.estimation.wrench_kernels import (
     BAYESIAN,
     FORCE_ONLY,
@@ -58,6 +57,7 @@ from wrenchsight.models.estimation.wrench_kernels import (
     WrenchOut,
     reconstruct_log,
 )
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.observer import WrenchPrior
 
 STANDARD_GRAVITY = 9.80665

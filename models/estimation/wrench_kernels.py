@@ -4,17 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.rigid_body.conditioning import condition_number_of, condition_numbers_of
-from wrenchsight.models.rigid_body.small_matrices import (
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
+from wrenchsight.models.numerics.small_matrices import (
     factorise,
     invert_transposed,
     largest_eigenvalue_3x3,
     orthogonalise_rows,
 )
-from wrenchsight.models.row_blocks import in_row_blocks
-from wrenchsight.models.views import borrowed
+from wrenchsight.models.numerics.views import borrowed
+from wrenchsight.models.rigid_body.conditioning import condition_number_of, condition_numbers_of
 
 METHODS = ("inverse", "force_only", "bayesian", "damped", "truncated")
 _INVERSE, FORCE_ONLY, BAYESIAN, _DAMPED, _TRUNCATED = range(5)

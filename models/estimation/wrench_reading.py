@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.torque_error_stage import TorqueError, torque_error_views
 from wrenchsight.models.estimation.wrench import (
     WrenchEstimate,
@@ -33,7 +32,9 @@ from wrenchsight.models.identification.torque_error_model import (
     ConstantTorqueError,
     TorqueErrorModel,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import borrowed, view_2d
 from wrenchsight.models.observers.explained_torque import (
     BEYOND,
     explained_table,
@@ -49,7 +50,6 @@ from wrenchsight.models.observers.fault_signature import (
     is_believed,
 )
 from wrenchsight.models.observers.lag import lag_settings, lag_tick, lag_update
-from wrenchsight.models.views import borrowed, view_2d
 
 Tables = tuple[Array, Array, Array, Array, Array]  # of WrenchReading
 

@@ -12,9 +12,9 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.text_table import write_csv_header
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
 

@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.slip_elements import FrictionKernels
@@ -24,7 +23,8 @@ from wrenchsight.models.friction.velocity_friction import (
     SemiParametricFriction,
     friction_torque,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 _VELOCITY_COLUMNS = 7  # of the velocity law's table, which has no networks here
 

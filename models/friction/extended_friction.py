@@ -8,11 +8,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.friction_terms import FrictionTerm
 from wrenchsight.models.friction.slip_elements import FrictionKernels
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

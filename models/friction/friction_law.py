@@ -25,9 +25,9 @@ from typing import Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.slip_elements import FrictionKernels
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.numerics.arrays import Array
 
 
 class FrictionLaw(Protocol):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 _KEYS = ("W1", "b1", "W2", "b2", "v_scale")
 

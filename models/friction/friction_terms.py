@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

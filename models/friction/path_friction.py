@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.slip_elements import FrictionKernels
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
 
 REACH = 0.01  # rad: ripple of a joint's gear repeats every .03 to .06 rad
 ALIKE = 0.3  # of the speed, by which velocities that show the same differ

@@ -40,7 +40,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.slip_elements import (
     COULOMB,
     CUBIC,
@@ -63,7 +62,8 @@ from wrenchsight.models.friction.velocity_friction import (
     CoulombViscous,
     SemiParametricFriction,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 
 RELAXATION = 1.0  # s in which the slip of a joint at rest fades to 1/e
 

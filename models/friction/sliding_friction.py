@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.coupled_friction import CoupledFriction, joint_side
 from wrenchsight.models.friction.extended_friction import LayeredFriction
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -26,6 +25,7 @@ from wrenchsight.models.friction.slip_elements import (
     held_stribeck,
 )
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.numerics.arrays import Array
 
 TERMS = ("coulomb", "viscous", "offset")
 UNITS = ("N m", "N m s/rad", "N m")

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction, slip_path
+from wrenchsight.models.numerics.arrays import Array
 
 
 def sliding_level(law: PreslidingFriction, v: Array, load: Array) -> Array:

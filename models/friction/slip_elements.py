@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 # Columns of the slip table; then K weights and K displacements. The first seven are of sliding:
 # level C, S, 1 / v_s, load; cubic, fitted speed, slope of the cubic part beyond it.

@@ -11,10 +11,10 @@ from typing import Literal, Self, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.slip_elements import SLIP_KERNELS, FrictionKernels
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 
 Handover = Literal["continuous", "literal"]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 # Dependent columns come out at 1e-15; a joint axis written as 1.57079632679 makes that 1e-11. What
 # is genuinely determined lies above 1e-3 even for poor motions. No value in between has been seen.

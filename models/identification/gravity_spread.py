@@ -22,8 +22,8 @@ within is part of what held-out motion showed (`models.identification.torque_err
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, contiguous
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.chain_kernels import place_links
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
@@ -31,6 +30,7 @@ from wrenchsight.models.identification.contact_noise import ContactNoise, check_
 from wrenchsight.models.identification.fitted_robot import FittedRobot
 from wrenchsight.models.identification.gravity_spread import PARAMETERS
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 

@@ -4,8 +4,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 

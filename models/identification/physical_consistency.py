@@ -23,10 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
 from wrenchsight.models.friction.friction_terms import term_of
 from wrenchsight.models.identification.base_parameters import triangular_factor
+from wrenchsight.models.numerics.arrays import Array
 
 MARGIN = 1e-4  # least eigenvalue of a scaled pseudo-inertia: inside, whatever rounding does
 DRIVE_PRIOR = 1e-3  # weight of the prior on rotor inertia and friction

@@ -27,10 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, contiguous
 from wrenchsight.models.friction.slip_elements import within_rounding
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 
 # rad (m); settled on one run of the simulated arm, pushed along the initial path
 REACHES = (1e-5, 3e-5, 1e-4)

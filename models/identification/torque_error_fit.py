@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Flags, contiguous
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.torque_error_model import (
     NUM_FEATURES,
@@ -36,7 +35,8 @@ from wrenchsight.models.identification.torque_error_model import (
     initial_torque_error_state,
     torque_error_features,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 
 FEWEST_SAMPLES = 200  # of a joint, over all logs
 WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken to find what lasts

@@ -52,7 +52,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.friction.sliding_friction import sliding_table
 from wrenchsight.models.friction.slip_elements import (
@@ -67,7 +66,8 @@ from wrenchsight.models.identification.gravity_spread import (
     spread_of_links,
     spread_table,
 )
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 DRIFT = 0.05  # of the viscous torque

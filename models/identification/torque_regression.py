@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lstsq, pinvh
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.base_parameters import (
     BaseParameters,
     realise,
     triangular_factor,
 )
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 

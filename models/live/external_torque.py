@@ -9,7 +9,6 @@ from collections import deque
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.link_odds import (
     AT_WORK,
@@ -30,6 +29,7 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
 )
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 JUDGE_TIME = 0.05  # s of a contact before its place is judged first, then at each doubling

@@ -5,11 +5,11 @@ It reads means over blocks. A reading is that of the last block that is over, an
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.contact.contact_reading import ContactReader
 from wrenchsight.models.detection.contact_detector import Detection, Reader
+from wrenchsight.models.estimation.contact_filter import ContactConfig
+from wrenchsight.models.estimation.contact_reading import ContactReader
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
+from wrenchsight.models.numerics.arrays import Array
 
 
 class KnownContactEstimator:

@@ -12,14 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.contact.contact_filter import ContactConfig
 from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
     ContactEstimator,
     Reader,
 )
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
+from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -28,6 +27,7 @@ from wrenchsight.models.live.known_contact import KnownContactEstimator
 from wrenchsight.models.live.reading import Reading
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
 from wrenchsight.models.live.stream_order import GridSample, SampleGrid, StreamOrder
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.sample_check import BEYOND, FURTHEST, LESS, SampleCheck
 from wrenchsight.models.recordings.position_resolution import position_resolution

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 PORT = 30004
 VERSION = 2

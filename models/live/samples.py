@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import one_line
+from wrenchsight.models.numerics.arrays import Array
 
 _NOTHING: Mapping[str, Array] = MappingProxyType({})
 LONGEST_TEXT = 300  # characters of an event

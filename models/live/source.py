@@ -134,7 +134,7 @@ SourceOpener = Callable[[SourceAddress, Robot], Source]
 
 SOURCES: dict[str, SourceOpener] = {}
 """By scheme, what opens a source. A further kind is one line in
-`wrenchsight.analyses.methods.live.sources`, or one here in a program of one's own."""
+`wrenchsight.analyses.methods.watch.sources`, or one here in a program of one's own."""
 
 
 def open_source(url: str, robot: Robot) -> Source:

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.live.samples import EventKind, Sample, StreamEvent
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import DROPOUT_STEPS, ROUNDING, UNIFORM_TOLERANCE
 
 SAY_AGAIN = 1.0  # s between two events of one kind

@@ -13,7 +13,7 @@ torque within their stiction.
 Friction without memory is evaluated at planned speeds on both passes, and the correction counts
 while the feed is steady. A law with memory follows the measured motion instead: under contact
 forces a joint may stick where it slid through the air, and its friction is then not the lesson's.
-What is left of the error, a second air pass shows (`wrenchsight.analyses.methods.runs.air_pass`).
+A second air pass shows the error that is left (`wrenchsight.analyses.methods.simulate.air_pass`).
 
 A lesson is of the motion that the joints made in the air. Where the feed turns it changes within
 tenths of a second (a joint that reverses slowly has little friction yet), and under the contact's
@@ -35,11 +35,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 
 LEAD = 0.5  # s at rest before the motion: the observer settles

@@ -1,8 +1,8 @@
 """A machining pass over a surface, planned: the joints' motion, its time law and its forces.
 
 The tool's tip E is led over the points of a surface path with its z axis into the surface; the
-posture at each sample is given (models.motion.redundancy chooses it). Whatever can be known to fail
-before anything moves is refused here, with one line.
+posture at each sample is given (models.planning.motion.redundancy chooses it). Whatever can be known
+to fail before anything moves is refused here, with one line.
 """
 
 import math
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_phases import PhasesConfig, check_phases
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.paths import JointTrajectory, steady_speed
-from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.paths import JointTrajectory, steady_speed
+from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot import Robot
 
 _STEP = 0.01  # s between the times that the trajectory holds

@@ -18,9 +18,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 
 class Phase(IntEnum):

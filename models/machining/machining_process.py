@@ -30,9 +30,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.process_variations import (
     ProcessVariations,
     VariationsConfig,
@@ -41,6 +39,8 @@ from wrenchsight.models.machining.process_variations import (
     vary,
 )
 from wrenchsight.models.machining.tool_vibration import vibration_shares
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.

@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import (
     FAULT,
@@ -24,11 +22,13 @@ from wrenchsight.models.machining.machining_phases import (
     setpoint,
     work_time,
 )
-from wrenchsight.models.motion.paths import quintic_at
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import Layout, joined, part
+from wrenchsight.models.planning.motion.paths import quintic_at
 from wrenchsight.models.rigid_body.chain_kernels import pose_and_jacobian
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.views import Layout, joined, part
 
 _POSE = 18  # entries of a pose's reference: R_WD (9) row by row, p_WD (3) m, V_WD (6) rad/s, m/s
 _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank

@@ -1,15 +1,15 @@
 """A tick of what leads and watches a pass, with its plan and its memory in few arrays."""
 
-from wrenchsight.models.arrays import Array, Record
-from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_phases import STATE_SIZE
 from wrenchsight.models.machining.machining_reference import (
     advance_reference,
     machining_reference,
     plan_of,
 )
+from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import Layout, plain
 from wrenchsight.models.rigid_body.chain_kernels import all_terms
-from wrenchsight.models.views import Layout, plain
 
 
 @kernel

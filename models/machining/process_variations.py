@@ -47,9 +47,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 NUM_WAVES = 24  # of a field
 _REACH = 8  # entries of the memory of chatter before its first turn

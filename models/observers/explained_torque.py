@@ -20,11 +20,11 @@ WITHIN. What a wrong current reads below them is no larger than a force could be
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.rigid_body.small_matrices import factorise_with_floor, solve_lower
-from wrenchsight.models.row_blocks import in_row_blocks
-from wrenchsight.models.views import borrowed
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
+from wrenchsight.models.numerics.small_matrices import factorise_with_floor, solve_lower
+from wrenchsight.models.numerics.views import borrowed
 
 BEYOND = 6.0
 WITHIN = 3.0

@@ -29,8 +29,8 @@ UR10e; the other half of them served to check.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 LOADED, FREE, ALONE = 8.0, 3.0, 2.5  # of |z|^2, by joint
 ALONE_SHARE = 0.12

@@ -13,8 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import (
+    factorise_in_place,
+    factorise_with_floor,
+    solve_factorised,
+    solve_lower,
+)
+from wrenchsight.models.numerics.views import copy_to, copy_whole
 from wrenchsight.models.observers.kalman_kernels import (
     DECAY_F,
     JUMP_F,
@@ -30,13 +37,6 @@ from wrenchsight.models.observers.kalman_kernels import (
     split_table,
 )
 from wrenchsight.models.observers.observer import CTV, GRAVITY, TAU_F, TAU_J
-from wrenchsight.models.rigid_body.small_matrices import (
-    factorise_in_place,
-    factorise_with_floor,
-    solve_factorised,
-    solve_lower,
-)
-from wrenchsight.models.views import copy_to, copy_whole
 
 # Kinds of a sample: whether it was measured, and whether the coming period is known.
 _MEASURED, _KNOWN, NUM_KINDS = range(3)

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.fixed_interval import (
     BLOW_GAIN,
     FORCE_GAIN,

@@ -7,8 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import (
+    factorise_with_floor,
+    solve_factorised,
+    solve_lower,
+)
 from wrenchsight.models.observers.observer import (
     CTV,
     DRIFT,
@@ -20,11 +25,6 @@ from wrenchsight.models.observers.observer import (
     TORQUE_SD,
 )
 from wrenchsight.models.observers.period_torque import arrived_momentum
-from wrenchsight.models.rigid_body.small_matrices import (
-    factorise_with_floor,
-    solve_factorised,
-    solve_lower,
-)
 
 # Table: numbers, 6-vectors, n-vectors and an (n, n), all flat.
 PERIOD, BEFORE, SETTLED, GROSS, CHANGED, DECAY_SUM = range(6)

@@ -64,7 +64,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.special import chdtri
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.kalman_kernels import (
     BEFORE,
     CHANGED,

@@ -30,8 +30,8 @@ stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 JACOBIAN_ROWS = 6  # of the state, (JACOBIAN_ROWS, n), NaN before the first sample
 _DOUBTED = 0.1  # pace of LP_omega where the reading is not valid

@@ -17,8 +17,8 @@ LP_omega takes part of the rate's power; for a force whose spectrum is flat up t
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 SHARE = 3.0 * (1.0 - 0.25 * np.pi)
 _ROWS = 7  # of the state: LP_omega of the wrench, then LP_omega(g g^T)

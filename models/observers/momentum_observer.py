@@ -33,8 +33,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.observer import (
     CTV,
     GRAVITY,

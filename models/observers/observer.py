@@ -29,8 +29,8 @@ takes the place of the wrench from tau_ext:
 
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.numerics.arrays import Array
 
 # Rows of `signals`.
 Q, V = 0, 1  # rad, rad/s

@@ -9,8 +9,8 @@ sample that belongs to the period before it is therefore known before the next p
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.observers.observer import CTV, GRAVITY, MOMENTUM, TAU_F, TAU_J
 
 TORQUE_SAMPLES = ("held", "trapezoidal")

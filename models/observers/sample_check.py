@@ -41,10 +41,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrenchsight.models.arrays import Array, contiguous
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import borrowed
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.views import borrowed
 
 Codes = NDArray[np.int64]
 

@@ -1,7 +1,8 @@
 """The signals of a sample, for an observer that is a block of its own."""
 
-from wrenchsight.models.arrays import Array, Record
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import view_2d
 from wrenchsight.models.observers.observer import (
     CTV,
     DRIFT,
@@ -16,7 +17,6 @@ from wrenchsight.models.observers.observer import (
     Q,
     V,
 )
-from wrenchsight.models.views import view_2d
 
 
 def signals_size(num_joints: int) -> int:

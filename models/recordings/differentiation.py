@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording, concatenated
 
 HALF_WINDOW_S = 0.03

@@ -14,10 +14,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 _LARGEST = 1e-2  # rad (m); a log whose smallest change is larger jumps, it does not round
 _SMALLEST = 1e-9  # below, it is the rounding of a float64, and no encoder's

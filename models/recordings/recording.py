@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 _SIGNALS = ("t", "q", "v", "current", "tau_J", "dropout", "row")
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.bundled_files import named_file
 from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000

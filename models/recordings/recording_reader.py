@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.differentiation import (
     HALF_WINDOW_S,
     LEAST_WINDOW,

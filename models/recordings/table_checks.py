@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.log_container import LogTable, RowNumbers
 
 

@@ -11,10 +11,10 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 
 Lines = NDArray[np.int64]

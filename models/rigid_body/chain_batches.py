@@ -5,8 +5,8 @@ Each loop calls the kernel of one sample, so that a sample and a row of a millio
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.rigid_body.chain_kernels import (
     add_coupled_rotors,
     gravity_terms,

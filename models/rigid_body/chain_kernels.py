@@ -17,9 +17,9 @@ no fast-math reordering, so that one sample and a row of a million agree bit for
 
 import math
 
-from wrenchsight.models.arrays import Array, Record
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.views import plain
+from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import plain
 
 # Columns of SerialChain.table, one row per joint; the last row holds E and gravity. The kernels
 # spell the columns of vectors as numbers: 0-8 R_PJ row by row, 9-11 p_PJ, 12-14 axis, 15 prismatic

@@ -15,11 +15,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.rigid_body.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
-from wrenchsight.models.row_blocks import in_row_blocks
-from wrenchsight.models.views import borrowed
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
+from wrenchsight.models.numerics.small_matrices import MAX_SWEEPS, ORTHOGONAL, turn_rows
+from wrenchsight.models.numerics.views import borrowed
 
 # A smallest singular value below this part of the largest, times the matrix's size, is rounding.
 _ROUNDING = float(np.finfo(np.float64).eps)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Record, record_type
+from wrenchsight.models.numerics.arrays import Array, Record, record_type
 
 
 @cache

@@ -22,8 +22,9 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.row_blocks import in_row_blocks
 from wrenchsight.models.rigid_body.chain_batches import (
     condition_number_rows,
     gravity_torque_rows,
@@ -41,7 +42,6 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     all_terms,
 )
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
-from wrenchsight.models.row_blocks import in_row_blocks
 
 _BLOCK = 1024  # samples that are worth a thread: a millisecond
 

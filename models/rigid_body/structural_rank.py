@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 _POSTURES = 8  # random, as one alone may be singular

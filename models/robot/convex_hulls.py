@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.files_read import about_to_read
+from wrenchsight.models.numerics.arrays import Array
 
 HULL_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
 _VERSION = b"1"  # of the way that hulls are made; another one leaves those in the cache alone

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 
 _LARGEST_CONDITION = 1e4  # more than that of any real gear
 

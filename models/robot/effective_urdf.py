@@ -10,8 +10,8 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 from wrenchsight.models.robot.urdf_elements import set_pose
 

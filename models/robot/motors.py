@@ -11,8 +11,8 @@ with tau_J positive along positive joint motion, before friction.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 
 def motor_gain(torque_per_ampere: ArrayLike, current_sign: ArrayLike = 1.0) -> Array:

@@ -18,11 +18,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointIndex, ModelInstanceIndex
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.bundled_files import bundled_files, named_file
 from wrenchsight.models.files.configuration import load_configuration, nearest, save_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import LARGEST, check_numbers
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.coupling import coupling_notice, coupling_of, is_coupled, motor_rates
 from wrenchsight.models.robot.drake_parsing import add_model

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 
 def inertia_matrix(values: Sequence[float] | Array) -> Array:

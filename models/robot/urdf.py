@@ -13,9 +13,9 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.configuration import nearest
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.collision_meshes import CollisionMeshes
 from wrenchsight.models.robot.effective_urdf import EffectiveUrdf, JointLimits
 from wrenchsight.models.robot.mimic_joints import followed_positions, leader_of

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 

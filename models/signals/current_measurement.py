@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 
 @kernel

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import gammainccinv, gammaln, xlogy
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 GAP = 0.5  # s
 SHARES = (0.02, 0.05, 0.1)  # of the samples above the level: the first with ENOUGH excursions

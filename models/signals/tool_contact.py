@@ -6,8 +6,8 @@ contact to its centre, exact on any smooth surface.
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 
 CONTACT_SIZE, NORMAL_SIZE = 10, 4
 WRENCH, NORMAL_FORCE, NORMAL = slice(6), 6, slice(7, 10)  # of the array

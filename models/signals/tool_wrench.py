@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.signals.low_pass import low_pass_update
 
 # Rows of the table of constants, (_NUM_ROWS, 3).

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 
 def undone_low_pass(y: Array, pole: Array, is_measured: Flags) -> tuple[Array, Flags]:

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Record, record_type
 from wrenchsight.models.control.wrench_script import sample_script
-from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.machining_process import (
     FORCE,
     NORMAL,
@@ -27,6 +25,9 @@ from wrenchsight.models.machining.machining_process import (
     advance_varying_process,
     joint_vibration,
 )
+from wrenchsight.models.numerics.arrays import Array, Record, record_type
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.views import copy_to, plain
 from wrenchsight.models.rigid_body.chain_kernels import all_terms
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
@@ -43,7 +44,6 @@ from wrenchsight.models.truth.joint_kernels import (
     joint_tick,
     mixed_currents,
 )
-from wrenchsight.models.views import copy_to, plain
 
 
 class ArmLayout(NamedTuple):

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.control.joint_tracking import (
     advance_integral,
     tracking_law,
@@ -23,8 +22,11 @@ from wrenchsight.models.control.joint_tracking import (
 )
 from wrenchsight.models.control.wrench_script import WrenchScript, sample_script
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
-from wrenchsight.models.kernel import kernel
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.numerics.views import copy_to, read_only
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
     dynamics_terms,
@@ -32,7 +34,6 @@ from wrenchsight.models.rigid_body.chain_kernels import (
     tool_pose,
 )
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
-from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.current_measurement import report_current, update_lag
@@ -52,7 +53,6 @@ from wrenchsight.models.truth.joint_kernels import (
 )
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import true_robot
-from wrenchsight.models.views import copy_to, read_only
 
 _CHUNK = 50_000  # ticks for which the trajectory is sampled at a time: it is much memory
 VELOCITY_STREAM = 3 * 2**32

@@ -71,12 +71,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.kernel import kernel
 from wrenchsight.models.machining.tool_vibration import held_share
-from wrenchsight.models.rigid_body.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.numerics.views import read_only
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
-from wrenchsight.models.views import read_only
 
 RIGID = 1e5
 """N m s/rad of an element without displacement: a joint at rest creeps by its torque over this."""

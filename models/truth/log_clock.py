@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, contiguous
-from wrenchsight.models.kernel import kernel
+from wrenchsight.models.numerics.arrays import Array, contiguous
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.truth_config import ClockConfig
 

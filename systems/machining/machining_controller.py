@@ -4,7 +4,6 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.estimator import Taught
 from wrenchsight.models.estimation.tick import tick_update
@@ -19,6 +18,7 @@ from wrenchsight.models.machining.tool_vibration import (
     freed_friction,
     track_vibration,
 )
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.serial_chain import SerialChain

@@ -7,7 +7,7 @@ from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults
 from pydrake.multibody.tree import BodyIndex
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 _USUAL_CONTACTS = 4
 

@@ -10,9 +10,9 @@ from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForc
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from wrenchsight.models.arrays import Array, Record
 from wrenchsight.models.control.wrench_script import WrenchScript
 from wrenchsight.models.machining.machining_process import MachiningProcess, add_unbalance_force
+from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.rigid_body.serial_chain import SerialChain

@@ -11,7 +11,7 @@ from textwrap import dedent, indent
 
 import pytest
 
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
+from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.registry import REGISTRY
 

@@ -324,7 +324,7 @@ def test_on_a_terminal_there_are_bars():
 
 
 def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
-    from wrenchsight.analyses.methods.reading import estimation
+    from wrenchsight.analyses.methods.estimate import estimation
 
     force = {"mean_n": -24.6789, "rms_n": 25.5, "max_abs_n": 40.34, "mean_sd_n": None}
     metrics = {
@@ -358,7 +358,7 @@ def test_an_estimate_prints_its_table_and_its_doubts(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("sensor", [True, False])
 def test_a_simulation_prints_its_errors_and_its_files(monkeypatch, tmp_path, sensor):
-    from wrenchsight.analyses.methods.runs import simulation
+    from wrenchsight.analyses.methods.simulate import simulation
 
     units = {"fx": "n", "fy": "n", "fz": "n", "mx": "nm", "my": "nm", "mz": "nm"}
     errors = {f"rmse_{axis}_{unit}": 0.5 for axis, unit in units.items()}

@@ -26,7 +26,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     task_scenario,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import LAWS, ArmModels
-from wrenchsight.analyses.methods.runs.simulation import known_model
+from wrenchsight.analyses.methods.simulate.simulation import known_model
 from wrenchsight.analyses.output.outputs import json_text, plain_metrics
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.outcome import look_up

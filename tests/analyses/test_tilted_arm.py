@@ -21,19 +21,19 @@ from called_commands import refused, succeeded
 from pydrake.multibody.plant import MultibodyPlant
 from sample_models import harmonic_motion
 
-from wrenchsight.analyses.methods.planning.excitation import excite
-from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
-from wrenchsight.analyses.methods.runs.simulation import simulate
+from wrenchsight.analyses.methods.excite.excitation import excite
+from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
+from wrenchsight.analyses.methods.simulate.simulation import simulate
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario, make_trajectory
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.excitation.excitation_limits import ExcitationLimits
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.planning.excitation.excitation_limits import ExcitationLimits
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.impedance_controller import ImpedanceConfig

@@ -12,13 +12,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wrenchsight.analyses.methods.planning.jcn_map import sample
-from wrenchsight.analyses.methods.planning.placement import place
-from wrenchsight.analyses.methods.planning.redundancy import find_redundancy
-from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.placement.placement_search import SearchEffort
-from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.analyses.methods.jcn_map.jcn_map import sample
+from wrenchsight.analyses.methods.place.placement import place
+from wrenchsight.analyses.methods.redundancy.redundancy import find_redundancy
+from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancyTask
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.placement.placement_search import SearchEffort
+from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.robot.robot import Robot
 
 _SMALL = SearchEffort(

@@ -22,12 +22,12 @@ import pydrake
 from package_meshes import PackageMeshes
 
 import wrenchsight.analyses  # noqa: F401  (chooses the number of BLAS threads)
-from wrenchsight.analyses.methods.arms.robot_draft import draft_robot
-from wrenchsight.analyses.methods.learning.identification import identify_logs
-from wrenchsight.analyses.methods.planning.excitation import ExcitationResult, excite_robot
-from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
-from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.analyses.methods.runs.simulated_logs import simulate_excitation
+from wrenchsight.analyses.methods.estimate.estimation import estimate_log
+from wrenchsight.analyses.methods.excite.excitation import ExcitationResult, excite_robot
+from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
+from wrenchsight.analyses.methods.identify.identification import identify_logs
+from wrenchsight.analyses.methods.robot.robot_draft import draft_robot
+from wrenchsight.analyses.methods.simulate.simulated_logs import simulate_excitation
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from arm_table import ARMS, Arm, is_wrong, page, run_arm
 
-from wrenchsight.analyses.methods.planning.excitation_config import ExcitationConfig
+from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
 
 _DOCS = Path(__file__).parents[2] / "docs" / "arms.md"
 _QUICK = ExcitationConfig(num_starts=1, iterations=2)

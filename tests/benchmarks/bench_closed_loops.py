@@ -19,10 +19,10 @@ from wrenchsight.diagrams.closed_loop import make_closed_loop
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.robot_cell import RobotCell
 from wrenchsight.diagrams.scenario import Scenario, load_scenario
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_phases import Phase
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 STRETCH = 0.25  # s of simulated time

@@ -20,10 +20,10 @@ from pydrake.trajectories import PiecewisePolynomial
 from sample_models import sample_torque_error
 
 from wrenchsight.diagrams.estimator import add_estimator, make_estimator
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 Tick = Callable[[int], Array]

@@ -8,8 +8,8 @@ import time
 
 import numpy as np
 
-from wrenchsight.analyses.methods.learning.friction_training import train_networks
-from wrenchsight.analyses.methods.planning.excitation import excite
+from wrenchsight.analyses.methods.excite.excitation import excite
+from wrenchsight.analyses.methods.identify.friction_training import train_networks
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.robot.robot import Robot
 

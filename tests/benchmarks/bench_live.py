@@ -20,19 +20,19 @@ import numpy as np
 from pyarrow import parquet
 from sample_models import free_motion, knowing_model
 
-from wrenchsight.analyses.methods.live.meshcat_view import MeshcatView
-from wrenchsight.analyses.methods.live.recorder import Recorder
-from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
-from wrenchsight.analyses.methods.live.session import live
-from wrenchsight.analyses.methods.live.watch_config import WatchConfig
-from wrenchsight.analyses.methods.live.watching import SinkThread
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.models.arrays import Array
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.estimate.estimation import estimate_log
+from wrenchsight.analyses.methods.watch.meshcat_view import MeshcatView
+from wrenchsight.analyses.methods.watch.recorder import Recorder
+from wrenchsight.analyses.methods.watch.rtde_controller import RtdeController
+from wrenchsight.analyses.methods.watch.session import live
+from wrenchsight.analyses.methods.watch.watch_config import WatchConfig
+from wrenchsight.analyses.methods.watch.watching import SinkThread
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench_bag import read_wrench_bag
 from wrenchsight.models.identification.identified_model import FittedRobot
 from wrenchsight.models.live.live_estimator import LiveConfig
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording

@@ -14,9 +14,9 @@ import numba
 import numpy as np
 import pinocchio
 
-from wrenchsight.analyses.methods.planning.jcn_map import sample, slice_plane
-from wrenchsight.analyses.methods.planning.jcn_map_settings import SliceConfig
-from wrenchsight.models.arrays import Array
+from wrenchsight.analyses.methods.jcn_map.jcn_map import sample, slice_plane
+from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import SliceConfig
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, all_terms, observer_terms
 from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.rigid_body.serial_chain import SerialChain

@@ -5,7 +5,7 @@ import pytest
 
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece, process_contact, surface_of
-from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.planning.motion.surface_path import SurfacePath
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,10 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.diagrams.estimator import add_estimator
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.contact_detection import DETECTION
 

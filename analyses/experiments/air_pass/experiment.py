@@ -29,7 +29,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     VALIDATED,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,

@@ -23,11 +23,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.known_payload impo
     estimate_run,
     payload_reference,
 )
-from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
-from wrenchsight.models.arrays import Array
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.wrench import WrenchReconstruction, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 

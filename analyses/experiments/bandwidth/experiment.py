@@ -30,7 +30,7 @@ from pydrake.systems.framework import Context
 from pydrake.systems.primitives import VectorLogSink
 from scipy.optimize import minimize_scalar
 
-from wrenchsight.analyses.methods.advance import advance
+from wrenchsight.analyses.methods.simulate.advance import advance
 from wrenchsight.analyses.output.axes import legend_above, log_scale
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.analyses.study.experiment import (
@@ -40,7 +40,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.diagrams.held_arm import HeldArm, make_held_arm
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import (
     WrenchRamp,
     WrenchScript,
@@ -50,6 +49,7 @@ from wrenchsight.models.control.wrench_script import (
 )
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 

@@ -31,11 +31,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
     log_file,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.position_resolution import position_resolution

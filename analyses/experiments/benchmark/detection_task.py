@@ -41,9 +41,9 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials imp
     spans_of,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import log_file
-from wrenchsight.analyses.methods.reading.contact_places import stretches
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.estimate.contact_places import stretches
 from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 
 SIZE: Final = 30.0  # N

@@ -11,8 +11,8 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.benchmark.arm import Reader, Reading, by_estimator
 from wrenchsight.analyses.study.own_methods import MethodEntry, MethodSetting, reason_of
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.observer_kinds import kind_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot

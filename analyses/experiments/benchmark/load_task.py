@@ -18,8 +18,8 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import 
     loaded_scene,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import LOADED_LOGS
-from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.identify.torque_fit import rms
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
 
 MARGIN: Final = 1.0  # s left out at a log's ends, as in `observers`

@@ -21,8 +21,8 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
     read_forces,
     read_pose_logs,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95
 

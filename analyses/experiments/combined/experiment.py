@@ -30,7 +30,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.methods.reading.force_errors import ForceReading, reductions
+from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading, reductions
 from wrenchsight.analyses.output.figures import COLOUR
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,

@@ -29,10 +29,10 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.paths import (
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.paths import (
     StraightPath,
     there_and_back,
     thirds,

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials import TrialLog
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.twin_logs import twin_log
-from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.identification import identify
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot

@@ -60,10 +60,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     log_file,
     presliding_arm,
 )
-from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.runs.fast_runs import run_free
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, TRACKING, stored_excitation
+from wrenchsight.analyses.methods.identify.identification import identify
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.simulate.fast_runs import run_free
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT, TRACKING, stored_excitation
 from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,

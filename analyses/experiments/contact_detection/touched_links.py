@@ -19,11 +19,11 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import 
     TouchLog,
     read_touch_logs,
 )
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 BINS = {

@@ -28,7 +28,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
     read_variants,
 )
-from wrenchsight.analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.reference_sensor.force_errors import (
     ForceReading,
     draw_signal,
     envelope,

@@ -43,10 +43,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
     validation_recordings,
 )
-from wrenchsight.analyses.methods.learning.identification import identify, predict_torque
-from wrenchsight.analyses.methods.learning.identification_config import LAWS, IdentificationConfig
-from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.identify.identification import identify, predict_torque
+from wrenchsight.analyses.methods.identify.identification_config import LAWS, IdentificationConfig
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
@@ -59,9 +59,9 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled

@@ -13,9 +13,9 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     inertial_error,
     with_known_friction,
 )
-from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
-from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit, rms
-from wrenchsight.analyses.methods.runs.simulated_logs import PERIODS, ROBOT
+from wrenchsight.analyses.methods.identify.identification_figures import torque_figure
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, rms
+from wrenchsight.analyses.methods.simulate.simulated_logs import PERIODS, ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,

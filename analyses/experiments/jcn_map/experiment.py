@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.analyses.methods.planning.jcn_map import (
+from wrenchsight.analyses.methods.jcn_map.jcn_map import (
     draw_cloud,
     draw_distribution,
     draw_slice,
@@ -15,7 +15,7 @@ from wrenchsight.analyses.methods.planning.jcn_map import (
     sample,
     slice_plane,
 )
-from wrenchsight.analyses.methods.planning.jcn_map_settings import NUM_SAMPLES, SliceConfig
+from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import NUM_SAMPLES, SliceConfig
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,

@@ -38,8 +38,8 @@ from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading impo
     read_logs,
     settled_from,
 )
-from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.analyses.methods.sensors.comparison import SensorComparison
+from wrenchsight.analyses.methods.identify.torque_fit import rms
+from wrenchsight.analyses.methods.reference_sensor.comparison import SensorComparison
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     SERIES,
@@ -54,7 +54,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.signals.bands import SIGMA_95
 

@@ -41,11 +41,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     identify_ur10e,
     log_file,
 )
-from wrenchsight.analyses.methods.calibration.specimen_refitting import refit_specimen
-from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.identify.identification import identify
+from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_specimen
+from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled

@@ -53,7 +53,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     LOADED,
     LOADED_LOGS,
 )
-from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.output.figures import Figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,

@@ -19,13 +19,13 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     followed,
 )
-from wrenchsight.analyses.methods.planning.particle_swarm import SwarmConfig
-from wrenchsight.analyses.methods.planning.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
-from wrenchsight.analyses.methods.planning.placement_files import (
+from wrenchsight.analyses.methods.place.particle_swarm import SwarmConfig
+from wrenchsight.analyses.methods.place.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
+from wrenchsight.analyses.methods.place.placement_files import (
     draw_profiles,
     write_placement_page,
 )
-from wrenchsight.analyses.methods.planning.placement_result import PlacementResult
+from wrenchsight.analyses.methods.place.placement_result import PlacementResult
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -35,9 +35,9 @@ from wrenchsight.analyses.study.experiment import (
     FigureFile,
 )
 from wrenchsight.diagrams.distances.placement_cell import PlacementCell
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.placement.placement_search import SearchEffort
-from wrenchsight.models.placement.placement_task import ClearanceConfig, load_task
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.placement.placement_search import SearchEffort
+from wrenchsight.models.planning.placement.placement_task import ClearanceConfig, load_task
 from wrenchsight.models.robot.robot import Robot
 
 NUM_SEEDS, NUM_SEEDS_QUICK = 10, 2

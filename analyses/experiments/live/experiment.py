@@ -34,12 +34,12 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     log_file,
     presliding_arm,
 )
-from wrenchsight.analyses.methods.live.reader_process import make_live, read_stream
-from wrenchsight.analyses.methods.live.rtde_controller import RtdeController
-from wrenchsight.analyses.methods.live.session import live
-from wrenchsight.analyses.methods.live.sources import open_source
-from wrenchsight.analyses.methods.live.start_checks import StartChecks
-from wrenchsight.analyses.methods.live.watch_config import (
+from wrenchsight.analyses.methods.watch.reader_process import make_live, read_stream
+from wrenchsight.analyses.methods.watch.rtde_controller import RtdeController
+from wrenchsight.analyses.methods.watch.session import live
+from wrenchsight.analyses.methods.watch.sources import open_source
+from wrenchsight.analyses.methods.watch.start_checks import StartChecks
+from wrenchsight.analyses.methods.watch.watch_config import (
     WatchConfig,
     WatchSettings,
     load_watched,
@@ -50,11 +50,11 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.kernel import one_thread
 from wrenchsight.models.live.live_estimator import LiveConfig
 from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import resampled

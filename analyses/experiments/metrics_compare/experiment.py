@@ -26,12 +26,12 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig,
     live_prior,
     reconstruct_wrench,
 )
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.conditioning import condition_number
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints

@@ -46,8 +46,8 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     log_file,
     presliding_arm,
 )
-from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.analyses.methods.runs.simulated_logs import (
+from wrenchsight.analyses.methods.identify.torque_fit import rms
+from wrenchsight.analyses.methods.simulate.simulated_logs import (
     PERIODS,
     ROBOT,
     simulate_excitation,
@@ -59,7 +59,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -67,12 +66,13 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.smoothing import smoothed_estimate
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
-from wrenchsight.models.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import fit_torque_error
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording

@@ -23,8 +23,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     repeat_cycles,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS, task_path
-from wrenchsight.analyses.methods.reading.force_errors import draw_signal, envelope
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reference_sensor.force_errors import draw_signal, envelope
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.output.figures import COLOUR, SERIES, Figure, new_figure
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
@@ -33,8 +33,8 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.motion.paths import (
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.paths import (
     TimeLaw,
     constant_speed,
     steady_speed,

@@ -17,7 +17,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     repeat_cycles,
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import PATHS
-from wrenchsight.analyses.methods.reading.force_errors import force_metrics
+from wrenchsight.analyses.methods.reference_sensor.force_errors import force_metrics
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,

@@ -4,9 +4,9 @@ The bundled path on a blade, as `redundancy` uses it: at a constant angle, by th
 the article uses, and the optimum (Figs. 11-13).
 """
 
-from wrenchsight.analyses.methods.planning.redundancy import find_redundancy
-from wrenchsight.analyses.methods.planning.redundancy_results import draw
-from wrenchsight.analyses.methods.planning.redundancy_task import RedundancyTask
+from wrenchsight.analyses.methods.redundancy.redundancy import find_redundancy
+from wrenchsight.analyses.methods.redundancy.redundancy_results import draw
+from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancyTask
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,

@@ -22,10 +22,10 @@ import numpy as np
 import yaml
 
 from wrenchsight.analyses.data_sets.places import data_set_folder
-from wrenchsight.analyses.methods.learning.identification import identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
-from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.identify.identification import identify
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.identification_figures import torque_figure
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,

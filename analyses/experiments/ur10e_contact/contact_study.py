@@ -28,13 +28,13 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     SCENES,
     write_rounded,
 )
-from wrenchsight.analyses.methods.calibration.specimen_refitting import (
+from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import (
     SpecimenRefit,
     carried_over,
     presliding_of,
     refit_rows,
 )
-from wrenchsight.analyses.methods.sensors.judged_force import (
+from wrenchsight.analyses.methods.reference_sensor.judged_force import (
     ForceReading,
     Judgement,
     pooled_judgement,

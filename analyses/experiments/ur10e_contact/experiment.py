@@ -50,7 +50,7 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentResult,
 )
 from wrenchsight.analyses.study.outcome import look_up
-from wrenchsight.models.contact.contact_filter import ContactConfig
+from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.signals.bands import SIGMA_95
 
 _SHOWN = {

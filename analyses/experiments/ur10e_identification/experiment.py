@@ -5,7 +5,7 @@ Fitted on three unloaded excitation runs of a UR10e, checked on two others: anot
 torque is mostly friction that no function of velocity expresses. Once for each friction law; `best`
 is the law with the lowest held-out error over the three fitted runs (each predicted by a fit of the
 other two). The two other runs enter no fit and no cross-validation. The rule that chooses a law's
-shape (`analyses.methods.learning.friction_fit`) has no constant; `lowest_error` shows what taking
+shape (`analyses.methods.identify.friction_fit`) has no constant; `lowest_error` shows what taking
 the lowest error would give.
 """
 
@@ -17,11 +17,11 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     VALIDATED,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.learning.identification import IdentificationResult
-from wrenchsight.analyses.methods.learning.identification_config import LAWS, IdentificationConfig
-from wrenchsight.analyses.methods.learning.identification_figures import torque_figure
-from wrenchsight.analyses.methods.learning.law_choice import best_law
-from wrenchsight.analyses.methods.learning.torque_fit import TorqueFit
+from wrenchsight.analyses.methods.identify.identification import IdentificationResult
+from wrenchsight.analyses.methods.identify.identification_config import LAWS, IdentificationConfig
+from wrenchsight.analyses.methods.identify.identification_figures import torque_figure
+from wrenchsight.analyses.methods.identify.law_choice import best_law
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,

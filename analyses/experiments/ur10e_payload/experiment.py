@@ -55,8 +55,8 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     VALIDATED,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.learning.torque_fit import rms
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.analyses.output.figures import (
     COLOUR,
     Figure,
@@ -70,7 +70,6 @@ from wrenchsight.analyses.study.experiment import (
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
 from wrenchsight.models.estimation.wrench import (
@@ -79,6 +78,7 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
 )
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95

@@ -40,19 +40,18 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     log_file,
     presliding_arm,
 )
-from wrenchsight.analyses.methods.calibration.friction_refreshing import refresh_model
-from wrenchsight.analyses.methods.learning.identification_config import (
+from wrenchsight.analyses.methods.estimate.engines import covariance_about
+from wrenchsight.analyses.methods.estimate.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.identify.identification_config import (
     RefreshConfig,
 )
-from wrenchsight.analyses.methods.reading.engines import covariance_about
-from wrenchsight.analyses.methods.reading.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.identify.known_model.friction_refreshing import refresh_model
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Experiment,
     ExperimentContext,
     ExperimentResult,
 )
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.estimator import (
     Observation,
@@ -63,6 +62,7 @@ from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import rankdata
 
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.evidence_prior import evidence_prior, evidence_prior_and_noise
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 
 @dataclass(frozen=True)

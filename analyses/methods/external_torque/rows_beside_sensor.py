@@ -3,10 +3,10 @@
 import numpy as np
 
 from wrenchsight.analyses.methods.external_torque.force_readings import LogReading
-from wrenchsight.analyses.methods.sensors.mounting import Mounting
+from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting
 from wrenchsight.analyses.output.stream_summary import EvenSample
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import WrenchEstimate
+from wrenchsight.models.numerics.arrays import Array
 
 _SENSOR = 22  # numbers of a row before the sensor's: t, force, covariance, axes
 _FORCE_COLUMNS = 3

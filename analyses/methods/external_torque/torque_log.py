@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig, reference_columns
-from wrenchsight.models.arrays import Array
+from wrenchsight.analyses.methods.reference_sensor.reference_config import (
+    ReferenceConfig,
+    reference_columns,
+)
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.layouts.external_torque import JACOBIAN, TAU_EXT, jacobians
 from wrenchsight.models.recordings.recording import Recording

@@ -17,6 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from wrenchsight.analyses.methods.estimate.estimate_config import (
+    FLOOR_SHARE,
+    PRIORS,
+    EstimateConfig,
+    EstimateSettings,
+    checked_config,
+    stated_prior,
+)
+from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
     MethodReading,
@@ -25,19 +34,16 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
 from wrenchsight.analyses.methods.external_torque.rows_beside_sensor import RowsBesideSensor
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
-from wrenchsight.analyses.methods.reading.estimate_config import (
-    FLOOR_SHARE,
-    PRIORS,
-    EstimateConfig,
-    EstimateSettings,
-    checked_config,
-    stated_prior,
+from wrenchsight.analyses.methods.reference_sensor.comparison import (
+    SensorComparison,
+    compare_with_sensor,
 )
-from wrenchsight.analyses.methods.reading.estimate_summary import EstimateSummary
-from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from wrenchsight.analyses.methods.sensors.mounting import find_mounting, tare_of
-from wrenchsight.analyses.methods.sensors.reference_config import REFERENCE, ReferenceConfig
-from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector, joined_logs
+from wrenchsight.analyses.methods.reference_sensor.mounting import find_mounting, tare_of
+from wrenchsight.analyses.methods.reference_sensor.reference_config import (
+    REFERENCE,
+    ReferenceConfig,
+)
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLogCollector, joined_logs
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrenchsight.analyses.methods.estimate.contact_episodes import ContactEpisodes
+from wrenchsight.analyses.methods.estimate.contact_places import judge_places, stretches
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
-from wrenchsight.analyses.methods.reading.contact_episodes import ContactEpisodes
-from wrenchsight.analyses.methods.reading.contact_places import judge_places, stretches
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.torque_contact import (
     ANEW,
@@ -22,6 +21,7 @@ from wrenchsight.models.detection.torque_contact import (
     first_baseline,
     learn_torque_error,
 )
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording
 
 _BEFORE = (0.2, 0.08)  # s before a contact, between which the arm is where it rests

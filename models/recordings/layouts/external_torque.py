@@ -21,8 +21,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, time_columns
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_format import (

@@ -20,10 +20,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.limited_file import read_limited
+from wrenchsight.models.numerics.arrays import Array
 
 INFO = "meta/info.json"
 MOST_EPISODES = 100_000

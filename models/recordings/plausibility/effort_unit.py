@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.log_words import IN_AMPERES, IN_NEWTON_METRES
 from wrenchsight.models.recordings.plausibility.product_sums import (
     FOLLOWS,

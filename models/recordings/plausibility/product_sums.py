@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.robot.robot import Robot
 
 SLOW = 0.25  # of the speed limit, all joints: gravity prevails over dynamics

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 from wrenchsight.models.recordings.rosbag.bounded_bag import bounded_reader
 from wrenchsight.models.recordings.rosbag.messages import (

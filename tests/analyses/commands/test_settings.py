@@ -11,29 +11,32 @@ from typer.testing import CliRunner
 from wrenchsight.analyses.__main__ import app
 from wrenchsight.analyses.commands import estimate, options
 from wrenchsight.analyses.commands.discovery import find_commands, load_command
-from wrenchsight.analyses.methods.learning import identification
-from wrenchsight.analyses.methods.learning.identification_config import IdentifySettings
-from wrenchsight.analyses.methods.planning import excitation, jcn_map, placement, redundancy_results
-from wrenchsight.analyses.methods.planning.excitation_config import ExciteSettings
-from wrenchsight.analyses.methods.planning.jcn_map_settings import JcnMapSettings, SliceConfig
-from wrenchsight.analyses.methods.planning.place_settings import PlaceSettings
-from wrenchsight.analyses.methods.planning.redundancy_task import RedundancySettings, RedundancyTask
-from wrenchsight.analyses.methods.reading import estimation
-from wrenchsight.analyses.methods.reading.estimate_config import (
+from wrenchsight.analyses.methods.estimate import estimation
+from wrenchsight.analyses.methods.estimate.estimate_config import (
     EstimateConfig,
     EstimateSettings,
     checked_config,
     with_observer,
 )
-from wrenchsight.analyses.methods.runs import simulation
-from wrenchsight.analyses.methods.runs.simulate_settings import SimulateSettings
+from wrenchsight.analyses.methods.excite.excitation_config import ExciteSettings
+from wrenchsight.analyses.methods.identify import identification
+from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import JcnMapSettings, SliceConfig
+from wrenchsight.analyses.methods.place import excitation, jcn_map, placement, redundancy_results
+from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
+from wrenchsight.analyses.methods.redundancy.redundancy_task import (
+    RedundancySettings,
+    RedundancyTask,
+)
+from wrenchsight.analyses.methods.simulate import simulation
+from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSettings
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.models.files.bundled_files import task_file
 from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
-from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.planning.placement.placement_task import load_task
 
 # What does the work of a command, by the command's name.
 WORK = {

@@ -8,13 +8,13 @@ from wrenchsight.diagrams.distances.placement_cell import (
     workpiece_corners,
     workpiece_rotation,
 )
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.placement.placement_program import (
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.placement.placement_program import (
     PlacementBatch,
     quaternion_from,
     rotation_of,
 )
-from wrenchsight.models.placement.placement_task import (
+from wrenchsight.models.planning.placement.placement_task import (
     ClearanceConfig,
     ObstacleConfig,
     WorkpieceConfig,

@@ -11,7 +11,7 @@ import numpy as np
 from fuzzing.cases import Case
 from fuzzing.clean_inputs import CleanInputs
 from fuzzing.sandbox import Ending
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.sample_check import TORQUE_MARGIN
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot

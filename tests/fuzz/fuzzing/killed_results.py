@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight.analyses.campaign.campaign_store import read_table
-from wrenchsight.analyses.methods.live.recorder import SAVE_TIME, Recorder
+from wrenchsight.analyses.methods.watch.recorder import SAVE_TIME, Recorder
 from wrenchsight.analyses.output.marked_page import refuse_unmarked
 from wrenchsight.analyses.output.result_folder import STAGING, ResultFolder, recover
 from wrenchsight.analyses.output.result_marker import MARKER, ResultMarker, strangers, visible_files

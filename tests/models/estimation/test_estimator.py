@@ -7,7 +7,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.estimation.wrench_kernels import METHODS
@@ -17,6 +16,7 @@ from wrenchsight.models.friction.friction_network import FrictionNetworks
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserver, MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 

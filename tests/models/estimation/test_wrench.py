@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.evidence_prior import (
     FORCE_SD_RANGE,
     MOMENT_SD_RANGE,
@@ -21,6 +20,7 @@ from wrenchsight.models.estimation.wrench import (
     reconstruct_wrench,
 )
 from wrenchsight.models.estimation.wrench_kernels import METHODS, reconstruct
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.conditioning import condition_number
 
 

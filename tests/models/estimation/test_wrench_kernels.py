@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
     UNKNOWN_SD,
     WrenchEstimate,
     WrenchReconstruction,
     WrenchReconstructionConfig,
 )
+from wrenchsight.models.numerics.arrays import Array
 
 N = 7
 SD = np.array([2.5, 0.4, 1.1, 0.3, 0.9, 0.2, 1.6])  # N m, of the sample

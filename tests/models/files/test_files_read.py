@@ -14,7 +14,7 @@ from wrenchsight.models.files.files_read import (
     told_of_files_read,
 )
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from sample_models import torque_sds
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification import torque_error_fit
@@ -18,6 +17,7 @@ from wrenchsight.models.identification.torque_error_fit import (
     fit_torque_error,
 )
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.numerics.arrays import Array
 
 N = 2
 STEP = 0.01

@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow.csv as pa_csv
 import pytest
 
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.input_error import InputError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sample_models import free_motion, knowing_model
 
-from wrenchsight.models.contact.contact_filter import ContactConfig
-from wrenchsight.models.contact.contact_reading import ContactReader
+from wrenchsight.models.estimation.contact_filter import ContactConfig
+from wrenchsight.models.estimation.contact_reading import ContactReader
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.live.live_estimator import LiveConfig, LiveEstimator
 from wrenchsight.models.live.samples import Sample

@@ -7,7 +7,7 @@ from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_path import check_curvature
-from wrenchsight.models.motion.surface_path import SurfacePath
+from wrenchsight.models.planning.motion.surface_path import SurfacePath
 from wrenchsight.models.robot.robot_config import PoseConfig
 
 AWAY = PoseConfig([1.5, 0.0, 0.25], load_scenario("Polishing").workpiece.pose.rpy)

@@ -17,7 +17,7 @@ from wrenchsight.models.machining.machining_reference import (
     advance_reference,
     machining_reference,
 )
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
 
 PHASES = PhasesConfig()

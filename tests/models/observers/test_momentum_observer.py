@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import (
     START_SHARE,
     MomentumObserver,

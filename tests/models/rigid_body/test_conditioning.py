@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba import njit
 
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.conditioning import (
     condition_number,
     condition_number_of,

@@ -30,8 +30,8 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
     dynamics_terms,

@@ -11,8 +11,8 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot, bundled_robots
 from wrenchsight.models.robot.robot_config import DriveConfig, PoseConfig, ToolConfig
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from wrenchsight.analyses.methods.runs.simulated_logs import TRACKING, drive_servo
+from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING, drive_servo
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth import free_arm
 from wrenchsight.models.truth.free_arm import simulate_free_arm

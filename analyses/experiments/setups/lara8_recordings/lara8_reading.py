@@ -20,11 +20,13 @@ from typing import Any, Final
 import numpy as np
 
 from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
-from wrenchsight.analyses.methods.sensors.comparison import SensorComparison, compare_with_sensor
-from wrenchsight.analyses.methods.sensors.mounting import Mounting
-from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
-from wrenchsight.analyses.methods.sensors.sensor_log import SensorLogCollector
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.reference_sensor.comparison import (
+    SensorComparison,
+    compare_with_sensor,
+)
+from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting
+from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLogCollector
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -35,6 +37,7 @@ from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Provenance
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording

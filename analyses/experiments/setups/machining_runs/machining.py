@@ -26,19 +26,19 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
-from wrenchsight.analyses.methods.advance import advance, even_stretches
-from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
+from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
+from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.machining import longest_duration, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from wrenchsight.diagrams.scenario import Scenario
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import TaughtTorque
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import Fault, Phase
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.signals.bands import SIGMA_95

@@ -10,7 +10,7 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     MachiningTask,
     feed_key,
 )
-from wrenchsight.analyses.methods.reading.force_errors import draw_signal
+from wrenchsight.analyses.methods.reference_sensor.force_errors import draw_signal
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import (
     COLOUR,
@@ -20,8 +20,8 @@ from wrenchsight.analyses.output.figures import (
     new_figure,
 )
 from wrenchsight.analyses.study.experiment import Drawing
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.machining.machining_phases import Phase
+from wrenchsight.models.numerics.arrays import Array
 
 
 def force_figure(

@@ -34,8 +34,8 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining_figures im
     machining_figures,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels, identify_arm
-from wrenchsight.analyses.methods.runs.air_pass import learn_air_passes
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.simulate.air_pass import learn_air_passes
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     ExperimentContext,
@@ -44,8 +44,8 @@ from wrenchsight.analyses.study.experiment import (
 )
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.machining.machining_phases import FAULT_SENTENCES
+from wrenchsight.models.numerics.arrays import Array
 
 QUICK_SHARE = 1.0 / 15.0  # of these
 _AIR_SEED = 1000  # apart from the runs' own

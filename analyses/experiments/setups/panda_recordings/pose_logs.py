@@ -14,10 +14,10 @@ from wrenchsight.analyses.methods.external_torque.force_readings import (
     MethodReading,
     knowledge_by_evidence,
 )
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST

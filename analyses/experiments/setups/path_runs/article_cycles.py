@@ -17,8 +17,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     run_task,
     task_path,
 )
-from wrenchsight.analyses.methods.reading.force_errors import force_metrics, reductions
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reference_sensor.force_errors import force_metrics, reductions
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 
 ONE_WAY_QUICK = 5.0  # s

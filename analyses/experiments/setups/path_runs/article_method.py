@@ -21,8 +21,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
 )
 from wrenchsight.analyses.experiments.setups.path_runs.task_variants import inverse_estimator
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import article_models
-from wrenchsight.analyses.methods.reading.force_errors import reductions
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reference_sensor.force_errors import reductions
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import Experiment, ExperimentContext, ExperimentResult
 from wrenchsight.models.robot.robot import Robot
 

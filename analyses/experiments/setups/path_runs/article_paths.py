@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.methods.planning.placement import place
+from wrenchsight.analyses.methods.place.placement import place
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.motion.inverse_kinematics import follow_path
-from wrenchsight.models.motion.paths import StraightPath
-from wrenchsight.models.placement.placement_task import load_task
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.paths import StraightPath
+from wrenchsight.models.planning.placement.placement_task import load_task
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.truth_config import SimulatedTruthConfig
 

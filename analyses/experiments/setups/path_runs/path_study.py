@@ -13,8 +13,8 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     write_runs_page,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels, identify_arm
-from wrenchsight.analyses.methods.reading.force_errors import variants_figure
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.reference_sensor.force_errors import variants_figure
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.study.experiment import (
     ComparisonRow,
     Drawing,

@@ -18,23 +18,23 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     run_task,
     task_path,
 )
-from wrenchsight.analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.reference_sensor.force_errors import (
     ForceReading,
     draw_band,
     draw_signal,
     reductions,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT
 from wrenchsight.analyses.output.axes import legend_above, limit_y
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import Scenario
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
     live_prior,
 )
+from wrenchsight.models.numerics.arrays import Array
 
 ONE_WAY_QUICK = 5.0  # s
 K_0 = 20.0  # 1/s

@@ -26,20 +26,20 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     branch_start,
     found_path,
 )
-from wrenchsight.analyses.methods.reading.force_errors import ForceReading
-from wrenchsight.analyses.methods.runs.fast_runs import run_free
+from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading
+from wrenchsight.analyses.methods.simulate.fast_runs import run_free
 from wrenchsight.analyses.study.experiment import ExperimentContext, FigureFile
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
 from wrenchsight.diagrams.scenario import LineMotion, Scenario, load_scenario, make_trajectory
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.control.wrench_script import HandPush, WrenchSegment
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstruction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.repetition_error import RepetitionError
-from wrenchsight.models.motion.paths import JointTrajectory, StraightPath
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.lag_power import LagPower
+from wrenchsight.models.planning.motion.paths import JointTrajectory, StraightPath
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot

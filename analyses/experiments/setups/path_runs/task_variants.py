@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from wrenchsight.analyses.experiments.setups.path_runs.task_runs import TaskRun, read_run
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
-from wrenchsight.analyses.methods.reading.force_errors import (
+from wrenchsight.analyses.methods.reference_sensor.force_errors import (
     ForceReading,
     draw_band,
     draw_signal,
@@ -23,10 +23,10 @@ from wrenchsight.analyses.methods.reading.force_errors import (
 )
 from wrenchsight.analyses.output.axes import limit_y
 from wrenchsight.analyses.output.figures import COLOUR, Figure, legend_below, new_figure
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.rigid_body.spatial_vectors import AXES
 from wrenchsight.models.robot.robot import Robot

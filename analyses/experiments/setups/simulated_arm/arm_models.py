@@ -42,16 +42,16 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
     CONFIG,
     identify_simulated_arm,
 )
-from wrenchsight.analyses.methods.learning.friction_training import TrainingConfig
-from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
-from wrenchsight.analyses.methods.runs.simulated_logs import ProgressCallback
+from wrenchsight.analyses.methods.identify.friction_training import TrainingConfig
+from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
 from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording

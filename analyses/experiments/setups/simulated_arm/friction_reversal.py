@@ -1,8 +1,8 @@
 """What is the friction of these joints, without a torque sensor? Passes both ways in, friction out.
 
 Two sources: a planned motion of the simulated arm
-(`models.excitation.friction_reversal.reversal_motion`, the article's eqs. 16-19), and recordings of
-any arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
+(`models.planning.excitation.friction_reversal`, the article's eqs. 16-19), and recordings of any
+arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
 Either gives friction samples over velocity, on which the networks of the article's law are trained
 near zero velocity, and the asymmetric part that eq. 15 neglects.
 """
@@ -14,21 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.analyses.methods.learning.friction_training import (
+from wrenchsight.analyses.methods.identify.friction_training import (
     TrainedNetworks,
     TrainingConfig,
     train_networks,
 )
-from wrenchsight.analyses.methods.learning.identification import IdentificationResult
-from wrenchsight.analyses.methods.runs.simulated_logs import simulate_motion
-from wrenchsight.models.arrays import Array
-from wrenchsight.models.excitation.friction_reversal import (
+from wrenchsight.analyses.methods.identify.identification import IdentificationResult
+from wrenchsight.analyses.methods.simulate.simulated_logs import simulate_motion
+from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.excitation.friction_reversal import (
     ReversalSamples,
     reversal_motion,
     separate,
 )
-from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
-from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.robot import Robot

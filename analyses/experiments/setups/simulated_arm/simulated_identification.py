@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.analyses.methods.runs.simulated_logs import (
+from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.torque_fit import rms
+from wrenchsight.analyses.methods.simulate.simulated_logs import (
     PERIODS,
     SimulatedLog,
     simulate_excitation,
     stored_excitation,
 )
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.learning.friction_training import LEAST_RATE, one_thread
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.identify.friction_training import LEAST_RATE, one_thread
+from wrenchsight.models.numerics.arrays import Array, Flags
 
 if TYPE_CHECKING:
     import torch

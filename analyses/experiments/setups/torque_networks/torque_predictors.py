@@ -21,11 +21,11 @@ from wrenchsight.analyses.experiments.setups.torque_networks.recurrent_network i
     NetworkConfig,
     TorqueNetwork,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
-from wrenchsight.analyses.methods.learning.low_passed_logs import low_pass_log
-from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.low_passed_logs import low_pass_log
+from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95

@@ -11,9 +11,9 @@ from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors i
     torque_log,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import ContactRun
-from wrenchsight.models.arrays import Array
 from wrenchsight.models.calibration.known_tool import with_tool_of
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import derivative
 

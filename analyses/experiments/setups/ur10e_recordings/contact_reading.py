@@ -24,25 +24,25 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs impor
     ContactRun,
     write_rounded,
 )
-from wrenchsight.analyses.methods.calibration.specimen_refitting import (
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.estimate.estimation import estimate_log
+from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import (
     LogRows,
     SpecimenRefit,
     fit_rows,
     joint_torques,
     refit_rows,
 )
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.reading.estimation import estimate_log
-from wrenchsight.analyses.methods.sensors.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
 from wrenchsight.analyses.study.shared_results import shared
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.calibration.known_tool import with_tool_of
-from wrenchsight.models.contact.contact_filter import ContactConfig
+from wrenchsight.models.estimation.contact_filter import ContactConfig
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.bands import SIGMA_95

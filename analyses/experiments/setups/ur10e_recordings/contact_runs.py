@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.data_sets.places import data_set_folder
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot

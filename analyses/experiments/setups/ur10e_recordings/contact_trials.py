@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FOLDER, MORE
-from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.detection.contact_detector import (
     ContactDetectionConfig,
     ContactDetector,
@@ -23,6 +22,7 @@ from wrenchsight.models.detection.contact_statistic import ArmSamples
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.analyses.methods.sensors.judged_force import correlation
-from wrenchsight.models.arrays import Array, Flags
+from wrenchsight.analyses.methods.identify.torque_fit import rms
+from wrenchsight.analyses.methods.reference_sensor.judged_force import correlation
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -26,6 +25,7 @@ from wrenchsight.models.estimation.wrench import (
     WrenchReconstructionConfig,
 )
 from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording

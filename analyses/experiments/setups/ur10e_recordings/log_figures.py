@@ -12,7 +12,7 @@ from wrenchsight.analyses.output.figures import (
     legend_on_top,
     new_figure,
 )
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.numerics.arrays import Array
 
 
 def bar_rows(rows: Mapping[str, Mapping[str, ArrayLike]], names: Sequence[str]) -> Figure:

@@ -13,7 +13,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     FOLDER,
     identify_ur10e,
 )
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.robot.robot import Robot

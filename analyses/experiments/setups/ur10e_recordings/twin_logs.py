@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.methods.runs.simulated_logs import drive_servo
+from wrenchsight.analyses.methods.simulate.simulated_logs import drive_servo
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.motion.paths import JointTrajectory
+from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import resampled

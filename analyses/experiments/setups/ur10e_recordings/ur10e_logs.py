@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from wrenchsight.analyses.data_sets.places import data_set_folder, find_data_set
-from wrenchsight.analyses.methods.learning.identification import IdentificationResult, identify
-from wrenchsight.analyses.methods.learning.identification_config import IdentificationConfig
+from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.identify.identification_config import IdentificationConfig
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording

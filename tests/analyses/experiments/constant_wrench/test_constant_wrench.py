@@ -15,7 +15,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     found_path,
 )
 from wrenchsight.analyses.study.shared_results import sharing_in
-from wrenchsight.models.motion.inverse_kinematics import follow_path
+from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
 from wrenchsight.models.robot.robot import Robot
 
 OPTIONS = {"quick": True}

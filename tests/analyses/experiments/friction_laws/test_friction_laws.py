@@ -11,7 +11,7 @@ from wrenchsight.analyses.experiments.friction_laws.experiment import (
     simulated_arm,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings import ur10e_logs
-from wrenchsight.analyses.methods.learning.identification_config import LAWS
+from wrenchsight.analyses.methods.identify.identification_config import LAWS
 from wrenchsight.analyses.study.experiment import ExperimentContext
 
 FILES: tuple[str, ...] = ()

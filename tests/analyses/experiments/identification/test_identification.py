@@ -7,8 +7,8 @@ from wrenchsight.analyses.experiments.identification.experiment import ARTICLE_R
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     with_known_friction,
 )
-from wrenchsight.analyses.methods.runs.simulated_logs import SimulatedLog, stored_excitation
-from wrenchsight.models.excitation.excitation_information import ExcitationInformation
+from wrenchsight.analyses.methods.simulate.simulated_logs import SimulatedLog, stored_excitation
+from wrenchsight.models.planning.excitation.excitation_information import ExcitationInformation
 from wrenchsight.models.recordings.recording import Recording
 
 OPTIONS = {"quick": True}

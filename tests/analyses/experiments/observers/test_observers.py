@@ -15,7 +15,7 @@ from wrenchsight.analyses.experiments.observers.experiment import (
     never_valid,
 )
 from wrenchsight.analyses.experiments.observers.put_in_pushes import push_forces, pushed
-from wrenchsight.analyses.methods.runs.simulated_logs import ROBOT, stored_excitation
+from wrenchsight.analyses.methods.simulate.simulated_logs import ROBOT, stored_excitation
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings import ur10e_logs
-from wrenchsight.analyses.methods.learning.identification_config import LAWS
+from wrenchsight.analyses.methods.identify.identification_config import LAWS
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 FILES = ur10e_logs.FILES

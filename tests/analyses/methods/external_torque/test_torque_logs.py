@@ -13,10 +13,10 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
     read_forces,
     read_pose_logs,
 )
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_log import is_torque_log
 from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.sensors.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
 from wrenchsight.models.estimation.wrench_table import COLUMNS
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot

@@ -6,8 +6,8 @@ import numpy as np
 import pyarrow.csv as pa_csv
 import pytest
 
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
-from wrenchsight.analyses.methods.reading.estimate_config import EstimateConfig
 from wrenchsight.models.files.input_error import InputError
 
 LATE = 0.15  # s that a change of the label leaves

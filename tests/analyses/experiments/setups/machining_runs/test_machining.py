@@ -38,7 +38,7 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining_study impo
     sources,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
-from wrenchsight.analyses.methods.runs.air_pass import learn_air_passes
+from wrenchsight.analyses.methods.simulate.air_pass import learn_air_passes
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.closed_loop import make_closed_loop, uses_sensor
 from wrenchsight.diagrams.machining import longest_duration, make_machining_path

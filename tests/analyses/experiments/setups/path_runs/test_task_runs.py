@@ -20,7 +20,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_runs import (
     task_scenario,
     uniform_motion,
 )
-from wrenchsight.analyses.methods.runs.fast_runs import is_free
+from wrenchsight.analyses.methods.simulate.fast_runs import is_free
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.diagrams.scenario import LineMotion, make_trajectory
 from wrenchsight.models.estimation.estimator import WrenchEstimator

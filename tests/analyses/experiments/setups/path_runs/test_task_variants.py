@@ -13,7 +13,7 @@ from wrenchsight.analyses.experiments.setups.path_runs.task_variants import (
     lag_alone,
 )
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
-from wrenchsight.analyses.methods.reading.force_errors import ForceReading
+from wrenchsight.analyses.methods.reference_sensor.force_errors import ForceReading
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.recordings.recording import Recording
 

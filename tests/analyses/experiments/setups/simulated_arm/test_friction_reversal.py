@@ -7,7 +7,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.friction_reversal imp
     reversal_recordings,
     separate_recordings,
 )
-from wrenchsight.analyses.methods.learning.friction_training import (
+from wrenchsight.analyses.methods.identify.friction_training import (
     TrainingConfig,
     train_networks,
 )

@@ -1,1 +1,0 @@
-"""Descriptions of new arms, drafted from their URDF."""

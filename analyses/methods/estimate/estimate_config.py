@@ -1,0 +1,248 @@
+"""How a log becomes wrenches: the settings of `estimate`."""
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from wrenchsight.analyses.methods.reference_sensor.reference_config import (
+    ReferenceConfig,
+    checked_reference,
+)
+from wrenchsight.models.detection.contact_detector import (
+    LARGEST_RATE,
+    LEAST_RATE,
+    ContactDetectionConfig,
+)
+from wrenchsight.models.estimation.contact_filter import ContactConfig, ContactFrame
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import known_of_wrench, live_prior
+from wrenchsight.models.estimation.wrench_kernels import METHODS
+from wrenchsight.models.estimation.wrench_table import TABLES
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.observers.momentum_observer import LEAST_K_0, MomentumObserverConfig
+from wrenchsight.models.observers.observer_kinds import OBSERVERS, kind_name, make_observer
+from wrenchsight.models.recordings.recording_format import ENVIRONMENT, ROBOT
+from wrenchsight.models.robot.robot import Robot
+
+LARGEST_DRIFT = 10.0  # of the viscous torque
+TORQUES = ("found", "currents", "external")
+SIGNS = ("found", ROBOT, ENVIRONMENT)
+LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
+LEAST_TORQUE_SD = 1e-6  # N m
+LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
+PRIORS = ("live", "log")
+FLOOR_SHARE = 1.0 / 3.0
+_POSITIVE = ("force_rate", "across_sd", "standing_across_sd", "moment_sd", "error_time", "block")
+
+
+def _estimator_of_logs() -> WrenchEstimatorConfig:
+    return WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=0.0))
+
+
+@dataclass
+class EstimateConfig:
+    """How a log becomes wrenches.
+
+    `estimator` is the estimator's own configuration, but for what may be left to the log: a time
+    step of zero is the log's median step, a position resolution of None the step of its encoders,
+    and a prior of None what `prior` says.
+    """
+
+    prior: str = "log"
+    """prior sds of force and moment: live (half the rated payload), log (what explains the log
+    best, at least a third of the live one), or two numbers in N and N m: 30,2"""
+    torque: str = "found"
+    """what is read: currents (through model and observer), external (the external torque that the
+    arm itself reports), or found (that, where the log has no currents)"""
+    torque_sign: str = "found"
+    """on which an external torque of the log is exerted: robot (positive along the motion that it
+    causes), environment (what the arm exerts against the outside, as Franka reports it), or found
+    (as the description or the columns' names say)"""
+    torque_sd: list[float] = field(default_factory=list)
+    """N m, sd of an external torque's error, one for all joints or one each"""
+    estimator: WrenchEstimatorConfig = field(default_factory=_estimator_of_logs)
+    smooth: bool = False
+    # estimate each sample from those before and after it (no lag, less error), or from those before
+    # it, as a controller would
+    drift: float | None = None
+    """share of the viscous torque by which friction may have drifted, for the stated band; left
+    out: the model's, or what the log's contact-free stretches show"""
+    track: bool = False
+    # follow friction's drift while the log runs, from what came before each sample, as a live
+    # reading does
+    max_gap: float = 0.0  # s, longest gap that is bridged; 0: the longer of 0.1 s and three steps
+    check: bool = True  # hold the log against the robot's limits and gravity
+    accept_signs: bool = False
+    # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
+    # contradict them; the result says so
+    mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
+    detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
+    contact: ContactConfig = field(default_factory=ContactConfig)
+    """A contact whose direction is known: with its axis, the wrench is read at it, by a filter that
+    knows how long errors of the torque last."""
+    covariance: bool = False  # add the 21 entries of the covariance to the table
+    table: str = "csv"  # format of the table: csv or parquet
+    tool: bool = False
+    # the tool in robot.yaml is on the arm and known: put it on a model that was identified with
+    # another one, or without
+    other_robot: bool = False
+    # read even where robot.yaml says otherwise than when the model was identified; the result says
+    # so
+
+
+@dataclass
+class EstimateSettings:
+    """All that a run of `estimate` depends on, as its config.yaml holds it."""
+
+    command: str = "estimate"  # which wrote it
+    log: str = ""
+    # log of q, v and motor current, or of external torque and the Jacobian; a table or a ROS 2 bag
+    further_logs: list[str] = field(default_factory=list)
+    # more logs of external torque, read together
+    robot: str = ""
+    # a bundled robot's name, or the path of a robot.yaml; not needed where the log holds the
+    # Jacobian
+    model: str | None = None  # model.yaml that identify wrote; else the robot's own files
+    log_format: str | None = None  # columns of the log: a bundled description's name or a YAML
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)  # how
+
+
+def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, float] | None:
+    """Force sd (N) and moment sd (N m) that `prior` gives without the log; None: the log gives it.
+
+    Raises:
+        InputError: it needs a robot, and none is given.
+    """
+    if config.prior == "log":
+        return None
+    if config.prior == "live":
+        if robot is None:
+            problem = "is live, from the rated payload of a robot, but none is named"
+            raise InputError("estimate", "--prior", problem, "add --robot, or give two numbers")
+        return live_prior(robot.payload)
+    force_sd, moment_sd = (float(x) for x in config.prior.split(","))
+    return force_sd, moment_sd
+
+
+def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
+    """Returns `config`; without a robot nothing is known of its joints.
+
+    Raises:
+        InputError: a setting that makes no sense.
+    """
+
+    checked_reference(config.reference)
+    observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
+    for name, value, known in (
+        ("torque", config.torque, TORQUES),
+        ("torque sign", config.torque_sign, SIGNS),
+        ("method", reconstruction.method, METHODS),
+        ("table", config.table, TABLES),
+    ):
+        found = f'unknown {name} "{value}"'
+        _require(value in known, name, found, f"give {' or '.join(known)}")
+    if config.prior not in PRIORS:
+        try:
+            force_sd, moment_sd = (float(x) for x in config.prior.split(","))
+        except ValueError:
+            force_sd = moment_sd = float("nan")
+        makes_sense = all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd))
+        found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
+        _require(makes_sense, "prior", found, "give N and N m, such as 30,2")
+    rate = config.detection.false_alarms_per_hour
+    found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
+    _require(LEAST_RATE <= rate <= LARGEST_RATE, "false_alarms_per_hour", found, "1 is the default")
+    drift = config.drift or 0.0
+    found = f"is {drift:g}, expected 0 to {LARGEST_DRIFT:g}"
+    _require(0.0 <= drift <= LARGEST_DRIFT, "drift", found, "0.05 is 5 % of the viscous torque")
+    for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
+        number = getattr(reconstruction, name)
+        found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
+        holds = number is None or LEAST_SD <= number <= LARGEST_SD
+        _require(holds, name, found, "give N or N m")
+    default = "leave it out for the default"
+    for name, number, least, largest in (
+        ("damping", reconstruction.damping, 0.0, np.inf),
+        ("truncation", reconstruction.truncation, 0.0, np.inf),
+        ("time_step", observer.time_step, LEAST_STEP, LONGEST),
+        ("max_gap", config.max_gap, 0.0, LONGEST),
+    ):
+        holds = bool(np.isfinite(number) and number >= 0)
+        _require(holds, name, f"is {number}, expected zero or more", default)
+        found = f"is {number:g} s, expected {least:g} to {largest:g}"
+        _require(not number or least <= number <= largest, name, found, default)
+    if isinstance(observer, MomentumObserverConfig):
+        low = any(0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0)
+        found = f"is {min(observer.K_0, default=0.0):g} /s, expected {LEAST_K_0:g} or more"
+        _require(not low, "K_0", found, "20 is the default")
+    found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
+    holds = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
+    _require(holds, "torque_sd", found, "give N m, one for all joints or one each")
+    if config.contact.axis:
+        ContactFrame.of(config.contact)
+        for name in _POSITIVE:
+            number = getattr(config.contact, name)
+            holds = bool(np.isfinite(number) and number > 0.0)
+            found = f"is {number:g}, expected a positive number"
+            _require(holds, f"contact.{name}", found, default)
+        found = "has no place where the contact's direction is known: that reading is late by "
+        found += f"{1000 * config.contact.lag:.0f} ms already"
+        _require(not config.smooth, "smooth", found, "leave --smooth or --contact-axis out")
+    if robot is not None:
+        _check_for_robot(config, robot)
+    return config
+
+
+def _require(holds: bool, option: str, problem: str, remedy: str) -> None:
+    if not holds:
+        raise InputError("estimate", option, problem, remedy)
+
+
+def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
+    """Raises InputError where settings make no sense together, or for the robot's joints."""
+    observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
+    step = observer.time_step or 1e-3  # any: that of the log is not known yet
+    try:
+        made = make_observer(replace(observer, time_step=step), robot.num_joints)
+    except ValueError as error:
+        remedy = "see the command's --help"
+        raise InputError("estimate", "observer", str(error), remedy) from None
+    kind, reads_wrench = kind_name(type(made)), made.kernels.wrench is not None
+    if config.track:
+        found = "reads each sample with what comes after it"
+        _require(not config.smooth, "smooth", found, "leave --track or --smooth out")
+        found = "is what --track finds"
+        _require(config.drift is None, "drift", found, "leave --track or --drift out")
+        found = f"is not for {robot.name}: friction of coupled joints is that of several motors"
+        _require(not robot.is_coupled, "track", found, "leave it out")
+    for asked, lacks in (
+        (config.track, "under which friction is not followed"),
+        (config.smooth, "for which smoothing has no prior"),
+        (reads_wrench, f"for which the {kind} observer has no prior"),
+    ):
+        holds = not asked or known_of_wrench(reconstruction) is not None
+        found = f"is {reconstruction.method}, {lacks}"
+        _require(holds, "method", found, "give bayesian, force_only or inverse")
+    if config.track:
+        found = f"is {kind}, which reads the wrench itself"
+        _require(not reads_wrench, "observer", found, "follow friction with the momentum observer")
+
+
+def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:
+    """Returns the configuration with another kind of observer, of the same grid and samples.
+
+    Raises:
+        InputError: no kind has that name.
+    """
+    kinds = {kind_name(kind): kind for kind in OBSERVERS}
+    if name not in kinds:
+        known = " or ".join(kinds)
+        raise InputError("estimate", "observer", f'unknown observer "{name}"', f"give {known}")
+    before = config.estimator.observer
+    if type(before) is kinds[name].Config:
+        return config
+    own = kinds[name].Config()
+    shared = {field.name for field in fields(own)} & {field.name for field in fields(before)}
+    own = replace(own, **{field: getattr(before, field) for field in shared})
+    return replace(config, estimator=replace(config.estimator, observer=own))

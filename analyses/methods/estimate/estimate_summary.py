@@ -1,0 +1,309 @@
+"""What is kept of a log's wrenches as they stream by: metrics, doubts and a picture."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.analyses.output.stream_summary import Envelope, EvenSample
+from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
+from wrenchsight.models.estimation.wrench import WrenchEstimate
+from wrenchsight.models.identification.identified_model import Validity
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.observers.sample_check import BEYOND, DISAGREES, FROZEN
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST, WRENCH_AXES
+from wrenchsight.models.signals.bands import SIGMA_95
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+_MEDIAN_SAMPLES = 1 << 17
+_FIGURE_BINS = 2000  # about one a pixel
+LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
+_SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
+_OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
+_FAULTS = {
+    BEYOND: "a position, speed, current or torque is beyond what its joint can do",
+    DISAGREES: "position and velocity of a joint disagree, as where an encoder sticks",
+    FROZEN: "a joint moves while its current or torque stays the same to the last digit",
+}
+_UNSURE_WARNING = 0.5  # share of invalid samples
+
+
+class _Moments:
+    """Sums over samples of a wrench and its standard deviation, force first."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._sum = np.zeros(6)
+        self._squares = np.zeros(6)
+        self._sd = np.zeros(6)
+        self._largest = np.zeros(6)
+
+    def add(self, wrench: Array, sd: Array) -> None:
+        if not len(wrench):
+            return
+        self.count += len(wrench)
+        self._sum += wrench.sum(axis=0)
+        self._squares += (wrench**2).sum(axis=0)
+        self._sd += sd.sum(axis=0)
+        self._largest = np.maximum(self._largest, np.abs(wrench).max(axis=0))
+
+    def metrics(self) -> dict[str, Any]:
+        """Per axis; null where there is no sample."""
+        result: dict[str, Any] = {}
+        for k, axis in enumerate(WRENCH_AXES):
+            unit = "n" if axis.startswith("f") else "nm"
+            values = {
+                "mean": self._sum[k] / self.count if self.count else None,
+                "rms": np.sqrt(self._squares[k] / self.count) if self.count else None,
+                "max_abs": self._largest[k] if self.count else None,
+                "mean_sd": self._sd[k] / self.count if self.count else None,
+            }
+            result[axis] = {f"{name}_{unit}": value for name, value in values.items()}
+        return result
+
+
+class EstimateSummary:
+    """What metrics and figure need, gathered chunk by chunk."""
+
+    def __init__(
+        self, joint_names: Sequence[str], validity: Validity, settling_time: float
+    ) -> None:
+        """Args: `validity` states the ranges in which the model holds; none, and none is left."""
+        self._joint_names, self._validity = joint_names, validity
+        self._settling_time = settling_time
+        self.count = 0
+        self.num_valid = 0
+        self._faults = dict.fromkeys(_FAULTS, 0)
+        self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
+        self._first = 0.0
+        self._origin = 0.0
+        self._last = 0.0
+        self._num_singular = 0
+        self._largest_condition = 0.0
+        self._condition = EvenSample(_MEDIAN_SAMPLES)
+        self._all = _Moments()
+        self._of_valid = _Moments()
+        n = len(joint_names)
+        self._outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
+        self._outside_motion = 0
+        self._extrapolated = 0
+        self._envelope = Envelope(_FIGURE_BINS)
+        self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
+
+    def judge(
+        self,
+        chunk: Recording,
+        batch: EstimateBatch | WrenchEstimate,
+        config: WrenchEstimatorConfig,
+    ) -> Flags:
+        """(N,) which samples of the next chunk may be trusted; counts why others may not."""
+        index = self.count + np.arange(chunk.num_samples)
+        settling = index * config.observer.time_step < self._settling_time  # it flags these
+        dropout = chunk.dropout & ~settling
+        unsure = ~batch.valid & ~dropout & ~settling
+        for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
+            self._num_invalid[name] += int(reason.sum())
+        return np.asarray(batch.valid & ~chunk.dropout)
+
+    def add(
+        self,
+        chunk: Recording,
+        batch: EstimateBatch | WrenchEstimate,
+        sd: Array,
+        valid: Flags,
+        torque: Array,
+        contact: Flags,
+    ) -> None:
+        """Takes the next chunk of N samples; sd (N, 6) rotation first, torque (N, n) N m."""
+        if not chunk.num_samples:
+            return
+        if not self.count:
+            self._first = float(chunk.t[0])
+            # The clock of a log that counts from 1970 fits no axis.
+            self._origin = self._first if abs(self._first) >= LONG_AGO else 0.0
+        self._last = float(chunk.t[-1])
+        self.count += chunk.num_samples
+        self.num_valid += int(valid.sum())
+        condition = batch.condition_number
+        self._condition.add(condition)
+        regular = condition < _SINGULAR
+        self._num_singular += int((~regular).sum())
+        largest = float(condition.max(initial=0.0, where=regular))
+        self._largest_condition = max(self._largest_condition, largest)
+        wrench, sd = batch.wrench[:, FORCE_FIRST], sd[:, FORCE_FIRST]
+        self._all.add(wrench, sd)
+        self._of_valid.add(wrench[valid], sd[valid])
+        self._add_outside(chunk, torque)
+        lower, upper = wrench - SIGMA_95 * sd, wrench + SIGMA_95 * sd
+        self._envelope.add(
+            np.concatenate([wrench, lower], axis=1),
+            np.concatenate([wrench, upper], axis=1),
+            np.stack([chunk.t - self._origin, ~valid, contact], axis=1),
+        )
+        if valid.any():
+            self._valid_range[0] = np.minimum(self._valid_range[0], lower[valid].min(axis=0))
+            self._valid_range[1] = np.maximum(self._valid_range[1], upper[valid].max(axis=0))
+
+    def _add_outside(self, chunk: Recording, torque: Array) -> None:
+        ranges = self._validity
+        outside = np.zeros(chunk.num_samples, bool)
+        # Friction is a law of speed and load; positions enter by exact kinematics.
+        extrapolated = outside.copy()
+        if ranges.q_min and ranges.q_max:
+            q = (chunk.q < np.array(ranges.q_min)) | (chunk.q > np.array(ranges.q_max))
+            self._outside["q"] += q.sum(axis=0)
+            outside |= q.any(axis=1)
+        if ranges.v_max:
+            v = np.abs(chunk.v) > np.array(ranges.v_max)
+            self._outside["v"] += v.sum(axis=0)
+            outside |= v.any(axis=1)
+            extrapolated |= v.any(axis=1)
+        if ranges.tau_max:
+            tau = np.abs(torque) > np.array(ranges.tau_max)
+            self._outside["tau"] += tau.sum(axis=0)
+            extrapolated |= tau.any(axis=1)
+        self._outside_motion += int(outside.sum())
+        self._extrapolated += int(extrapolated.sum())
+
+    def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
+        """All figures, as written to metrics.json; `rule` is the prior's."""
+        share = 100.0 / self.count
+        return {
+            "num_samples": self.count,
+            "duration_s": self._last - self._first,
+            "time_step_s": config.observer.time_step,
+            "valid_pct": share * self.num_valid,
+            "invalid": {
+                "observer_settling_pct": share * self._num_invalid["settling"],
+                "bridged_dropout_pct": share * self._num_invalid["dropout"],
+                "force_too_uncertain_pct": share * self._num_invalid["unsure"],
+            },
+            "faults": {
+                "beyond_limits_pct": share * self._faults[BEYOND],
+                "encoder_pct": share * self._faults[DISAGREES],
+                "frozen_current_pct": share * self._faults[FROZEN],
+            },
+            "prior": {
+                "force_sd_n": config.reconstruction.prior_force_sd,
+                "moment_sd_nm": config.reconstruction.prior_moment_sd,
+                "rule": rule,
+            },
+            "condition_number": {
+                "median": float(np.median(self._condition.values())),
+                "max": self._largest_condition,  # where J is not singular
+                "singular_pct": share * self._num_singular,
+            },
+            "wrench": self._all.metrics(),
+            "valid": {"wrench": self._of_valid.metrics()},
+            "outside_model": {
+                "motion_pct": share * self._outside_motion,
+                **{f"{name}_pct": share * count for name, count in self._outside.items()},
+            },
+        }
+
+    def add_faults(self, fault: NDArray[np.int64]) -> None:
+        """Counts the samples (N,) with a fault, kind by kind."""
+        for code in self._faults:
+            self._faults[code] += int(((fault & code) != 0).sum())
+
+    def warnings(self) -> list[str]:
+        """What makes the result doubtful, one sentence each."""
+        found = []
+        for code, what in _FAULTS.items():
+            if self._faults[code]:
+                share = 100 * self._faults[code] / self.count
+                found.append(f"{share:.2g} % of the samples are not used: {what}")
+        extrapolated = self._extrapolated / self.count
+        if extrapolated > _OUTSIDE_WARNING:
+            worst = {
+                quantity: self._joint_names[int(np.argmax(self._outside[name]))]
+                for name, quantity in (("v", "speed"), ("tau", "torque"))
+                if self._outside[name].any()
+            }
+            where = " and ".join(f"{quantity} of {joint}" for quantity, joint in worst.items())
+            found.append(
+                f"{100 * extrapolated:.1f} % of the samples are faster or more loaded than the "
+                f"motion that the model was identified on (mostly {where}): friction is "
+                "extrapolated there"
+            )
+        return found
+
+    @property
+    def mostly_unsure(self) -> bool:
+        """Whether most samples say too little about the force."""
+        return self._num_invalid["unsure"] > _UNSURE_WARNING * self.count
+
+    def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
+        """Reading and band over the log's own time, with the range of the valid samples.
+
+        Args:
+            reads_moments: whether the method reads moments; without, only forces are drawn.
+            smoothed: whether each sample was read with what comes after it.
+        """
+        low, high, mean = self._envelope.values()
+        t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
+        figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
+        origin = f" since {self._origin:.0f} s" if self._origin else ""
+        for k, axis in enumerate(WRENCH_AXES if reads_moments else WRENCH_AXES[:3]):
+            panel: Any = axes[k % 3, k // 3]
+            unit = "N" if axis.startswith("f") else "N m"
+            panel.fill_between(
+                t,
+                low[:, 6 + k],
+                high[:, 6 + k],
+                color=COLOUR["estimate"],
+                alpha=BAND_ALPHA,
+                lw=0,
+                label="95 % band",
+            )
+            # The extremes of each stretch, in turn: one line that shows every peak of a long log.
+            panel.plot(
+                t.repeat(2),
+                np.stack([low[:, k], high[:, k]], axis=1).ravel(),
+                color=COLOUR["estimate"],
+                lw=0.9,
+                label="estimate",
+            )
+            panel.set_ylabel(f"{axis[0]}$_{axis[1]}$ [{unit}]")
+            bottom, top = self._limits(k, low, high)
+            panel.set_ylim(bottom, top)
+            _shade(panel, t, is_invalid, COLOUR["invalid"])
+            _shade(panel, t, touches, COLOUR["contact"], "contact")
+            beyond = [x for x in (low[:, k].min(), high[:, k].max()) if not bottom <= x <= top]
+            if beyond:
+                reach = " and ".join(f"{x:.3g}" for x in beyond)
+                text = f"not valid, beyond the panel: to {reach} {unit}"
+                panel.text(0.01, 0.97, text, transform=panel.transAxes, va="top", fontsize=7)
+            if k % 3 == 2:
+                panel.set_xlabel(f"time{origin} [s]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        title = "Wrench of the environment on the robot, at E in axes of W"
+        figure.suptitle(title + (", smoothed" if smoothed else ""))
+        return figure
+
+    def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:
+        """Range of y that shows the valid samples; an invalid one may read anything."""
+        bottom, top = self._valid_range[:, k]
+        if not np.isfinite(bottom):
+            bottom, top = np.percentile(low[:, k], 2), np.percentile(high[:, k], 98)
+        margin = 0.05 * (top - bottom) or 1.0
+        return float(bottom - margin), float(top + margin)
+
+
+def _shade(panel: Any, t: Array, flag: Flags, colour: str, what: str = "not valid") -> None:
+    """Marks the stretches in which a flag is set; those of a contact begin with a line."""
+    padded = np.concatenate([[False], flag, [False]]).astype(np.int8)
+    begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
+    half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
+    for index, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        label = what if index == 0 else None
+        if what == "contact":
+            panel.axvline(t[begin] - half, color=COLOUR["onset"], lw=0.8, zorder=1)
+        panel.axvspan(t[begin] - half, t[end] + half, color=colour, lw=0, zorder=0, label=label)

@@ -1,0 +1,435 @@
+"""How should this arm move so that its parameters show? A robot in, a trajectory out.
+
+Several random motions within all limits are drawn; the best of them starts the program of
+`models.planning.excitation.excitation_program`. Its result is checked between the samples: torque
+at the controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`). Where a
+check fails, the program is solved again with more in reserve; where that fails, too, motions on the
+way back to the random one are tried until all checks pass.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig, ExciteSettings
+from wrenchsight.analyses.output.figures import SERIES, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
+from wrenchsight.diagrams.pages.motion_page import write_motion_page
+from wrenchsight.models.files.configuration import nearest, save_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.excitation.excitation_information import (
+    MEASURES,
+    ExcitationInformation,
+)
+from wrenchsight.models.planning.excitation.excitation_program import (
+    ExcitationProgram,
+    ExcitationSolution,
+    MotionBounds,
+)
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ProgressCallback = Callable[[float, str], None]
+
+# What a trajectory must keep in reserve at the samples, tried in this order: m, share of torque.
+# The second goes on where the first ended, the others start from the next best random ones.
+RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
+# Where all of the solver's ends break a limit: parts of the way to the last one, from the random
+# motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
+RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
+LARGEST_CLEARANCE = 0.1  # m; Clearance looks no farther than a little beyond
+LONGEST_TABLE = 5e6  # rows for the controller: 83 minutes at 1 kHz
+UNDETERMINED = 1e-4  # pivot, relative to the largest, below which noise hides a parameter
+_NAMED = 3  # lost shapes that a note names
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationResult:
+    """A trajectory, and what it tells.
+
+    Attributes:
+        trajectory: starts and ends at rest.
+        condition_number: of the base parameters' regressor with sgn friction over one period, rows
+            weighted with one over the effort limit, columns scaled to unit length.
+        unweighted_condition_number: the same with equal rows: what `identify` reports.
+        random_condition_numbers: of the random motions, each as large as its limits let it be.
+        num_parameters: base parameters of a general motion.
+        undetermined: those of them that this motion does not tell.
+        peak_torque_share: (n,) largest rigid-body torque over the effort limit.
+        closest: shapes that come closest; None where there are none near each other.
+        status: the solver's own word for how it ended.
+        evaluations: of the cost with its gradient.
+        warnings: one line each.
+        config: as used.
+    """
+
+    trajectory: FourierTrajectory
+    condition_number: float
+    unweighted_condition_number: float
+    random_condition_numbers: Array
+    num_parameters: int
+    undetermined: tuple[str, ...]
+    peak_torque_share: Array
+    closest: ClosestPair | None
+    status: str
+    evaluations: int
+    warnings: tuple[str, ...]
+    config: ExcitationConfig
+
+    @property
+    def ratio_to_random(self) -> float:
+        """Median condition number of the random motions over that of the trajectory."""
+        return float(np.median(self.random_condition_numbers) / self.condition_number)
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json."""
+        _, v, vdot = _period(self.trajectory)
+        q = _period(self.trajectory)[0]
+        closest = self.closest
+        return {
+            "condition_number": self.condition_number,
+            "unweighted_condition_number": self.unweighted_condition_number,
+            "random": {
+                "median_condition_number": float(np.median(self.random_condition_numbers)),
+                "best_condition_number": float(np.min(self.random_condition_numbers)),
+                "condition_numbers": self.random_condition_numbers,
+            },
+            "ratio_to_random": self.ratio_to_random,
+            "base_parameters": self.num_parameters,
+            "undetermined": list(self.undetermined),
+            "travel_rad": np.ptp(q, axis=0),
+            "peak_velocity_rad_per_s": np.abs(v).max(axis=0),
+            "peak_acceleration_rad_per_s2": np.abs(vdot).max(axis=0),
+            "peak_torque_share": self.peak_torque_share,
+            "closest": None
+            if closest is None
+            else {
+                "shapes": [closest.first, closest.second],
+                "distance_m": closest.distance,
+                "slack_m": closest.slack,
+                "time_s": closest.time,
+            },
+            "solver": {"status": self.status, "evaluations": self.evaluations},
+        }
+
+
+def _certified(
+    clearance: Clearance, trajectory: FourierTrajectory
+) -> tuple[bool, ClosestPair | None]:
+    """Whether a trajectory keeps clear at every instant, and the shapes that come closest."""
+    if not clearance.has_shapes:
+        return True, None
+    return clearance.certify(
+        lambda t: trajectory.sample(t)[0],
+        np.abs(_period(trajectory)[1]).max(axis=0) * 1.01,
+        trajectory.period,
+    )
+
+
+def excite(
+    robot: Robot,
+    config: ExcitationConfig | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> ExcitationResult:
+    """Finds a trajectory.
+
+    Raises:
+        InputError: a setting out of range, or limits that admit no trajectory.
+    """
+    config = ExcitationConfig() if config is None else config
+    _check(config)
+    robot.require_inertias("excite")
+    bounds = MotionBounds.of_robot(robot, config.limits)
+    information = ExcitationInformation.of_chain(robot.chain, 1.0 / robot.effort_limit)
+    progress(0.02, "shapes of the arm")
+    floor = _floor(robot, config)
+    clearance = Clearance(robot, config.limits.clearance, floor)
+    _check_floor(clearance, floor)
+    rng = np.random.default_rng(config.seed)
+
+    def program(reserve: tuple[float, float]) -> ExcitationProgram:
+        return ExcitationProgram(
+            robot.chain,
+            bounds,
+            information,
+            config.measure,  # type: ignore[arg-type]  # checked above
+            config.base_frequency,
+            config.num_harmonics,
+            clearance.smooth_slack if clearance.has_shapes else None,
+            reserve=reserve,
+        )
+
+    first = program(RESERVES[0])
+    starts = []
+    for k in range(config.num_starts):
+        progress(0.05 + 0.15 * k / config.num_starts, "random trajectories")
+        starts.append(first.random_feasible(rng))
+    exact = replace(information, friction_velocity=0.0)
+    random = np.array([exact.condition_number(*_period(start)) for start in starts])
+    ranked = [starts[i] for i in np.argsort(random, kind="stable")]
+    about = 1.6 * config.iterations  # evaluations that so many iterations take
+
+    def watch(evaluations: int, cost: float) -> None:
+        share = min(1.0, evaluations / about)
+        value = f"condition number {np.exp(cost):.3g}" if config.measure == MEASURES[0] else ""
+        progress(0.2 + 0.75 * share, f"optimising {value}")
+
+    def ends() -> Iterator[tuple[ExcitationSolution, FourierTrajectory]]:
+        begin = start = ranked[0]
+        for attempt, reserve in enumerate(RESERVES):
+            chosen = first if attempt == 0 else program(reserve)
+            if attempt > 1:
+                begin = start = ranked[min(attempt - 1, len(ranked) - 1)]
+            solution = chosen.solve(start, config.iterations, watch)
+            yield solution, solution.trajectory
+            start = solution.trajectory
+        for share in RETREATS:
+            yield solution, _between(begin, solution.trajectory, share)
+
+    for end in ends():
+        solution, trajectory = end
+        clear, closest = _certified(clearance, trajectory)
+        motion = _period(trajectory, config.time_step)
+        torque = np.abs(robot.chain.inverse_dynamics(*motion)).max(axis=0)
+        if clear and (torque <= bounds.torque).all():
+            break
+    else:
+        what = "torque"
+        if not clear and closest is not None:
+            what = f"clearance: {closest.first} and {closest.second} at {closest.time:.2f} s"
+        raise InputError(
+            "excite",
+            "",
+            f"the solver ({solution.status}) found no trajectory within the limits ({what})",
+            "widen the limits, or try another seed",
+        )
+    q, v, vdot = motion
+    undetermined = tuple(exact.undetermined(q, v, vdot, UNDETERMINED))
+    plain = replace(exact, weight=np.ones(robot.num_joints))
+    result = ExcitationResult(
+        trajectory=trajectory,
+        condition_number=exact.condition_number(q, v, vdot),
+        unweighted_condition_number=plain.base_parameters(q, v, vdot).condition_number,
+        random_condition_numbers=random,
+        num_parameters=len(information.columns),
+        undetermined=undetermined,
+        peak_torque_share=torque / robot.effort_limit,
+        closest=None if robot.unusable_collisions else closest,
+        status=solution.status,
+        evaluations=solution.evaluations,
+        warnings=tuple(_warnings(robot, undetermined, clearance)),
+        config=config,
+    )
+    progress(1.0, "done")
+    return result
+
+
+def _between(
+    first: FourierTrajectory, second: FourierTrajectory, share: float
+) -> FourierTrajectory:
+    """A part of the way from one trajectory to another, within the joint limits that both keep."""
+    return FourierTrajectory(
+        first.base_frequency,
+        first.centre + share * (second.centre - first.centre),
+        first.sine + share * (second.sine - first.sine),
+        first.cosine + share * (second.cosine - first.cosine),
+    )
+
+
+def excite_robot(
+    robot_name: str | Path,
+    out: Path,
+    config: ExcitationConfig | None = None,
+    validation: bool = True,
+    page: bool = True,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> tuple[ExcitationResult, ...]:
+    """The command `excite`: finds trajectories and writes them into `out`.
+
+    Written are trajectory.csv (t, q, v, vdot at the controller's rate), trajectory.yaml (the
+    coefficients), the same for validation, metrics.json, config.yaml, figures and the page on which
+    the robot runs them.
+
+    Args:
+        robot_name: a bundled name, or the path of a robot.yaml.
+        out: the folder.
+        config: see `ExcitationConfig`.
+        validation: whether to find a second, independent trajectory.
+        page: whether to write trajectory.html.
+
+    Returns:
+        The trajectory, and the validation's where there is one.
+
+    Raises:
+        InputError: as `Robot.load`, `result_folder` and `excite`.
+    """
+    config = ExcitationConfig() if config is None else config
+    with result_folder(out, "excite") as folder:
+        robot = Robot.load(robot_name)
+        # Any other seed will do; this one is unlikely to be a user's second run.
+        seeds = {"trajectory": config.seed, "validation": config.seed + 1_000_003}
+        names = list(seeds) if validation else ["trajectory"]
+        results = []
+        for k, name in enumerate(names):
+
+            def part(fraction: float, what: str, k: int = k, name: str = name) -> None:
+                progress(0.9 * (k + fraction) / len(names), f"{name}: {what}")
+
+            results.append(excite(robot, replace(config, seed=seeds[name]), part))
+        progress(0.9, "writing")
+        for name, result in zip(names, results, strict=True):
+            _write(folder, name, robot, result, page)
+        metrics = results[0].metrics()
+        if validation:
+            metrics["validation"] = results[1].metrics()
+        folder.write_json("metrics.json", metrics)
+        settings = ExciteSettings(
+            robot=str(robot_name), validation=validation, record=page, excitation=config
+        )
+        folder.write_settings("config.yaml", settings)
+        progress(1.0, "done")
+        return tuple(results)
+
+
+def trajectory_figure(robot: Robot, result: ExcitationResult) -> "Figure":
+    """Position, velocity, acceleration and torque of all joints over one period."""
+    t = np.linspace(0.0, result.trajectory.period, 1001)
+    q, v, vdot = result.trajectory.sample(t)
+    torque = 100.0 * robot.chain.inverse_dynamics(q, v, vdot) / robot.effort_limit
+    figure, axes = new_figure(2, 2, height=5.6, share_x=True)
+    panels = (
+        ("position [rad]", q),
+        ("velocity [rad/s]", v),
+        ("acceleration [rad/s²]", vdot),
+        ("rigid-body torque [% of the limit]", torque),
+    )
+    for axis, (label, values) in zip(list[Any](axes.flat), panels, strict=True):
+        for j, name in enumerate(robot.joint_names):
+            axis.plot(t, values[:, j], color=SERIES[j % len(SERIES)], lw=1.1, label=name)
+        axis.set_ylabel(label)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(t[:6])
+    )
+    figure.suptitle(
+        f"{robot.name}: condition number {result.condition_number:.2f}, median of random "
+        f"trajectories {np.median(result.random_condition_numbers):.1f}"
+    )
+    return figure
+
+
+def _write(
+    folder: OutputFolder, name: str, robot: Robot, result: ExcitationResult, page: bool
+) -> None:
+    trajectory, config = result.trajectory, result.config
+    made = (
+        f"excite, seed {config.seed}, measure {config.measure}; condition number "
+        f"{result.condition_number:.4g} of {result.num_parameters} base parameters, median of "
+        f"random trajectories {np.median(result.random_condition_numbers):.4g}"
+    )
+    save_configuration(trajectory.coefficients(robot.name, made), folder / f"{name}.yaml")
+    motion = trajectory.joint_trajectory(config.num_periods, config.time_step)
+    table = np.hstack([motion.t[:, None], motion.q, motion.v, motion.vdot])
+    columns = [
+        "t",
+        *(f"{key}{j + 1}" for key in ("q", "v", "vdot") for j in range(len(motion.q[0]))),
+    ]
+    with folder.atomic(f"{name}.csv") as partial:
+        np.savetxt(partial, table, "%.9g", ",", header=",".join(columns), comments="")
+    folder.write_figure(name, trajectory_figure(robot, result))
+    if page:
+        title = f"{robot.name}: excitation ({name})"
+        write_motion_page(
+            robot, trajectory.joint_trajectory(config.num_periods), folder / f"{name}.html", title
+        )
+
+
+def _period(trajectory: FourierTrajectory, time_step: float = 0.01) -> tuple[Array, Array, Array]:
+    count = max(64, round(trajectory.period / time_step))
+    return trajectory.sample(np.arange(count) * trajectory.period / count)
+
+
+def _check(config: ExcitationConfig) -> None:
+    if config.measure not in MEASURES:
+        remedy = nearest(config.measure, MEASURES)
+        known = " or ".join(MEASURES)
+        raise InputError("excite", "measure", f"{config.measure!r}, expected {known}", remedy)
+    limits = config.limits
+    for name, value, least, largest in (
+        ("base_frequency", config.base_frequency, 1e-3, 10.0),
+        ("time_step", config.time_step, 1e-5, 1.0),
+        ("num_harmonics", config.num_harmonics, 2, 20),
+        ("num_starts", config.num_starts, 1, 1000),
+        ("num_periods", config.num_periods, 1, 1000),
+        ("iterations", config.iterations, 1, 10_000),
+        ("clearance", limits.clearance, 1e-3, LARGEST_CLEARANCE),
+        ("position_margin", limits.position_margin, 0.0, 2.0 * np.pi),
+        ("velocity_share", limits.velocity_share, 1e-3, 1.0),
+        ("torque_share", limits.torque_share, 1e-3, 1.0),
+        *(("acceleration", value, 1e-3, 1e3) for value in limits.acceleration),
+        *(("floor", value, -100.0, 100.0) for value in (limits.floor,) if value is not None),
+    ):
+        if not least <= value <= largest:
+            raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
+    rows = config.num_periods / (config.base_frequency * config.time_step)
+    if rows > LONGEST_TABLE:
+        problem = f"{config.num_periods} periods make {rows:.3g} rows, at most {LONGEST_TABLE:g}"
+        raise InputError("excite", "num_periods", problem, "take fewer, or a coarser time step")
+
+
+def _floor(robot: Robot, config: ExcitationConfig) -> float | None:
+    if config.limits.no_floor:
+        return None
+    return robot.floor if config.limits.floor is None else config.limits.floor
+
+
+def _check_floor(clearance: Clearance, floor: float | None) -> None:
+    below = [pair for pair in clearance.overlapping if pair.endswith(" and floor")]
+    if below:
+        part = below[-1].removesuffix(" and floor")
+        raise InputError(
+            "excite",
+            "floor",
+            f"{floor:g} m lies above {part} in the robot's home posture",
+            "state the floor's height in the robot's base frame (floor in robot.yaml, or --floor), "
+            "or --no-floor",
+        )
+
+
+def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance) -> list[str]:
+    warnings = []
+    if undetermined:
+        warnings.append(
+            f"the trajectory leaves {len(undetermined)} base parameters undetermined: "
+            f"{'; '.join(undetermined)}"
+        )
+    if not clearance.has_shapes:
+        warnings.append(
+            f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
+        )
+    if lost := robot.unusable_collisions:
+        more = f" and {len(lost) - _NAMED} more" if len(lost) > _NAMED else ""
+        warnings.append(
+            "collision shapes cannot be used, so that no clearance is claimed: "
+            f"{', '.join(lost[:_NAMED])}{more}"
+        )
+    warnings += [
+        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.3g} mm, "
+        f"{1e3 * (clearance.margin - kept):.2g} mm less than the clearance"
+        for pair, kept in clearance.near_at_home
+    ]
+    warnings += [
+        f"{pair} overlap in the home posture: contact between them is not checked"
+        for pair in clearance.overlapping
+    ]
+    return warnings

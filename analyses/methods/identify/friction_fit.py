@@ -1,0 +1,336 @@
+"""Fits inertias and one friction law together, and chooses the law's shape by cross-validation.
+
+The coefficients are linear and come from one least squares with the inertias. What is not linear is
+the law's shape (slip displacement and Stribeck velocity of each joint) and which joints have a
+load term; that is chosen on held-out logs (or held-out thirds of a single one) by the one-standard-
+error rule (Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, section
+3.4.3) on paired differences: of the candidates whose squared error exceeds the lowest by no more
+than one standard error of that difference over the folds, the smoothest, that is the longest
+displacement, the highest Stribeck velocity, no load term. The rule has no constant to tune.
+
+The shape is chosen by plain squares, because Huber's weights, which come after, depend on it.
+`ur10e-identification.lowest_error` measures what taking the lowest error itself would give.
+
+The load term needs the torque that the gear transmits. In the fit it is the rigid-body torque of
+the fit itself, iterated. The measured torque would let a joint that carries little but its
+own friction explain that friction by itself: it halves the error of the UR10e's last joint in the
+fit, but not on other logs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.analyses.methods.identify.identification_config import SELECTIONS
+from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
+from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from wrenchsight.models.friction.presliding_friction import slip_path
+from wrenchsight.models.identification.base_parameters import (
+    BaseParameters,
+    find_base_parameters,
+    independent_columns,
+)
+from wrenchsight.models.identification.physical_consistency import fit_consistent
+from wrenchsight.models.identification.torque_regression import (
+    RegressionRows,
+    TorqueEstimate,
+    TorqueFactors,
+    joined_factors,
+    parameter_names,
+    parameter_prior,
+    realisation,
+    solve,
+    solve_values,
+    split_terms,
+)
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import SAME, first_of_least
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+
+DISPLACEMENTS = (3e-5, 5e-5, 7e-5, 1e-4, 1.4e-4, 2e-4, 3e-4, 5e-4, 1e-3)  # rad or m
+STRIBECK_VELOCITIES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # rad/s or m/s
+LOAD_PASSES = 3
+HUBER_PASSES = 4
+STRETCHES = 3  # of a single log, to hold out one by one
+HUBER = 3.0  # scales of the residual from which it counts linearly, no longer squared
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A fitted model."""
+
+    structure: FrictionStructure  # of its friction
+    base: BaseParameters  # combinations of parameters that the rows determine
+    estimate: TorqueEstimate  # of them
+    x: Array  # all parameters, as `wrenchsight.models.identification.torque_regression`
+    names: tuple[str, ...]  # of all parameters
+
+    def parts(self) -> tuple[Array, Array, list[Array]]:
+        """Inertial parameters (n, 10), rotor inertia (n,), friction coefficients per joint."""
+        return split_terms(self.x, [len(entry) for entry in self.structure.terms])
+
+
+class _LogColumns:
+    """The friction columns of one log, low-passed, at the rows of its regression.
+
+    Sweeps, passes and laws ask for the same columns again and again: all are kept, those of the
+    load term as long as the load stays the same array.
+    """
+
+    def __init__(self, q: Array, v: Array, regression: RegressionRows) -> None:
+        """Args: `q`, `v` are those of the motors."""
+        self._q, self._v, self._regression = q, v, regression
+        self._rows: dict[tuple[str, int, tuple[float, ...]], Array] = {}
+        self._load: Array | None = None
+
+    def of(self, structure: FrictionStructure, load: Array | None) -> list[Array]:
+        """Columns (m, terms) per joint; the load (N, n) N m, None for zero."""
+        if load is None or load is not self._load:
+            self._rows = {key: rows for key, rows in self._rows.items() if key[0] != "load"}
+            self._load = load
+        keys = [
+            [(term, j, structure.column_shape(term, j)) for term in entry]
+            for j, entry in enumerate(structure.terms)
+        ]
+        missing = list(
+            dict.fromkeys(key for entry in keys for key in entry if key not in self._rows)
+        )
+        if missing:
+            q, v = self._q, self._v
+            load = np.zeros_like(v) if load is None else load
+            z = slip_path(structure.displacement, q, v)
+            columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
+            (rows,) = self._regression.friction_rows([np.stack(columns, axis=1)])
+            self._rows.update(zip(missing, rows.T, strict=True))
+        return [np.stack([self._rows[key] for key in entry], axis=1) for entry in keys]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionFit:
+    """Logs that one model is to explain."""
+
+    robot: Robot  # whose
+    runs: Sequence[LowPassedLog]
+    regressions: Sequence[RegressionRows]  # of these logs
+    num_passes: int  # of weighted least squares
+    oversampling: float = 1.0  # rows per independent sample of the residual
+    loss: str = "squares"  # "huber" or "squares", see `reweighed`
+    # whether `fit` returns a physical robot, see
+    # `wrenchsight.models.identification.physical_consistency`
+    consistent: bool = False
+    # of `SELECTIONS`; the second takes the lowest held-out error, whatever the others' are
+    selection: str = SELECTIONS[0]
+    weights: Sequence[Array] | None = None  # per log (m, n), of the squared residuals; None for one
+    # per log, which motion it shows: logs of one motion are held out together; None: each log has
+    # its own
+    groups: Sequence[int] | None = None
+    stretches: int = STRETCHES  # in which logs of one motion are held out
+    _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
+
+    @cached_property
+    def folds(self) -> list[list[tuple[int, slice]]]:
+        """What is held out together: (log, rows of it)."""
+        count = len(self.regressions)
+        groups = range(count) if self.groups is None else self.groups
+        if len(set(groups)) > 1:
+            return [
+                [(k, slice(None)) for k in range(count) if groups[k] == group]
+                for group in dict.fromkeys(groups)
+            ]
+        edges = [
+            np.linspace(0, len(entry.rows), self.stretches + 1).astype(int)
+            for entry in self.regressions
+        ]
+        return [
+            [(k, slice(int(entry[i]), int(entry[i + 1]))) for k, entry in enumerate(edges)]
+            for i in range(self.stretches)
+        ]
+
+    @property
+    def holds_out_logs(self) -> bool:
+        """Whether a fold is one log or several, not stretches of them."""
+        return all(rows == slice(None) for fold in self.folds for _, rows in fold)
+
+    def of_motors(self, x: Array) -> Array:
+        """Positions or rates (N, n) of the motors, which friction depends on, from the joints'."""
+        rates = self.robot.chain.motor_rates
+        return x @ rates.T if rates.size else x
+
+    def fit(self, structure: FrictionStructure, chosen: Sequence[int] | None = None) -> Solution:
+        """Returns the model fitted on the folds `chosen` (all for None).
+
+        A load coefficient outside [0, LARGEST_LOAD] is no property of a gear: the joint's term
+        is left out.
+        """
+        solution = self._solve(structure.without("load"), None, chosen)
+        while structure.has("load"):
+            for _ in range(LOAD_PASSES):
+                solution = self._solve(structure, self.loads(solution), chosen)
+            coefficients = solution.parts()[2]
+            unfit = [
+                j
+                for j, entry in enumerate(structure.terms)
+                if "load" in entry
+                and not 0.0 <= coefficients[j][entry.index("load")] <= LARGEST_LOAD
+            ]
+            if not unfit:
+                break
+            structure = structure.without("load", unfit)
+            solution = self._solve(structure.without("load"), None, chosen)
+        return self._made_consistent(solution, chosen) if self.consistent else solution
+
+    def _made_consistent(self, solution: Solution, chosen: Sequence[int] | None) -> Solution:
+        structure = solution.structure
+        factors = self.factors(solution)
+        selected = factors if chosen is None else [factors[k] for k in chosen]
+        sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
+        rows = np.vstack([entry / sd[j] for factor in selected for j, entry in enumerate(factor.R)])
+        prior, spread = parameter_prior(self.robot, [len(entry) for entry in structure.terms])
+        v_max = np.max([np.abs(self.of_motors(m.v)).max(axis=0) for m in self.runs], axis=0)
+        result = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
+        values = solution.base.combination @ result.x
+        return replace(solution, x=result.x, estimate=replace(solution.estimate, values=values))
+
+    def factors(self, solution: Solution) -> list[TorqueFactors]:
+        """The reduced rows of each fold, with the solution's friction columns."""
+        columns = self.columns(solution.structure, self.loads(solution))
+        return self._fold_factors(columns, self.weights)
+
+    def loads(self, solution: Solution) -> list[Array]:
+        """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
+        inertial, rotor, _ = solution.parts()
+        chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
+        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.runs]
+        return [tau @ self.robot.coupling for tau in result] if self.robot.is_coupled else result
+
+    def columns(
+        self, structure: FrictionStructure, loads: Sequence[Array] | None
+    ) -> list[list[Array]]:
+        """Friction columns per log and joint, low-passed, at the rows."""
+        for k in range(len(self._kept), len(self.regressions)):
+            q, v = (self.of_motors(x) for x in (self.runs[k].q, self.runs[k].v))
+            self._kept[k] = _LogColumns(q, v, self.regressions[k])
+        return [
+            self._kept[k].of(structure, None if loads is None else loads[k])
+            for k in range(len(self.regressions))
+        ]
+
+    def held_out(self, structure: FrictionStructure, loads: Sequence[Array]) -> Array:
+        """Mean squared error (folds, n) in (N m)^2, each fold predicted by a fit of the others."""
+        columns = self.columns(structure, loads)
+        factors = self._fold_factors(columns, None)
+        independent = independent_columns(np.vstack([f.regressor for f in factors]))
+        squares = np.empty((len(factors), self.robot.num_joints))
+        for k, entry in enumerate(factors):
+            values = solve_values(factors[:k] + factors[k + 1 :], independent, self.num_passes)
+            for j, R in enumerate(entry.R):
+                residual = R[:, -1] - R[:, independent] @ values
+                squares[k, j] = residual @ residual / entry.num_rows
+        return squares
+
+    def choose(self, structure: FrictionStructure) -> FrictionStructure:
+        """Returns the structure with its shape chosen, by plain least squares."""
+        loads = self.loads(self.fit(structure))
+        elastic = bool(structure.displacement.any())
+        has_speed = structure.has("stribeck")
+        for _ in range(2 if elastic and has_speed else 1):
+            if elastic:
+                structure = self._sweep(structure, "displacement", DISPLACEMENTS, loads)
+            if has_speed:
+                structure = self._sweep(structure, "stribeck_velocity", STRIBECK_VELOCITIES, loads)
+        structure = self.fit(structure).structure
+        if structure.has("load"):
+            errors = np.stack(
+                [self.held_out(s, loads) for s in (structure, structure.without("load"))]
+            )
+            structure = structure.without("load", np.flatnonzero(self._smoothest(errors) == 1))
+        return structure
+
+    def _sweep(
+        self,
+        structure: FrictionStructure,
+        key: str,
+        candidates: Sequence[float],
+        loads: Sequence[Array],
+    ) -> FrictionStructure:
+        def with_shape(value: Array) -> FrictionStructure:
+            shape: Any = {key: value}
+            return replace(structure, **shape)
+
+        n = structure.num_joints
+        shapes = [with_shape(np.full(n, value)) for value in candidates]
+        errors = np.stack([self.held_out(shape, loads) for shape in shapes])
+        return with_shape(np.asarray(candidates)[self._smoothest(errors)])
+
+    def _smoothest(self, errors: Array) -> NDArray[np.intp]:
+        """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
+        lowest = first_of_least(errors.mean(axis=1), axis=0)
+        if self.selection == "lowest-error":
+            return np.asarray(lowest)
+        excess = errors - np.take_along_axis(errors, lowest[None, None, :], axis=0)
+        standard_error = excess.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])
+        # The same but for rounding is no worse: of equals the smoothest.
+        rounding = SAME * errors.mean(axis=1)
+        good = excess.mean(axis=1) <= standard_error + rounding
+        return np.asarray(len(errors) - 1 - np.argmax(good[::-1], axis=0))
+
+    def _solve(
+        self,
+        structure: FrictionStructure,
+        loads: Sequence[Array] | None,
+        chosen: Sequence[int] | None,
+    ) -> Solution:
+        factors = self._fold_factors(self.columns(structure, loads), self.weights)
+        names = parameter_names(self.robot.joint_names, structure.terms)
+        base = find_base_parameters(np.vstack([f.regressor for f in factors]), names)
+        selected = factors if chosen is None else [factors[k] for k in chosen]
+        estimate = solve(selected, base, self.num_passes, self.oversampling)
+        counts = [len(entry) for entry in structure.terms]
+        x = realisation(self.robot, base, estimate.values, counts)
+        return Solution(structure, base, estimate, x, tuple(names))
+
+    def _fold_factors(
+        self, columns: list[list[Array]], weights: Sequence[Array] | None
+    ) -> list[TorqueFactors]:
+        return [
+            joined_factors(
+                [
+                    self.regressions[k].factors(
+                        columns[k], rows, None if weights is None else weights[k]
+                    )
+                    for k, rows in fold
+                ]
+            )
+            for fold in self.folds
+        ]
+
+    def reweighed(self, structure: FrictionStructure) -> "FrictionFit":
+        """Returns the same fit with the weights that iteration with this structure finds.
+
+        They are Huber's, min(1, HUBER s / |r|), and begin at the weights that this fit has.
+
+        s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: what
+        no friction law explains at reversals lies far outside the bulk too, and Tukey's, which
+        ignores what lies far outside, then fits a law without those reversals (on the UR10e it
+        costs a plain law 2 % of its held-out error, Huber's nothing).
+        """
+        if self.loss == "squares":
+            return self
+        result = self
+        for _ in range(HUBER_PASSES):
+            solution = result.fit(structure)
+            columns = result.columns(solution.structure, result.loads(solution))
+            residuals = [
+                r.residual(entry, solution.x)
+                for r, entry in zip(self.regressions, columns, strict=True)
+            ]
+            scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
+            limit = HUBER * np.maximum(scale, 1e-9)
+            weights = [np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)) for r in residuals]
+            result = replace(result, weights=weights)
+        return result

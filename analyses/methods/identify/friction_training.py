@@ -1,0 +1,277 @@
+"""What is the friction of joints near zero velocity? Friction samples in, trained networks out.
+
+One 1-10-1 network a joint (tanh, linear; Lu et al., section 3.1), all joints in one batch, on the
+samples with |v| <= v_crit. Outside it the velocity law holds; a correction closes the gap between
+the two at +-v_crit (wrenchsight.models.friction.velocity_friction).
+
+The rule for v_crit, joint by joint: the samples' deviation from the law, counted positive against
+the motion, is averaged over `BINS` ranges of |v| with as many samples each. v_crit is the speed at
+which the average first changes its sign: below it the law is off to one side, there it meets the
+data. Slower than `REST` of the highest speed is rest: a joint that rests carries any torque up to
+its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MOST` of that speed,
+and reaches as far within them as the fewest samples that training needs.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_network import FrictionNetworks
+from wrenchsight.models.friction.velocity_friction import CoulombViscous
+from wrenchsight.models.numerics.arrays import Array
+
+BINS = 40
+REST = 0.002  # of the highest speed
+LEAST, MOST = 0.01, 0.5  # of the highest speed
+FEWEST = 40  # samples in the band of each joint, and ten in each direction
+MOST_SAMPLES = 600  # of a joint that are trained on; more add nothing
+HELD_OUT = 0.2
+NEURONS = 10
+LEAST_RATE = 1e-4  # of Adam, at the last step
+_SAME_SPEED = 1e-9  # relative
+
+
+@dataclass
+class TrainingConfig:
+    """How the networks are trained."""
+
+    seed: int = 0  # of the first weights and of the split
+    odd: bool = False  # f(-v) = -f(v) + constant, built in
+    steepest: float = 60.0  # of the first neuron at its start: its jump is as wide as v_crit / this
+    steps: int = 1500  # of Adam, at most
+    patience: int = 250  # steps without a better held-out error after which a joint is done
+    learning_rate: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedNetworks:
+    """Networks, and how well they do."""
+
+    networks: FrictionNetworks  # to be evaluated by `wrenchsight.models.friction.friction_network`
+    v_crit: Array  # (n,) rad/s
+    rmse: Array  # (n,) N m, on the held-out samples of the band
+    law_rmse: Array  # (n,) N m, of the velocity law on the same samples
+    num_samples: NDArray[np.int64]  # (n,) in the band
+    steps: NDArray[np.int64]  # (n,) after which each joint's weights were taken
+
+
+def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
+    """(n,) rad/s: speed below which samples and law part, by the rule at the top of this file.
+
+    Args:
+        v: (N, n) rad/s; rows with NaN in a joint do not count for that joint.
+        torque: (N, n) N m, friction.
+        law: of all velocities.
+    """
+    n = law.num_joints
+    out = np.empty(n)
+    against = np.sign(v) * (torque - law.torque(v))
+    for j in range(n):
+        use = np.isfinite(against[:, j]) & _moves(v[:, j])
+        order = np.argsort(np.abs(v[use, j]), kind="stable")
+        speed, deviation = np.abs(v[use, j])[order], against[use, j][order]
+        if not len(speed):
+            out[j] = 0.0  # the caller reports the empty band
+            continue
+        edges = _between_speeds(speed, min(BINS, len(speed)))
+        means = np.array([deviation[a:b].mean() for a, b in pairwise(edges)])
+        middle = 0.5 * (speed[edges[:-1]] + speed[edges[1:] - 1])
+        other = means * means[0] <= 0.0
+        # Twice in a row: one range alone may be noise.
+        turned = np.flatnonzero(other[:-1] & other[1:])
+        if len(turned):
+            k = int(turned[0])
+            part = means[k - 1] / (means[k - 1] - means[k]) if k else 0.0
+            crossing = middle[max(k - 1, 0)] * (1.0 - part) + middle[k] * part
+        else:
+            crossing = speed[-1]
+        directions = (speed[v[use, j][order] * way > 0.0] for way in (1.0, -1.0))
+        enough = [one[FEWEST // 4 - 1 : FEWEST // 4] for one in directions]
+        enough.append(speed[FEWEST - 1 : FEWEST])
+        least = max(LEAST * speed[-1], *np.concatenate(enough))
+        most = MOST * speed[-1]  # with fewer samples below that, the caller reports them
+        out[j] = np.clip(crossing, min(least, most), most)
+    return out
+
+
+def _between_speeds(speed: Array, count: int) -> NDArray[np.intp]:
+    """Bounds of `count` ranges of as many rows of ascending speeds, or fewer.
+
+    A pair of passes has one speed, forth and back: no range holds only one half of such a pair, or
+    rounding would decide which.
+    """
+    edges = np.linspace(0, len(speed), count + 1).astype(int)
+    apart = np.flatnonzero(np.diff(speed) > _SAME_SPEED * speed[1:]) + 1
+    starts = np.concatenate([[0], apart, [len(speed)]])
+    return np.unique(starts[np.searchsorted(starts, edges)])
+
+
+def train_networks(
+    v: ArrayLike,
+    torque: ArrayLike,
+    law: CoulombViscous,
+    groups: ArrayLike | None = None,
+    v_crit: ArrayLike | None = None,
+    config: TrainingConfig | None = None,
+    joint_names: tuple[str, ...] | None = None,
+) -> TrainedNetworks:
+    """Trains the near-zero networks of all joints; the same numbers give the same weights.
+
+    Held out is a fifth of the samples, in stretches of the log (of each group), and training of a
+    joint stops when its held-out error has not improved for `patience` steps; kept are the weights
+    of the best step.
+
+    Args:
+        v: (N, n) rad/s at all velocities; NaN where a joint has no sample.
+        torque: (N, n) N m, friction there.
+        law: outside the band.
+        groups: (N,) which run a row is of; held-out stretches never straddle two.
+        v_crit: (n,) rad/s; None: by the rule.
+        config: see `TrainingConfig`.
+        joint_names: for messages.
+
+    Raises:
+        InputError: a joint has too few samples in its band.
+        ValueError: v and torque of different shapes.
+    """
+    config = config or TrainingConfig()
+    v, torque = np.asarray(v, float), np.asarray(torque, float)
+    n = law.num_joints
+    if v.ndim != 2 or v.shape != torque.shape or v.shape[1] != n:
+        raise ValueError(f"v {v.shape} and torque {torque.shape} must be (N, {n})")
+    edge = critical_velocity(v, torque, law) if v_crit is None else np.asarray(v_crit, float)
+    names = joint_names or tuple(f"joint {j + 1}" for j in range(n))
+    chosen = [_band(v[:, j], torque[:, j], float(edge[j]), names[j]) for j in range(n)]
+    group = np.zeros(len(v), int) if groups is None else np.asarray(groups)
+    rng = np.random.default_rng(config.seed)
+    size = min(MOST_SAMPLES, max(len(rows) for rows in chosen))
+    x, y = np.zeros((n, size)), np.zeros((n, size))
+    train, held = np.zeros((n, size)), np.zeros((n, size))  # weights: 1 / count, or 0
+    for j, rows in enumerate(chosen):
+        # Evenly through the log, so that the same stretch of it stays together in the split.
+        rows = rows[np.linspace(0, len(rows) - 1, min(size, len(rows))).astype(int)]
+        away = _held_out(group[rows], rng)
+        x[j, : len(rows)] = v[rows, j] / edge[j]
+        y[j, : len(rows)] = torque[rows, j]
+        train[j, : len(rows)] = ~away / max(1, int((~away).sum()))
+        held[j, : len(rows)] = away / max(1, int(away.sum()))
+    centre = (train * y).sum(axis=1)
+    spread = np.sqrt((train * (y - centre[:, None]) ** 2).sum(axis=1)) + 1e-12
+    z = (y - centre[:, None]) / spread[:, None]
+    with one_thread():  # the same sums in the same order on every machine; faster, too
+        weights, errors, steps = _descend(x, z, train, held, config)
+    W1, b1, W2, b2 = weights
+    networks = FrictionNetworks(W1, b1, W2 * spread[:, None], b2 * spread + centre, edge)
+    law_error = y - law.torque((x * edge[:, None]).T).T
+    return TrainedNetworks(
+        networks=networks,
+        v_crit=edge,
+        rmse=np.sqrt(errors) * spread,
+        law_rmse=np.sqrt((held * law_error**2).sum(axis=1)),
+        num_samples=np.array([len(rows) for rows in chosen]),
+        steps=steps,
+    )
+
+
+def _moves(v: Array) -> NDArray[np.bool_]:
+    speed = np.abs(v)
+    highest = np.nanmax(speed, initial=0.0)
+    return np.asarray(np.isfinite(v) & (speed > REST * highest) & (speed > 0.0))
+
+
+def _band(v: Array, torque: Array, v_crit: float, name: str) -> NDArray[np.intp]:
+    inside = np.isfinite(torque) & _moves(v) & (np.abs(v) <= v_crit)
+    rows = np.flatnonzero(inside)
+    forth, back = int((v[rows] > 0.0).sum()), int((v[rows] < 0.0).sum())
+    if len(rows) < FEWEST or min(forth, back) < FEWEST // 4:
+        raise InputError(
+            "friction training",
+            name,
+            f"{len(rows)} samples with |v| <= {v_crit:.3g} rad/s ({forth} forth, {back} back), "
+            f"{FEWEST} or more are needed, {FEWEST // 4} each way",
+            "record slow motion of this joint in both directions",
+        )
+    return rows
+
+
+def _held_out(group: NDArray[Any], rng: np.random.Generator) -> NDArray[np.bool_]:
+    """A fifth of the rows, in stretches: neighbours in a log know each other's error."""
+    count = len(group)
+    length = max(1, count // 50)
+    stretch = np.arange(count) // length
+    _, stretch = np.unique(np.stack([group, stretch]), axis=1, return_inverse=True)
+    number = int(stretch.max()) + 1
+    away = np.zeros(number, bool)
+    away[rng.permutation(number)[: max(1, round(HELD_OUT * number))]] = True
+    return np.asarray(away[stretch.ravel()])
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch on one thread for as long as a block lasts: its sums have one order."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _descend(
+    x: Array,
+    z: Array,
+    train: Array,
+    held: Array,
+    config: TrainingConfig,
+) -> tuple[list[Array], Array, NDArray[np.int64]]:
+    """Adam on all joints at once; each keeps the weights of its own best step."""
+    import torch
+
+    n = len(x)
+    draw = np.random.default_rng(config.seed + 1)
+    # Kinks spread over the band, from as wide as it to as steep as the jump at zero velocity.
+    steepness = np.exp(draw.uniform(np.log(2.0), np.log(60.0), (n, NEURONS)))
+    steepness[:, 0] = config.steepest
+    start = [
+        steepness * draw.choice([-1.0, 1.0], (n, NEURONS)),
+        np.zeros((n, NEURONS)),
+        0.3 * draw.normal(size=(n, NEURONS)),
+        np.zeros(n),
+    ]
+    start[1] = start[0] * draw.uniform(-1.0, 1.0, (n, NEURONS)) * (0.0 if config.odd else 1.0)
+    start[1][:, 0] = 0.0  # one jump is at zero
+    parameters = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in start]
+    X, Z, T, H = (torch.tensor(a, dtype=torch.float64) for a in (x, z, train, held))
+    optimiser = torch.optim.Adam(parameters, config.learning_rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps, LEAST_RATE)
+    best = [p.detach().clone() for p in parameters]
+    lowest = torch.full((n,), torch.inf, dtype=torch.float64)
+    when = torch.zeros(n, dtype=torch.int64)
+    for step in range(config.steps):
+        W1, b1, W2, b2 = parameters
+        hidden = torch.tanh(W1[:, None, :] * X[:, :, None] + b1[:, None, :])
+        square = ((hidden * W2[:, None, :]).sum(dim=2) + b2[:, None] - Z) ** 2
+        fitted, away = (T * square).sum(dim=1), (H * square).sum(dim=1)
+        with torch.no_grad():
+            better = away < lowest * (1.0 - 1e-5)
+            lowest = torch.where(better, away, lowest)
+            when = torch.where(better, step, when)
+            for selected, now in zip(best, parameters, strict=True):
+                selected[better] = now[better]
+            if int((step - when).min()) > config.patience:
+                break
+        optimiser.zero_grad()
+        fitted.sum().backward()
+        if config.odd:
+            parameters[1].grad.zero_()  # tanh(W v) is odd
+        optimiser.step()
+        schedule.step()
+    return [p.numpy() for p in best], lowest.numpy(), when.numpy()

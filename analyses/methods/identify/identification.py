@@ -1,0 +1,522 @@
+"""What is the dynamic model of this robot? Logs in, model out.
+
+For each log, resampled on its own time to a uniform grid:
+
+1. q, v and torque go through a zero-phase Butterworth low-pass; vdot is the derivative of the
+   filtered v.
+2. The torque is linear in inertias, rotor inertias and friction
+   (`models.identification.torque_regression`). Each column of that regressor goes through **the
+   same low-pass** as the torque. Products of filtered signals, and above all sgn(v), hold
+   frequencies that the filtered torque has lost; without this step they count as error at each
+   reversal and bias the friction low. Chosen by leave-one-run-out on the three unloaded UR10e runs:
+   held-out RMSE 2.35 3.45 1.44 0.42 0.49 0.37 N m per joint without it, 1.72 2.96 1.25 0.27 0.35
+   0.24 with it.
+3. The base parameters are read off the regressor (`models.identification.base_parameters`), and
+   solved for by least squares in which each joint's rows are weighted with its own residual, in
+   several passes.
+4. Standard parameters with these base parameters, nearest to the robot's own files, make the model.
+
+Every error stated here compares low-passed measured torque with low-passed predicted torque, clear
+of the filter's transients and of drop-outs.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.identify.identification_checks import (
+    contradictions,
+    repeated_logs,
+    warnings_of,
+)
+from wrenchsight.analyses.methods.identify.identification_config import (
+    WITH_NETWORK,
+    IdentificationConfig,
+    IdentifySettings,
+    checked_config,
+)
+from wrenchsight.analyses.methods.identify.identification_figures import torque_figure
+from wrenchsight.analyses.methods.identify.identification_report import filter_text
+from wrenchsight.analyses.methods.identify.law_choice import best_law
+from wrenchsight.analyses.methods.identify.law_fits import LawFit, LawFits
+from wrenchsight.analyses.methods.identify.low_passed_logs import (
+    LowPassedLog,
+    ProgressCallback,
+    check_recording,
+    decimation,
+    log_names,
+    long_enough,
+    low_pass_log,
+    low_pass_logs,
+    median_step,
+    read_log,
+)
+from wrenchsight.analyses.methods.identify.repeated_motion import (
+    motion_groups,
+    repeated_motion_notes,
+)
+from wrenchsight.analyses.methods.identify.torque_error_learning import (
+    gravity_spread,
+    held_out_readings,
+    learn_torque_error,
+)
+from wrenchsight.analyses.methods.identify.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.study.shared_results import digest, shared
+from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.coupled_friction import CoupledFriction
+from wrenchsight.models.friction.extended_friction import ExtendedFriction
+from wrenchsight.models.friction.friction_law import FrictionLaw
+from wrenchsight.models.friction.friction_structure import structures
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.identification.base_parameters import BaseParameters
+from wrenchsight.models.identification.fitted_robot import FittedRobot
+from wrenchsight.models.identification.identified_model import (
+    BaseParameterTable,
+    IdentifiedModel,
+    Provenance,
+    Validity,
+)
+from wrenchsight.models.identification.identified_urdf import identified_urdf
+from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.identification.torque_regression import TorqueEstimate
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import beyond_rounding
+from wrenchsight.models.recordings.lerobot.data_set import episode_paths
+from wrenchsight.models.recordings.plausibility.drive_evidence import (
+    SignEvidence,
+    recordings_sign_evidence,
+)
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationResult:
+    """A model, and how well it does on each log.
+
+    Attributes:
+        model: the identified model.
+        base: combinations of parameters that the logs determine.
+        fit: of each log that the model was fitted on.
+        cross_validation: each of these logs, predicted by a model fitted on the others; empty for
+            a single log.
+        validation: of each log kept for validation.
+        warnings: one line each.
+        config: as used, with the time step filled in.
+        law: the friction law; the chosen one for "best".
+        held_out: cross-validated RMSE (n,) in N m of each law that was a candidate.
+        extrapolated: RMSE (n,) in N m of each joint's fastest and of its slowest samples, predicted
+            by a fit without them, of each law that was a candidate.
+        solution: all parameters, before they became a model.
+        robot: whose model it is.
+        drive_signs: what the fitted logs say of the signs of the drives.
+        notices: what reading the logs involved, one sentence each.
+    """
+
+    model: IdentifiedModel
+    base: BaseParameters
+    fit: tuple[TorqueFit, ...]
+    cross_validation: tuple[TorqueFit, ...]
+    validation: tuple[TorqueFit, ...]
+    warnings: tuple[str, ...]
+    config: IdentificationConfig
+    law: str
+    held_out: dict[str, Array]
+    extrapolated: dict[str, tuple[Array, ...]]
+    solution: Solution
+    robot: Robot
+    drive_signs: SignEvidence
+    notices: tuple[str, ...] = ()
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json."""
+        model, base = self.model, self.base
+        law = model.friction.coulomb_viscous
+        table = model.base_parameters
+        errors = ("rmse_nm", "fastest_rmse_nm", "slowest_rmse_nm")
+        uncertain = np.array(table.standard_deviations) > 0.5 * np.abs(table.values)
+        return {
+            "fit": {fit.name: fit.metrics() for fit in self.fit},
+            "cross_validation": {
+                "rmse_nm": pooled_rmse(self.cross_validation) if self.cross_validation else None,
+                "logs": {fit.name: fit.metrics() for fit in self.cross_validation},
+            },
+            "validation": {fit.name: fit.metrics() for fit in self.validation},
+            "similarity": SIMILARITY,
+            "filter": filter_text(self.config),
+            "base_parameters": {
+                "count": len(base.names),
+                "sd_above_half_of_value": int(uncertain.sum()),
+                "without_effect": list(base.without_effect),
+                "condition_number": base.condition_number,
+                "smallest_pivot_kept": base.smallest_kept,
+                "largest_pivot_dropped": beyond_rounding(base.largest_dropped, 1e-12),
+            },
+            "friction": {
+                "law": self.law,
+                "coulomb_nm": law.coulomb,
+                "viscous_nms_per_rad": law.viscous,
+                "offset_nm": law.offset,
+                **_slip_metrics(model.friction),
+            },
+            "coupling": self.robot.coupling if self.robot.is_coupled else None,
+            "law_cross_validation": {
+                name: dict(zip(errors, (rmse, *self.extrapolated.get(name, ())), strict=False))
+                for name, rmse in self.held_out.items()
+            },
+            "parameters": _parameter_metrics(self),
+            "inconsistent_links": unphysical_links(model.inertial_parameters, model.joint_names),
+            "residual_sd_nm": np.sqrt(np.diag(model.residual_covariance)),
+            "drive_signs": self.drive_signs.metrics(),
+        }
+
+    def urdf(self) -> str:
+        """The robot's URDF with the identified inertias.
+
+        Raises:
+            ValueError: a link whose inertia is not physical; `IdentificationConfig.consistent`
+                prevents it.
+        """
+        model = self.model
+        rotors = model.chain(self.robot).rotor_matrix.diagonal()
+        return identified_urdf(self.robot, model.inertial_parameters, rotors)
+
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
+        """Writes model.yaml, metrics.json, config.yaml and figures/torque_<log>.png; of a
+        consistent fit also robot.urdf.
+
+        Args:
+            out: the folder.
+            settings: what config.yaml is to hold; written with the time step filled in.
+        """
+        for fit in self.validation or self.fit:
+            kind = "validation" if self.validation else "fitted"
+            out.write_figure(f"torque_{fit.name}", torque_figure(fit, self.model.joint_names, kind))
+        out.write_json("metrics.json", self.metrics())
+        if self.config.consistent:
+            out.write_text("robot.urdf", self.urdf())
+        out.write_settings("config.yaml", replace(settings, identification=self.config))
+        self.model.save(out / "model.yaml")
+
+
+def identify(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    validation: Sequence[Recording] = (),
+    config: IdentificationConfig | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+    contact_noise: bool = True,
+) -> IdentificationResult:
+    """Fits a model to logs of free motion, without contact and without unmodelled payload.
+
+    Within a study the same fit is made once for all experiments, and what fits of the same logs
+    have in common as well: see `wrenchsight.analyses.study.shared_results`.
+
+    Args:
+        recordings: one log or more.
+        robot: the robot that they were recorded on.
+        validation: logs to predict, not fitted.
+        config: see `IdentificationConfig`.
+        progress: called with the share done and the current step.
+        contact_noise: whether the model is to say, of cross-validated logs, what a contact
+            statistic reads without contact; nothing else depends on it.
+
+    Raises:
+        InputError: no log; a log of another robot, without motor current, too short, or of a rate
+            too low for the cutoff; joints that hardly move.
+    """
+    config = checked_config(IdentificationConfig() if config is None else config)
+    arguments = (tuple(recordings), robot, tuple(validation), config, contact_noise)
+    return shared("identify", arguments, lambda: _identify(*arguments, progress))
+
+
+def _identify(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    validation: Sequence[Recording],
+    config: IdentificationConfig,
+    contact_noise: bool,
+    progress: ProgressCallback,
+) -> IdentificationResult:
+    logs = [*recordings, *validation]
+    if not recordings:
+        raise InputError("identify", "", "no log was given", "name one log or more")
+    for recording in logs:
+        check_recording(recording, robot)
+    if config.time_step == 0.0:
+        config = replace(config, time_step=median_step(recordings))
+    filtering = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
+    fitted, selected, regressions = shared(
+        "low_passed_logs",
+        (tuple(recordings), robot, tuple(validation), *filtering),
+        lambda: low_pass_logs(recordings, robot, validation, config, progress),
+    )
+    row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
+    problem = FrictionFit(
+        robot,
+        fitted,
+        regressions,
+        config.num_passes,
+        max(1.0, row_rate / (2.0 * config.cutoff)),
+        config.loss,
+        config.consistent,
+        config.selection,
+        groups=motion_groups(fitted),
+    )
+    progress(0.9, "solving")
+    laws = tuple(structures()) if config.friction == "best" else (config.friction,)
+    fits = LawFits(problem, config, digest((tuple(recordings), robot, filtering)))
+    candidates = [fits.candidate(law) for law in laws]
+    chosen = _best_of(candidates)
+    if config.friction == "best":
+        # A network on top is tried on the law that won, not on those that lost.
+        for law, below in WITH_NETWORK.items():
+            if below == chosen:
+                with suppress(InputError):  # too few samples near zero velocity for a network
+                    candidates.append(fits.candidate(law))
+        chosen = _best_of(candidates)
+    choice = next(c for c in candidates if c.law == chosen)
+    solution, chain, friction = choice.solution, choice.chain, choice.friction
+    base = solution.base
+    fit, cross_validation = choice.fit, choice.cross_validation
+    model = _model_of(choice, robot, fitted, config)
+    if config.cross_validate:
+        progress(0.95, "the observer's error")
+        readings = held_out_readings(
+            recordings, fitted, regressions, fits.held_out_models(chosen), robot, model
+        )
+        error = learn_torque_error(readings, robot)
+        if error is not None:
+            error = gravity_spread(fits.gravity_without_a_fold(chosen), robot, error, readings)
+        model = replace(model, torque_error=error)
+        if contact_noise:
+            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
+    of_torque = all(recording.tau_J is not None for recording in recordings)
+    result = IdentificationResult(
+        model=model,
+        base=base,
+        fit=fit,
+        cross_validation=cross_validation,
+        validation=tuple(run.predict(chain, friction) for run in selected),
+        warnings=(
+            *repeated_logs(recordings, validation),
+            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
+            *contradictions(
+                replace(problem, weights=choice.weights, groups=None),
+                solution,
+                fitted,
+                robot,
+                of_torque,
+            ),
+            *warnings_of(fit, base, model, of_torque),
+        ),
+        config=config,
+        law=choice.law,
+        held_out={c.law: c.cross_validated_rmse for c in candidates},
+        extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
+        solution=solution,
+        robot=robot,
+        drive_signs=recordings_sign_evidence(recordings, robot),
+    )
+    progress(1.0, "done")
+    return result
+
+
+def _model_of(
+    choice: LawFit, robot: Robot, fitted: Sequence[LowPassedLog], config: IdentificationConfig
+) -> IdentifiedModel:
+    """The model of a friction law, without the observer's error."""
+    base, estimate = choice.solution.base, choice.solution.estimate
+    covariance, how = _model_error(choice.fit, choice.cross_validation, estimate)
+    return IdentifiedModel(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        kinematics_digest=robot.kinematics_digest,
+        fitted_robot=FittedRobot.of(robot),
+        inertial_parameters=choice.chain.inertial_parameters,
+        reflected_inertia=choice.chain.reflected_inertia,
+        friction=choice.friction,
+        residual_covariance=covariance,
+        base_parameters=BaseParameterTable(
+            names=list(base.names),
+            values=estimate.values.tolist(),
+            standard_deviations=estimate.standard_deviations.tolist(),
+            undetermined=list(base.without_effect),
+        ),
+        condition_number=base.condition_number,
+        validity=_validity(fitted),
+        provenance=Provenance(
+            method=f"weighted least squares per joint, {config.loss} loss, friction {choice.law}"
+            + (", physically consistent" if config.consistent else ""),
+            logs=[run.log for run in fitted],
+            time_step=config.time_step,
+            cutoff=config.cutoff,
+            filter_order=config.filter_order,
+            filter_regressor=config.filter_regressor,
+            residual=how,
+        ),
+    )
+
+
+def identify_logs(
+    logs: Sequence[Path],
+    robot_name: str | Path,
+    out: Path,
+    validate: Sequence[Path] = (),
+    log_format: str | Path | None = None,
+    config: IdentificationConfig | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+    accept_signs: bool = False,
+) -> IdentificationResult:
+    """The command `identify`: reads the logs, fits, and writes the result into `out`.
+
+    Raises:
+        InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.
+    """
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(robot_name)
+        settings = IdentifySettings(
+            robot=str(robot_name),
+            accept_signs=accept_signs,
+            logs=[str(log) for log in logs],
+            validate=[str(log) for log in validate],
+            log_format=None if log_format is None else str(log_format),
+        )
+        recordings, validation = (
+            [read_log(one, settings, robot) for log in paths for one in episode_paths(log)]
+            for paths in (logs, validate)
+        )
+        recordings, short = long_enough(recordings, config or IdentificationConfig())
+        result = identify(recordings, robot, validation, config, progress)
+        result.write(folder, settings)
+    notices = [sentence for one in (*recordings, *validation) for sentence in one.notices]
+    notices += short
+    return replace(result, notices=tuple(dict.fromkeys(notices)))
+
+
+def predict_torque(
+    recordings: Sequence[Recording],
+    robot: Robot,
+    model: IdentifiedModel,
+    config: IdentificationConfig,
+) -> tuple[TorqueFit, ...]:
+    """Measured and predicted torque of logs, for any model of the robot.
+
+    Args:
+        recordings: logs.
+        robot: the robot.
+        model: a model of it.
+        config: filter settings; a time step of zero is the logs' median step.
+
+    Raises:
+        InputError: as `identify`, of a log.
+    """
+    if config.time_step == 0.0:
+        config = replace(config, time_step=median_step(recordings))
+    chain = model.chain(robot)
+    runs = (
+        low_pass_log(name, recording, robot, config)
+        for name, recording in zip(log_names(recordings), recordings, strict=True)
+    )
+    return tuple(run.predict(chain, model.friction) for run in runs)
+
+
+def _best_of(candidates: Sequence[LawFit]) -> str:
+    return best_law(
+        {c.law: c.cross_validated_rmse for c in candidates},
+        {c.law: c.extrapolated for c in candidates},
+    )
+
+
+def residual_covariance(residuals: Sequence[Array]) -> Array:
+    """Second moment (n, n) about zero of residuals (T_k, n), (N m)^2.
+
+    About zero, not about the mean: a constant error is an error, and the estimator sees it.
+    """
+    stacked = np.vstack(residuals)
+    return np.asarray(stacked.T @ stacked / len(stacked))
+
+
+def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
+    if isinstance(friction, CoupledFriction):
+        return _slip_metrics(friction.law)
+    if isinstance(friction, ExtendedFriction):
+        names = (term.name for term in friction.terms)
+        further = dict(zip(names, friction.coefficients.T, strict=True))
+        return {**_slip_metrics(friction.law), "terms": further}
+    if not isinstance(friction, PreslidingFriction):
+        return {}
+    return {
+        "stribeck_nm": friction.stribeck,
+        "stribeck_velocity_rad_per_s": friction.stribeck_velocity,
+        "load_nm_per_nm": friction.load,
+        "cubic_nms3_per_rad3": friction.cubic,
+        "displacement_mrad": 1e3 * friction.displacement,
+    }
+
+
+def _parameter_metrics(result: "IdentificationResult") -> dict[str, Any]:
+    """Each single parameter: alone determined, only within a combination, or not at all."""
+    names, base = result.solution.names, result.base
+    table = result.model.base_parameters
+    alone = {name: k for k, name in enumerate(base.names) if name in names}
+    determined = {
+        name: {"value": table.values[k], "standard_deviation": table.standard_deviations[k]}
+        for name, k in alone.items()
+    }
+    combined = [
+        name for i, name in enumerate(names) if name not in alone and base.combination[:, i].any()
+    ]
+    return {
+        "determined": determined,
+        "only_in_combinations": combined,
+        "undetermined": list(base.without_effect),
+    }
+
+
+def _model_error(
+    fit: Sequence[TorqueFit], cross_validation: Sequence[TorqueFit], estimate: TorqueEstimate
+) -> tuple[Array, str]:
+    """The covariance of the model's torque error, and how it was found.
+
+    The momentum observer sees this same error through its own low-pass, K_0 / (s + K_0): at 15 /s
+    its band, 2.4 Hz, is close enough to the 5 Hz of the default filter. On the UR10e's validation
+    run the observer's reading has an RMS of 1.71 2.86 1.10 0.26 0.28 0.24 N m where
+    nothing touches the arm, and the covariance found here says 1.72 2.96 1.25 0.27 0.35 0.24.
+    """
+    if cross_validation:
+        covariance = residual_covariance([f.residual for f in cross_validation])
+        how = "second moment of the low-passed residual of each log, predicted from the others"
+    else:
+        covariance = residual_covariance([f.residual for f in fit])
+        # The fit has adapted to its own log: corrected by the number of parameters.
+        growth = estimate.residual_sd / np.maximum(pooled_rmse(fit), 1e-300)
+        growth = np.clip(growth, 1.0, 10.0)
+        covariance = covariance * np.outer(growth, growth)
+        how = "second moment of the low-passed residual of the fit (a single log)"
+    # A noise-free log leaves rounding only, and the estimator divides by this matrix.
+    largest = max(float(np.abs(f.measured).max()) for f in fit)
+    floor = (1e-6 * max(largest, 1e-3)) ** 2
+    return covariance + floor * np.eye(len(covariance)), how
+
+
+def _validity(runs: Sequence[LowPassedLog]) -> Validity:
+    q, v, vdot, tau = (
+        np.vstack([getattr(run, key)[run.used] for run in runs])
+        for key in ("q", "v", "vdot", "tau")
+    )
+    return Validity(
+        q_min=q.min(axis=0).tolist(),
+        q_max=q.max(axis=0).tolist(),
+        v_max=np.abs(v).max(axis=0).tolist(),
+        vdot_max=np.abs(vdot).max(axis=0).tolist(),
+        tau_max=np.abs(tau).max(axis=0).tolist(),
+    )

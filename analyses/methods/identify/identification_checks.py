@@ -1,0 +1,231 @@
+"""What makes an identification doubtful: logs that contradict each other or the robot's file.
+
+The checks are made after the fit, two of them on its own reduced rows: none changes the model.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrenchsight.analyses.methods.identify.friction_fit import FrictionFit, Solution
+from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
+from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit, pooled_rmse, rms
+from wrenchsight.models.identification.base_parameters import BaseParameters, triangular_factor
+from wrenchsight.models.identification.identified_model import (
+    IdentifiedModel,
+)
+from wrenchsight.models.identification.torque_regression import INERTIAL_NAMES, TorqueFactors
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+_INERTIAL = len(INERTIAL_NAMES)
+RANK_TOLERANCE = 1e-7  # as wrenchsight.models.identification.base_parameters
+GAUSS_NEWTON_STEPS = 6
+
+
+def gain_ratios(
+    factors: Sequence[TorqueFactors], x: Array, residual_sd: Array, oversampling: float
+) -> tuple[Array, Array]:
+    """By what factor each joint's torque exceeds what the other joints say of the same masses.
+
+    A link's masses act on all joints below it. For one joint after the other the fit of all rows is
+    made once more, with a factor on that joint's rigid-body torque: 1 if all torque constants are
+    right, or all wrong alike. Bilinear; by Gauss-Newton steps.
+
+    Args:
+        factors: of the logs.
+        x: all parameters of the fit without factors.
+        residual_sd: (n,) N m.
+        oversampling: rows per independent sample.
+
+    Returns:
+        (n,) factors and their sds; NaN and infinity where a factor is not determined.
+    """
+    n = len(factors[0].R)
+    stacked = [
+        triangular_factor(np.vstack([f.R[j] for f in factors])) / residual_sd[j] for j in range(n)
+    ]
+    rigid = slice(0, _INERTIAL * n)
+    ends = np.cumsum([len(R) for R in stacked])
+    rows = np.vstack(stacked)
+    length = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
+    ratios, deviations = np.full(n, np.nan), np.full(n, np.inf)
+    for j in range(n):
+        of_joint = slice(ends[j] - len(stacked[j]), ends[j])
+        ratio, parameters = 1.0, x
+        for _ in range(GAUSS_NEWTON_STEPS):
+            A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
+            A[of_joint, -1] = rows[of_joint, rigid] @ parameters[rigid]
+            A[of_joint, rigid] *= ratio
+            reach = np.linalg.norm(A[:, -1])
+            if not reach > 0.0:
+                break
+            scale = np.append(length, reach)
+            U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+            selected = s > RANK_TOLERANCE * s[0]
+            weight = Vt[selected, -1]
+            deviation = float(np.linalg.norm(weight / s[selected])) / reach * np.sqrt(oversampling)
+            if np.linalg.norm(weight) < 0.999:  # partly in the null space: not determined
+                break
+            solution = Vt[selected].T @ ((U[:, selected].T @ rows[:, -1]) / s[selected]) / scale
+            ratio, parameters = ratio + float(solution[-1]), solution[:-1]
+            ratios[j], deviations[j] = ratio, deviation
+    return ratios, deviations
+
+
+def rigid_torque(factors: Sequence[TorqueFactors], x: Array) -> Array:
+    """(n,) root mean square of the torque of links and loads over all logs, N m.
+
+    Args:
+        factors: of the logs.
+        x: all parameters.
+    """
+    n = len(factors[0].R)
+    rigid = slice(0, _INERTIAL * n)
+    squares = [
+        sum(float(np.sum((f.R[j][:, rigid] @ x[rigid]) ** 2)) for f in factors) for j in range(n)
+    ]
+    return np.sqrt(np.array(squares) / max(1, sum(f.num_rows for f in factors)))
+
+
+def payload_differences(
+    factors: Sequence[TorqueFactors], x: Array, residual_sd: Array, oversampling: float
+) -> tuple[Array, Array]:
+    """What each log carries at the last link more than the fit of all logs says.
+
+    Args:
+        factors: of each log.
+        x: all parameters of that fit.
+        residual_sd: (n,) N m.
+        oversampling: rows per independent sample.
+
+    Returns:
+        Mass (logs,) in kg and its sd: the log's residual, fitted with a mass and its first moments
+        on the last link.
+    """
+    n = len(factors[0].R)
+    last = slice(_INERTIAL * (n - 1), _INERTIAL * (n - 1) + 4)
+    masses, deviations = [], []
+    for factor in factors:
+        rows = np.vstack([R / residual_sd[j] for j, R in enumerate(factor.R)])
+        W, e = rows[:, last], rows[:, -1] - rows[:, :-1] @ x
+        normal = np.linalg.pinv(W.T @ W)
+        extra = normal @ (W.T @ e)
+        masses.append(extra[0])
+        noise = max(1.0, float(np.sum((e - W @ extra) ** 2)) / max(1, factor.num_rows * n))
+        deviations.append(np.sqrt(normal[0, 0] * noise * oversampling))
+    return np.array(masses), np.array(deviations)
+
+
+# What makes a result doubtful:
+POOR_FIT = 0.5  # share of a joint's torque that stays unexplained
+PAYLOAD_DIFFERENCE = 0.3  # kg between logs; on the UR10e's unloaded runs 0.01
+GAIN_DIFFERENCE = 0.2  # of 1; on the UR10e with plain friction up to 0.1 with right constants
+SURE = 6.0  # standard deviations; many, as these do not cover errors of the model's structure
+NO_FRICTION = 0.005  # of a joint's torque: friction below that is none, of whichever sign
+HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the parameters a lot
+
+
+def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recording]) -> list[str]:
+    """Warnings for logs that are there twice: the same samples, whatever the file's name."""
+
+    def same(a: Recording, b: Recording) -> bool:
+        return a is b or (np.array_equal(a.t, b.t) and np.array_equal(a.q, b.q))
+
+    return [
+        f"{a.source}: the model was fitted on this log, so its error there validates nothing"
+        for a in validation
+        if any(same(a, b) for b in recordings)
+    ] + [
+        f"{a.source}: given twice, so it counts twice and is no held-out log of the other"
+        for k, a in enumerate(recordings)
+        if any(same(a, b) for b in recordings[:k])
+    ]
+
+
+def contradictions(
+    problem: FrictionFit,
+    solution: Solution,
+    runs: Sequence[LowPassedLog],
+    robot: Robot,
+    of_torque: bool = False,
+) -> list[str]:
+    """Warnings for logs that contradict each other, and for drives that do.
+
+    Args:
+        of_torque: whether the logs carry torque, so that no current is spoken of.
+    """
+    factors = problem.factors(solution)
+    sd = solution.estimate.residual_sd
+    if len(runs) > 1:
+        masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
+        spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * sds.max()
+        if spread > max(PAYLOAD_DIFFERENCE, SURE * uncertainty):
+            read = ", ".join(
+                f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
+            )
+            return [
+                "the payload changes from log to log: beside what all have in common, at the last "
+                f"link {read}; identify from logs with the same payload"
+            ]
+    ratios, sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
+    off = np.abs(ratios - 1.0)
+    # What friction's law misses may be as large as all that masses do at a wrist.
+    heard = rigid_torque(factors, solution.x) > sd
+    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE * sds) & heard)
+    if not wrong.size:
+        return []
+    read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
+    check = "the unit of the torques" if of_torque else "torque_per_ampere and the gear ratios"
+    return [
+        f"gravity is inconsistent: {read} the torque of the masses that the other joints show is "
+        f"measured; check {check} of these joints and the next"
+    ]
+
+
+def warnings_of(
+    fit: Sequence[TorqueFit],
+    base: BaseParameters,
+    model: IdentifiedModel,
+    of_torque: bool = False,
+) -> list[str]:
+    """Warnings for a poor fit, a poorly excited motion and negative friction.
+
+    Args:
+        of_torque: whether the logs carry torque, so that no current is spoken of.
+    """
+    asked = "unit and signs of the torques" if of_torque else "its current gains and signs"
+    names = model.joint_names
+    torque = rms(np.vstack([f.measured for f in fit]))
+    unexplained = pooled_rmse(fit) / torque
+    result = [
+        f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
+        f"'{model.robot}', are {asked} right?"
+        for i in np.flatnonzero(unexplained > POOR_FIT)
+    ]
+    if base.condition_number > HIGH_CONDITION_NUMBER:
+        result.append(
+            "the motion determines the parameters poorly: condition number "
+            f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}"
+        )
+    law = model.friction.coulomb_viscous
+    kinds = (
+        ("Coulomb", law.coulomb, np.ones(len(names))),
+        ("viscous", law.viscous, np.array(model.validity.v_max)),
+    )
+    result += [
+        f"{names[i]}: {kind} friction comes out negative, {value[i]:.2g}; do not trust it: log "
+        "more motion of that joint, slow and fast (wrenchsight excite finds one)"
+        for kind, value, speed in kinds
+        for i in np.flatnonzero(value * speed < -NO_FRICTION * torque)
+    ]
+    for kind, value, speed in kinds:
+        slight = np.flatnonzero((value < 0.0) & (value * speed >= -NO_FRICTION * torque))
+        if len(slight):
+            shown = ", ".join(f"{names[i]} {value[i]:.2g}" for i in slight)
+            result.append(
+                f"{kind} friction below zero stands for none: {shown}; it is less than "
+                f"{100 * NO_FRICTION:.2g} % of the joint's torque"
+            )
+    return result

@@ -1,0 +1,367 @@
+"""What torque does an ampere give? Logs without and with a weighed load in, torque constants out.
+
+The logs without a load are identified as usual. With the friction terms found, a second fit
+of all logs together finds torque per ampere, masses, friction and the loads' centres of mass at
+once (`models.calibration.gain_calibration`). The model is then identified again with the torque
+constants found. Where friction depends on the load, that dependence is the second fit's, which has
+seen more load; Coulomb friction is lowered by what it adds at the unloaded logs' mean load.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.analyses.methods.identify.friction_fit import Solution
+from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
+from wrenchsight.analyses.methods.identify.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+)
+from wrenchsight.analyses.methods.identify.low_passed_logs import (
+    LowPassedLog,
+    check_recording,
+    decimation,
+    log_names,
+    low_pass_log,
+    read_log,
+)
+from wrenchsight.analyses.output.figures import COLOUR, new_figure
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.calibration.gain_calibration import (
+    CalibrationLog,
+    GainCalibration,
+    GainProblem,
+    KnownLoad,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.friction_structure import LARGEST_LOAD, FrictionStructure
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_regression import split_terms
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.coupling import refuse_coupling
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.bands import SIGMA_95
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ProgressCallback = Callable[[float, str], None]
+
+GAIN_TOLD = 0.1  # relative sd; a torque constant that is less certain stays as in the robot's file
+COM_TOLD = 0.02  # m
+SURE = 2.0  # standard errors, beyond which a load dependence differs from none
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """Torque constants, and the model that goes with them.
+
+    Attributes:
+        identification: with these constants, of the logs without a load.
+        calibration: of all logs.
+        robot: with the constants found.
+        stated: (n,) N m/A before.
+        loads: the known loads, by the name of their log.
+        warnings: one line each, besides the identification's own.
+    """
+
+    identification: IdentificationResult
+    calibration: GainCalibration
+    robot: Robot
+    stated: Array
+    loads: dict[str, KnownLoad]
+    warnings: tuple[str, ...]
+
+    @property
+    def changed(self) -> NDArray[np.bool_]:
+        """(n,) whether the logs tell the joint's constant well enough to change it."""
+        return gains_told(self.calibration)
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json: the identification's and `calibration`."""
+        result = self.calibration
+        dependence, dependence_sd = result.load_dependence
+        worst, worst_sd = result.least_known
+        return self.identification.metrics() | {
+            "calibration": {
+                "torque_per_ampere_nm_per_a": self.robot.torque_per_ampere,
+                "stated_torque_per_ampere_nm_per_a": self.stated,
+                "ratio": result.ratio,
+                "ratio_sd": result.ratio_sd,
+                "changed": self.changed,
+                "least_known": {"combination": worst, "relative_sd": worst_sd},
+                "load_dependence_nm_per_nm": dependence,
+                "load_dependence_sd_nm_per_nm": dependence_sd,
+                "loads": {
+                    name: {
+                        "mass_kg": load.mass,
+                        "com_m": entry[1:4] / load.mass,
+                        "com_sd_m": sd[1:4] / load.mass,
+                    }
+                    for (name, load), entry, sd in zip(
+                        self.loads.items(), result.loads, result.load_sd, strict=True
+                    )
+                },
+            }
+        }
+
+    def write(self, out: OutputFolder, settings: IdentifySettings) -> None:
+        """Writes what an identification writes, and robot.yaml and figures/calibration.png."""
+        self.identification.write(out, settings)
+        out.write_figure("calibration", calibration_figure(self))
+        self.robot.save(out / "robot.yaml")
+        out.write_json("metrics.json", self.metrics())
+
+
+def calibrate(
+    recordings: Sequence[Recording],
+    loaded: Sequence[tuple[Recording, KnownLoad]],
+    robot: Robot,
+    validation: Sequence[Recording] = (),
+    config: IdentificationConfig | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> CalibrationResult:
+    """Finds torque constants and model.
+
+    Args:
+        recordings: one log or more without a load.
+        loaded: one log or more with a weighed load on the flange.
+        validation: logs without a load to predict, not fitted.
+
+    Raises:
+        InputError: as `identify`; a loaded log without motor current.
+    """
+    refuse_coupling(robot.coupling, robot.source, "finding torque per ampere from a load")
+    for recording in (*recordings, *(one for one, _ in loaded)):
+        check_recording(recording, robot)
+        if recording.tau_J is not None:
+            raise InputError(
+                recording.source,
+                "",
+                "holds motor torque, so that torque per ampere cannot be found from it",
+                "give logs of the motor currents",
+            )
+    config = config or IdentificationConfig()
+    first = identify(
+        recordings, robot, (), config, lambda share, what: progress(0.35 * share, what)
+    )
+    progress(0.35, "weighing the torque constants")
+    names = log_names([one for one, _ in loaded])
+    runs = [
+        low_pass_log(name, one, robot, first.config)
+        for name, one in zip(
+            log_names([*recordings, *(one for one, _ in loaded)]),
+            [*recordings, *(one for one, _ in loaded)],
+            strict=True,
+        )
+    ]
+    structure, start = _with_load_terms(first.solution)
+    problem = GainProblem(
+        robot,
+        [_log(run, k - len(recordings)) for k, run in enumerate(runs)],
+        [load for _, load in loaded],
+        structure,
+        start,
+        np.sqrt(np.diag(first.model.residual_covariance)),
+    )
+    calibration = problem.solve()
+    ratio = np.where(gains_told(calibration), calibration.ratio, 1.0)
+    renewed = robot.with_torque_per_ampere((ratio * robot.torque_per_ampere).tolist())
+    second = identify(
+        recordings,
+        renewed,
+        validation,
+        replace(config, friction=first.law),
+        lambda share, what: progress(0.6 + 0.4 * share, what),
+    )
+    second = replace(
+        second,
+        model=_with_load_dependence(
+            second.model, calibration, runs[: len(recordings)], renewed, loaded
+        ),
+    )
+    result = CalibrationResult(
+        second,
+        calibration,
+        renewed,
+        robot.torque_per_ampere,
+        dict(zip(names, (load for _, load in loaded), strict=True)),
+        (),
+    )
+    return replace(result, warnings=tuple(_warnings(result)))
+
+
+def calibrate_logs(
+    settings: IdentifySettings,
+    out: Path,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> CalibrationResult:
+    """The command `identify --load`: reads the logs and writes the result into `out`.
+
+    Args:
+        settings: its `load` are LOG=MASS or LOG=MASS,X,Y,Z each, see `known_load`.
+
+    Raises:
+        InputError: as `Robot.load`, `read_recording`, `result_folder`, `known_load`, `calibrate`.
+    """
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(settings.robot)
+        parsed = [known_load(text) for text in settings.load]
+        recordings, validation, weighed = (
+            [read_log(Path(log), settings, robot) for log in paths]
+            for paths in (settings.logs, settings.validate, [path for path, _ in parsed])
+        )
+        loaded = [(log, load) for log, (_, load) in zip(weighed, parsed, strict=True)]
+        config = settings.identification
+        result = calibrate(recordings, loaded, robot, validation, config, progress)
+        result.write(folder, settings)
+    notices = [sentence for one in (*recordings, *validation, *weighed) for sentence in one.notices]
+    return replace(result, warnings=(*dict.fromkeys(notices), *result.warnings))
+
+
+def known_load(text: str) -> tuple[Path, KnownLoad]:
+    """Reads LOG=MASS (kg) or LOG=MASS,X,Y,Z (centre of mass in the flange's frame, m).
+
+    Raises:
+        InputError: the text says something else, or the mass is not positive.
+    """
+    path, equals, numbers = text.rpartition("=")
+    problem = f"expected LOG=MASS or LOG=MASS,X,Y,Z in kg and m, found {text!r}"
+    try:
+        values = [float(word) for word in numbers.split(",")]
+    except ValueError:
+        raise InputError("--load", "", problem, "such as --load run.csv=2.805") from None
+    if not (equals and path) or len(values) not in (1, 4) or not np.isfinite(values).all():
+        raise InputError("--load", "", problem, "such as --load run.csv=2.805")
+    if values[0] <= 0.0:
+        raise InputError("--load", path, f"expected a mass above 0 kg, found {values[0]:g}")
+    com = None if len(values) == 1 else (values[1], values[2], values[3])
+    return Path(path), KnownLoad(values[0], com)
+
+
+def gains_told(calibration: GainCalibration) -> NDArray[np.bool_]:
+    """(n,) whether a joint's torque constant is known within `GAIN_TOLD`."""
+    return np.asarray(calibration.ratio_sd < GAIN_TOLD * calibration.ratio)
+
+
+def calibration_figure(result: CalibrationResult) -> "Figure":
+    """Torque constants over the stated ones, and load dependence, with their 95 % bands."""
+    outcome = result.calibration
+    names = [name.removesuffix("_joint") for name in result.robot.joint_names]
+    figure, axes = new_figure(2, 1, height=5.2, share_x=True)
+    top, bottom = list[Any](axes[:, 0])
+    places = np.arange(len(names))
+    style = {"fmt": "o", "color": COLOUR["estimate"], "capsize": 3}
+    top.errorbar(places, outcome.ratio, SIGMA_95 * outcome.ratio_sd, **style)
+    top.axhline(1.0, color=COLOUR["reference"], lw=0.8)
+    top.set_ylabel("torque per ampere,\ntrue over stated")
+    value, sd = outcome.load_dependence
+    bottom.errorbar(places, value, SIGMA_95 * sd, **style)
+    bottom.axhline(0.0, color=COLOUR["reference"], lw=0.8)
+    bottom.set_ylabel("friction per torque\n[N m per N m]")
+    bottom.set_xticks(places, names)
+    figure.suptitle("Weighed with " + ", ".join(f"{x.mass:g} kg" for x in result.loads.values()))
+    return figure
+
+
+def _log(run: LowPassedLog, load: int) -> CalibrationLog:
+    return CalibrationLog(
+        t=run.t,
+        q=run.q,
+        v=run.v,
+        vdot=run.vdot,
+        tau=run.tau,
+        low_pass=run.match,
+        rows=np.flatnonzero(run.used)[:: decimation(run.low_pass)],
+        load=load if load >= 0 else None,
+    )
+
+
+def _with_load_terms(solution: Solution) -> tuple[FrictionStructure, Array]:
+    """The structure with a load term on every joint, if it has one on any, and its parameters.
+
+    Logs without a load may not have shown the wrist's.
+    """
+    structure = solution.structure
+    if not structure.has("load"):
+        return structure, solution.x
+    inertial, rotor, entry = split_terms(solution.x, [len(terms) for terms in structure.terms])
+    blocks, terms = [], []
+    for j, before in enumerate(structure.terms):
+        missing = () if "load" in before else ("load",)
+        terms.append((*before, *missing))
+        blocks.append(np.r_[rotor[j], entry[j], np.zeros(len(missing))])
+    return replace(structure, terms=tuple(terms)), np.concatenate([inertial.ravel(), *blocks])
+
+
+def _with_load_dependence(
+    model: IdentifiedModel,
+    calibration: GainCalibration,
+    runs: Sequence[LowPassedLog],
+    robot: Robot,
+    loaded: Sequence[tuple[Recording, KnownLoad]],
+) -> IdentifiedModel:
+    provenance = model.provenance
+    weights = ", ".join(f"{Path(one.source).name} {load.mass:g} kg" for one, load in loaded)
+    model = replace(
+        model,
+        provenance=replace(
+            provenance, method=f"{provenance.method}; torque per ampere from {weights}"
+        ),
+    )
+    law = model.friction
+    value, _ = calibration.load_dependence
+    if not isinstance(law, PreslidingFriction) or np.isnan(value).all():
+        return model
+    load = np.clip(np.where(np.isnan(value), law.load, value), 0.0, LARGEST_LOAD)
+    chain = model.chain(robot)
+    carried = [
+        np.abs(chain.inverse_dynamics(run.q, run.v, run.vdot)[run.used]).mean(axis=0)
+        for run in runs
+    ]
+    coulomb = law.coulomb - (load - law.load) * np.mean(carried, axis=0)
+    return replace(model, friction=replace(law, load=load, coulomb=coulomb))
+
+
+def _warnings(result: CalibrationResult) -> list[str]:
+    outcome, names = result.calibration, result.robot.joint_names
+    warnings = []
+    selected = np.flatnonzero(~result.changed)
+    if selected.size:
+        read = ", ".join(f"{names[j]} ({100 * outcome.ratio_sd[j]:.0f} %)" for j in selected)
+        warnings.append(
+            f"the motion does not tell the torque per ampere of {read}: kept as stated; move these "
+            "joints faster, or turn the load so that it pulls on them"
+        )
+    for (name, load), entry, sd in zip(
+        result.loads.items(), outcome.loads, outcome.load_sd, strict=True
+    ):
+        wide = [axis for axis, s in zip("xyz", sd[1:4] / load.mass, strict=True) if s > COM_TOLD]
+        if wide:
+            warnings.append(
+                f"{name}: the motion does not tell the centre of mass along {', '.join(wide)} of "
+                "the flange"
+            )
+        reach = float(np.linalg.norm(entry[1:4])) / load.mass
+        if reach > 1.0:
+            warnings.append(
+                f"{name}: the load would sit {reach:.2g} m off the flange; is it weighed?"
+            )
+    value, sd = outcome.load_dependence
+    if np.isnan(value).all():
+        warnings.append(
+            "the friction law has no dependence on the load; give --friction load-dependent, "
+            "presliding or best to find it"
+        )
+    else:
+        vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE * sd)]
+        if vague:
+            warnings.append(f"the load dependence of friction is unclear on {', '.join(vague)}")
+    return warnings

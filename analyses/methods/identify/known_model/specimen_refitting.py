@@ -1,0 +1,387 @@
+"""Friction of another specimen of a robot whose model is known, from stretches of free motion.
+
+The command `identify --refresh MODEL --other-specimen`. Two robots of one make share kinematics,
+masses and the shape of their friction, not its level (`models.calibration.specimen_friction`).
+Stretches of a second, of several logs, tell the level of the joints that move in them; the others
+keep the known robot's.
+
+What acts only at a crawl is not carried over: of two UR10e, one shows at joint 2 a Stribeck part
+below .05 rad/s of half its Coulomb friction, the other none.
+
+With a force sensor in the logs (`--reference`) stretches in contact count, too. They determine the
+level of joints that hardly move in the air, by what share the torque constants are too small, and
+the law's residual along the paths of the logs (`models.friction.path_friction`). The torque
+constants are those of the robot.yaml that is then written; masses, rotors and friction grow with
+them, so that free motion is read as before.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.identify.known_model.stretches import logs_of
+from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
+from wrenchsight.analyses.methods.reference_sensor.mounting import sensor_torque
+from wrenchsight.analyses.methods.reference_sensor.reference_config import checked_reference
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.calibration.known_tool import with_tool_of
+from wrenchsight.models.calibration.specimen_friction import (
+    SlidingRows,
+    SpecimenFit,
+    SpecimenPrior,
+    fit_specimen,
+)
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.path_friction import PERIOD, PathFriction, PathPlaces
+from wrenchsight.models.friction.presliding_friction import PreslidingFriction
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
+from wrenchsight.models.friction.sliding_level import sliding_level, sliding_torque, slip_sides
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.undone_low_pass import undone_low_pass
+
+ROW = 0.05  # s that a row averages
+SLIDING_SPEED = 0.02  # rad/s, above which a joint in the air slides
+SLIDING_SIDE = 0.99  # of the slip, above which a joint in contact slides
+CRAWL = 0.1  # rad/s, a Stribeck velocity below which the part acts only at a crawl
+K_0 = 20.0  # 1/s; undone again
+# Rows in contact are of many postures and forces: they err less alike than those in the air.
+_SENSOR_PRIOR = SpecimenPrior(dependence=3.0, offset=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorques:
+    """What a log says of the joints without a friction law; N samples.
+
+    Attributes:
+        q: (N, n) rad, as v in rad/s; zero where they are not known.
+        tau_J: (N, n) N m, motor torque on the joint side.
+        rigid: (N, n) N m, torque of the rigid body: mean over the period before each sample.
+        known: (N,) whether the motion is known; elsewhere the torques are zero.
+        time_step: s.
+    """
+
+    q: Array
+    v: Array
+    tau_J: Array
+    rigid: Array
+    known: Flags
+    time_step: float
+
+
+def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) -> JointTorques:
+    """Evaluates the rigid body along a log on a uniform grid.
+
+    Args:
+        recording: may have gaps, where q is not finite.
+        robot: with the tool that it carried.
+        model: of the rigid body.
+    """
+    bare = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
+    step = recording.time_step
+    config = WrenchEstimatorConfig(MomentumObserverConfig([K_0], step, "trapezoidal"))
+    estimator = WrenchEstimator(robot, replace(model, friction=bare, torque_error=None), config)
+    seen = estimator.observe(recording.q, recording.v, recording.current)
+    finite = np.asarray(np.isfinite(recording.q + recording.v + seen.tau_J).all(axis=1))
+    pole = np.full(robot.num_joints, np.exp(-K_0 * step))
+    excess, known = undone_low_pass(seen.tau_ext, pole, finite)
+    there = known[:, None]
+    q, v, tau_J = (np.where(there, x, 0.0) for x in (recording.q, recording.v, seen.tau_J))
+    return JointTorques(q, v, tau_J, excess + tau_J, known, step)
+
+
+class Rows(NamedTuple):
+    """R means over successive periods of a log.
+
+    Attributes:
+        q: (R, n) rad, as v in rad/s.
+        side: (R, n) of the friction, -1 to 1.
+        load: (R, n) N m, that the gear transmits.
+        torque: (R, n) N m, of the motor without rigid body and external torque.
+        external: (R, n) N m.
+        slides: (R, n) whether the joint slides all through.
+    """
+
+    q: Array
+    v: Array
+    side: Array
+    load: Array
+    torque: Array
+    external: Array
+    slides: Flags
+
+    def of_joint(self, j: int) -> SlidingRows:
+        """Those in which the joint slides."""
+        where = self.slides[:, j]
+        own = self.side, self.v, self.load, self.torque, self.external
+        return SlidingRows(*(x[where, j] for x in own))
+
+    def residual(self, law: PreslidingFriction, gain: float) -> Array:
+        """(R, n) N m, of the law and the gain."""
+        level = sliding_level(law, self.v, self.load)
+        own = sliding_torque(law, self.v, level, self.side)
+        return np.asarray(self.torque - own - gain * self.external)
+
+
+def rows_of(
+    terms: JointTorques,
+    where: Flags,
+    external: Array | None,
+    known: PreslidingFriction,
+    period: float = ROW,
+) -> Rows:
+    """Means over successive periods of the stretches `where` (N,) in which the motion is known.
+
+    Args:
+        terms: of the log.
+        where: nothing touches the arm, or `external` is known.
+        external: (N, n) N m, torque from outside, positive along the motion it causes; None:
+            nothing touches the arm.
+        known: law whose elements say when a joint in contact slides.
+        period: s.
+    """
+    if external is None:
+        external = np.zeros_like(terms.v)
+        side, sliding = np.sign(terms.v), np.abs(terms.v) >= SLIDING_SPEED
+    else:
+        side = slip_sides(known, terms.v, terms.time_step)
+        sliding = np.abs(side) >= SLIDING_SIDE
+    size = max(round(period / terms.time_step), 1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (where & terms.known).astype(int), [0]])))
+    starts = [
+        start for begin, end in edges.reshape(-1, 2) for start in range(begin, end - size + 1, size)
+    ]
+    index = np.array(starts, int)[:, None] + np.arange(size)
+    load = terms.rigid - external
+    signals = (terms.q, terms.v, side, load, terms.tau_J - load, external)
+    q, v, own, carried, torque, outside = (x[index].mean(axis=1) for x in signals)
+    slides = np.asarray(sliding[index].all(axis=1))
+    return Rows(q, v, own, carried, torque, outside, slides)
+
+
+def carried_over(law: PreslidingFriction) -> PreslidingFriction:
+    """What of a law holds for another specimen, before its level is found."""
+    crawl = law.stribeck_velocity < CRAWL
+    return replace(law, stribeck=np.where(crawl, 0.0, law.stribeck))
+
+
+@dataclass(frozen=True, eq=False)
+class LogRows:
+    """What one log says of the joints' friction.
+
+    Attributes:
+        level: means over ROW, from which the law's level is fitted.
+        places: means over `path_friction.PERIOD`, where a force sensor has measured the force.
+    """
+
+    level: Rows
+    places: Rows | None
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        where: Flags,
+        robot: Robot,
+        model: IdentifiedModel,
+        external: Array | None = None,
+    ) -> "LogRows":
+        """Collects them.
+
+        Args:
+            recording: on a uniform grid; may have gaps, where q is not finite.
+            where: (N,) samples to use.
+            robot: with the tool that it carried.
+            model: of another specimen, with this tool; its friction is presliding.
+            external: (N, n) N m, torque from outside; None: nothing touches the arm.
+
+        Raises:
+            InputError: another friction law.
+        """
+        terms, known = joint_torques(recording, robot, model), carried_over(presliding_of(model))
+        level = rows_of(terms, where, external, known)
+        fine = None if external is None else rows_of(terms, where, external, known, PERIOD)
+        return cls(level, fine)
+
+
+def presliding_of(model: IdentifiedModel) -> PreslidingFriction:
+    """The model's friction, without a residual along paths.
+
+    Raises:
+        InputError: another friction law than the presliding one.
+    """
+    law = model.friction
+    while isinstance(law, PathFriction):
+        law = law.law
+    if isinstance(law, PreslidingFriction):
+        return law
+    problem = "the model's friction has no parts that carry over to another specimen"
+    raise InputError("--other-specimen", "", problem, "identify it with --friction presliding")
+
+
+def fit_rows(
+    rows: Sequence[Rows], known: PreslidingFriction, prior: SpecimenPrior | None = None
+) -> SpecimenFit:
+    """The law that the rows of several logs give together, by joint, with a known one as prior."""
+    joints = range(known.num_joints)
+    return fit_specimen(
+        known, [SlidingRows.joined([own.of_joint(j) for own in rows]) for j in joints], prior
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SpecimenRefit:
+    """A model with the friction of another specimen.
+
+    Attributes:
+        model: the new one.
+        before: the law that was carried over.
+        fit: what the logs say.
+        robot: with the torque constants that a force sensor gives; None: there was none.
+    """
+
+    model: IdentifiedModel
+    before: PreslidingFriction
+    fit: SpecimenFit
+    robot: Robot | None = None
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json; lists per joint."""
+        before, after = self.before.coulomb_viscous, self.fit.law.coulomb_viscous
+        deviation = self.fit.deviation
+        return {
+            "rows": self.fit.rows,
+            "scatter_nm": [None if np.isnan(x) else float(x) for x in self.fit.scatter],
+            **{
+                term: {
+                    f"before_{unit}": getattr(before, term),
+                    f"after_{unit}": getattr(after, term),
+                    f"sd_{unit}": deviation[:, k],
+                }
+                for term, unit, k in zip(TERMS, UNIT_KEYS, (0, 2, 3), strict=True)
+            },
+            "load": {"before": self.before.load, "after": self.fit.law.load, "sd": deviation[:, 1]},
+        } | ({} if self.robot is None else self._sensor_metrics())
+
+    def _sensor_metrics(self) -> dict[str, Any]:
+        friction = self.model.friction
+        places = len(friction.places.q) if isinstance(friction, PathFriction) else 0
+        return {"gain": {"share": self.fit.gain, "sd": self.fit.gain_sd}, "places": places}
+
+
+def refit_logs(
+    settings: IdentifySettings,
+    out: Path,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> SpecimenRefit:
+    """Reads model and logs, and writes model.yaml, metrics.json and config.yaml into `out`.
+
+    With a force sensor in the logs also robot.yaml.
+
+    Args:
+        settings: logs as LOG or LOG=BEGIN,END[,BEGIN,END...], s from its start, of the stretches in
+            which nothing touches the arm, or a force sensor measures what does.
+
+    Raises:
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `refit_specimen`,
+            `sensor_torque` and `result_folder`; stretches that are none.
+    """
+    sensor = checked_reference(settings.refreshing.reference, "identify")
+    with result_folder(out, "identify") as folder:
+        robot = Robot.load(settings.robot)
+        model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
+        progress(0.0, "reading")
+        given = logs_of(
+            *(settings.logs, "identify", "--other-specimen"),
+            lambda path: read_log(path, settings, robot),
+        )
+        logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in given]
+        external = [
+            sensor_torque(log, robot, sensor) if sensor.columns else None for log, _ in logs
+        ]
+        refit = refit_specimen(logs, robot, model, external)
+        folder.write_json("metrics.json", refit.metrics())
+        folder.write_settings("config.yaml", settings)
+        refit.model.save(folder / "model.yaml")
+        if refit.robot is not None:
+            refit.robot.save(folder / "robot.yaml")
+        progress(1.0, "done")
+    return refit
+
+
+def refit_specimen(
+    recordings: Sequence[tuple[Recording, Flags]],
+    robot: Robot,
+    model: IdentifiedModel,
+    external: Sequence[Array | None] | None = None,
+) -> SpecimenRefit:
+    """Finds the level of another specimen's friction, and puts it into the model.
+
+    Args:
+        recordings: logs, each with the samples (N,) in which nothing touches the arm, or the torque
+            from outside is known.
+        robot: with the tool that it carried.
+        model: of another specimen; its tool is replaced by the robot's.
+        external: (N, n) N m of each log; None: nothing touches the arm.
+
+    Raises:
+        InputError: another friction law than the presliding one; no joint slides.
+    """
+    tooled = with_tool_of(model, robot)
+    external = [None] * len(recordings) if external is None else external
+    rows = [
+        LogRows.of(log, where, robot, tooled, own)
+        for (log, where), own in zip(recordings, external, strict=True)
+    ]
+    return refit_rows(rows, robot, model)
+
+
+def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) -> SpecimenRefit:
+    """As `refit_specimen`, from the rows of the logs."""
+    before = carried_over(presliding_of(model))
+    fine = [own.places for own in rows if own.places is not None]
+    fit = fit_rows([own.level for own in rows], before, _SENSOR_PRIOR if fine else None)
+    if not fit.rows.any():
+        problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW:g} s"
+        raise InputError("--other-specimen", "", problem, "give stretches of free motion")
+    if not fine:
+        return SpecimenRefit(replace(model, friction=fit.law), before, fit)
+    scale = 1.0 + fit.gain
+    residual = np.concatenate([own.residual(fit.law, fit.gain) for own in fine])
+    q, v, slides = (np.concatenate([getattr(x, k) for x in fine]) for k in ("q", "v", "slides"))
+    friction = PathFriction(_scaled(fit.law, scale), PathPlaces.of(q, v, scale * residual, slides))
+    renewed = robot.with_torque_per_ampere((scale * robot.torque_per_ampere).tolist())
+    tooled = with_tool_of(model, robot)
+    own = replace(tooled.fitted_robot, torque_per_ampere=renewed.torque_per_ampere.tolist())
+    calibrated = replace(
+        tooled,
+        inertial_parameters=scale * tooled.inertial_parameters,
+        reflected_inertia=scale * tooled.reflected_inertia,
+        friction=friction,
+        fitted_robot=own,
+    )
+    return SpecimenRefit(calibrated, before, fit, renewed)
+
+
+def _scaled(law: PreslidingFriction, scale: float) -> PreslidingFriction:
+    """The law of torques that are larger by `scale`."""
+    sliding = law.coulomb_viscous
+    none = np.zeros(law.num_joints)
+    return replace(
+        law,
+        velocity_law=SemiParametricFriction(
+            CoulombViscous(none, scale * sliding.viscous, scale * sliding.offset)
+        ),
+        coulomb=scale * law.coulomb,
+        stribeck=scale * law.stribeck,
+        cubic=scale * law.cubic,
+    )

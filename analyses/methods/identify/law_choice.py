@@ -1,0 +1,38 @@
+"""Which friction law a model gets: the one that predicts best what it was not fitted on."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import first_of_least
+
+Extrapolated = Mapping[str, Sequence[Array]]
+
+
+def law_scores(held_out: Mapping[str, Array], extrapolated: Extrapolated | None = None) -> Array:
+    """(laws,) N m (N), the figure that decides, lower is better, in the order of `held_out`.
+
+    The RMSE on what a law was not fitted on, as the geometric mean over the joints: a joint that
+    carries little counts as much as one that carries the arm. Where use differs from the fit counts
+    too: each joint's fastest samples and its slowest ones, predicted from the others, weigh as much
+    as the held-out logs.
+
+    Args:
+        held_out: (n,) N m per law, from the logs that were fitted alone.
+        extrapolated: (n,) N m each, per law; a law that is missing has its held-out error there.
+    """
+
+    def score(law: str) -> float:
+        others = (extrapolated or {}).get(law) or [held_out[law]]
+        errors = [held_out[law], *others]
+        weights = [1.0, *[2.0 / len(others)] * len(others)]
+        logs = [np.mean(np.log(np.maximum(error, 1e-12))) for error in errors]
+        return float(np.average(logs, weights=weights))
+
+    return np.exp([score(law) for law in held_out])
+
+
+def best_law(held_out: Mapping[str, Array], extrapolated: Extrapolated | None = None) -> str:
+    """The law with the lowest of `law_scores`; the first of those that rounding cannot tell."""
+    return list(held_out)[int(first_of_least(law_scores(held_out, extrapolated)))]

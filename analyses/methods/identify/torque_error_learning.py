@@ -1,0 +1,144 @@
+"""The momentum observer's error, learnt from logs that its model was not fitted on.
+
+Each fold of the cross-validation is read causally, sample by sample as a controller would, by the
+model of the others: rounded positions, raw currents, friction with its memory. Nothing touches the
+arm, so that what is read is error (`wrenchsight.models.identification.torque_error_fit`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.analyses.methods.identify.law_fits import HeldOutModel
+from wrenchsight.analyses.methods.identify.low_passed_logs import LowPassedLog
+from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.identification.gravity_spread import jackknife, largest_spread, strongest
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
+from wrenchsight.models.identification.torque_error_model import TorqueErrorModel
+from wrenchsight.models.identification.torque_regression import RegressionRows
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
+from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.resampling import resampled
+from wrenchsight.models.robot.robot import Robot
+
+SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
+FINEST = 1e-4  # of the effort limit: a current's step where robot.yaml states none, 13 bits
+_POSTURES = 100  # of a log, at which gravity's slope is looked at
+_LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
+
+
+def held_out_readings(
+    recordings: Sequence[Recording],
+    runs: Sequence[LowPassedLog],
+    regressions: Sequence[RegressionRows],
+    held_out: Sequence[HeldOutModel],
+    robot: Robot,
+    model: IdentifiedModel,
+) -> list[HeldOutReading]:
+    """What the observer reads of each log with a model of the others.
+
+    Args:
+        recordings: as logged.
+        runs, regressions: of the same logs.
+        held_out: a model for each fold.
+        robot: whose logs they are.
+        model: fitted on all; its residual covariance is not looked at.
+    """
+    time_step = model.provenance.time_step
+    readings = []
+    for entry in held_out:
+        fold_model = replace(
+            model,
+            inertial_parameters=entry.chain.inertial_parameters,
+            reflected_inertia=entry.chain.reflected_inertia,
+            friction=entry.friction,
+        )
+        for k, rows in entry.fold:
+            step = position_resolution(recordings[k].q)
+            log = resampled(recordings[k], time_step)
+            current = log.current
+            if log.tau_J is not None:  # what the identification takes, too
+                current = robot.motor_current(log.tau_J)
+            config = WrenchEstimatorConfig(
+                observer=MomentumObserverConfig(time_step=time_step),
+                position_resolution=step.tolist(),
+            )
+            seen = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
+            K_0 = np.full(robot.num_joints, config.observer.K_0[0])
+            t = log.t - log.t[0]
+            selected = runs[k].t[regressions[k].rows[rows]]
+            inside = (log.t >= selected[0]) & (log.t <= selected[-1])
+            if rows == slice(None):  # the ends are the low-pass's business, not the observer's
+                inside[:] = True
+            readings.append(
+                HeldOutReading(
+                    tau_ext=seen.tau_ext,
+                    q=log.q,
+                    v=log.v,
+                    transmitted=seen.tau_J - seen.tau_f,
+                    used=inside & seen.fresh & ~log.dropout & (t > SETTLING / K_0[0]),
+                    friction=entry.friction,
+                    time_step=time_step,
+                    K_0=K_0,
+                    resolution=step,
+                )
+            )
+    return readings
+
+
+def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
+    """(n,) N m, sd of the rounding of current and gravity's torque.
+
+    A step d has the error d / sqrt(12). The current's is that of robot.yaml, or FINEST of the
+    effort limit where it states none; the encoder's is the log's, through gravity's slope.
+    """
+    stated = robot.current_resolution * robot.torque_per_ampere
+    effort = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
+    step = np.where(stated > 0.0, stated, FINEST * effort)
+    slope = np.zeros(robot.num_joints)
+    for entry in readings:
+        q = entry.q[np.isfinite(entry.q).all(axis=1)]
+        q = np.ascontiguousarray(q[:: max(1, len(q) // _POSTURES)])
+        gravity = np.asarray(robot.chain.gravity_torque(q))
+        for j, rounding in enumerate(entry.resolution):
+            if rounding > 0.0:
+                moved = q.copy()
+                moved[:, j] += rounding
+                change = np.asarray(robot.chain.gravity_torque(moved)) - gravity
+                slope = np.maximum(slope, np.abs(change).max(axis=0, initial=0.0))
+    return np.asarray(np.hypot(step, slope) / np.sqrt(12.0))
+
+
+def gravity_spread(
+    parameters: Array,
+    robot: Robot,
+    error: TorqueErrorModel,
+    readings: Sequence[HeldOutReading],
+) -> TorqueErrorModel:
+    """Returns the error with what fits without a fold disagree on of gravity, by posture.
+
+    Args:
+        parameters: (K, n, 5) of `LawFits.gravity_without_a_fold`.
+        error: as `learn_torque_error` finds it.
+        readings: of all folds, for the postures that the logs went through.
+    """
+    spread = strongest(robot.chain, jackknife(parameters), error.constant)
+    fitted = [largest_spread(robot.chain, spread, entry.q) for entry in readings]
+    return replace(error, spread=spread, fitted_spread=np.max(fitted, axis=0))
+
+
+def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> TorqueErrorModel | None:
+    """The torque error that held-out readings show; None where all logs are too short.
+
+    It is no smaller than what the steps of currents and encoders leave: a simulation may have none.
+    """
+    largest = max(float(np.abs(entry.transmitted).max()) for entry in readings)
+    floor = np.maximum(_LEAST_SHARE * max(largest, 1e-3), resolution_floor(readings, robot))
+    try:
+        return fit_torque_error(readings, floor)
+    except ValueError:  # too few samples
+        return None

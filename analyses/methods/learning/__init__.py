@@ -1,1 +1,0 @@
-"""From logs to models: identification, friction, and what it takes to trust them."""

@@ -1,1 +1,0 @@
-"""Live robots: sources, the process that reads them, and who gets its readings."""

@@ -1,0 +1,329 @@
+"""What does this robot carry? A log with an unknown load in, mass, centre of mass and inertia out.
+
+The load is found from the joint torque that the robot's model leaves unexplained
+(`models.calibration.load_identification`). Friction that depends on the torque that a gear
+transmits depends on the load, too: the fit is repeated with the load found before.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.analyses.methods.identify.known_model.model_residual import residuals_of
+from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, logs_of
+from wrenchsight.analyses.methods.payload.payload_config import PayloadConfig, PayloadSettings
+from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
+from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.models.calibration.load_identification import (
+    LoadEstimate,
+    LoadPrior,
+    LoadRows,
+    estimate_load,
+)
+from wrenchsight.models.calibration.load_parameters import (
+    body_parameters,
+    flange_map,
+    inertia_matrix,
+    realisable_inertia,
+    tool_parameters,
+)
+from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.friction.sliding_friction import TERMS, UNIT_KEYS
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.rigid_body.spatial_vectors import AXES
+from wrenchsight.models.robot.coupling import refuse_coupling
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import ToolConfig
+from wrenchsight.models.robot.rotational_inertia import inertia_values
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ProgressCallback = Callable[[float, str], None]
+
+PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
+TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
+COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
+INERTIA_TOLD = 0.5  # share of the prior's variance
+SCATTER = 2.0  # times what the model states; more is not caused by a load
+
+
+def com_told(load: LoadEstimate) -> NDArray[np.bool_]:
+    """(3,) whether the motion tells the centre of mass along each axis of the flange."""
+    return np.asarray(load.is_there & (load.standard_deviation[1:4] < COM_TOLD))
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadResult:
+    """A load, in axes of the flange.
+
+    Attributes:
+        load: as found.
+        model: the robot's model with the load on its flange.
+        tool: load and the robot.yaml's own tool, if it has one, as one body.
+        rows: of the log's residual, the load still in it.
+        torque: (m, n) N m of the load at these instants.
+        warnings: one line each.
+        config: as used.
+    """
+
+    load: LoadEstimate
+    model: IdentifiedModel
+    tool: ToolConfig
+    rows: ResidualRows
+    torque: Array
+    warnings: tuple[str, ...]
+    config: PayloadConfig
+
+    @property
+    def com_observable(self) -> NDArray[np.bool_]:
+        """(3,) whether the motion tells the centre of mass along each axis."""
+        return com_told(self.load)
+
+    @property
+    def inertia_observable(self) -> NDArray[np.bool_]:
+        """(6,) whether the motion tells Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+        return np.asarray(self.load.is_there & (self.load.inertia_told > INERTIA_TOLD))
+
+    def metrics(self) -> dict[str, Any]:
+        """All figures, as written to metrics.json."""
+        load = self.load
+        sd = load.standard_deviation
+        gain = np.sqrt(np.diag(load.gain_covariance))
+        unexplained = self.rows.residual - self.torque
+        return {
+            "load_found": load.is_there,
+            "mass_kg": load.mass,
+            "mass_sd_kg": sd[0],
+            "mass_sd_of_gains_kg": gain[0],
+            "com_m": load.com,
+            "com_sd_m": sd[1:4],
+            "com_observable": self.com_observable,
+            "inertia_kgm2": inertia_values(load.inertia),
+            "inertia_sd_kgm2": sd[4:],
+            "inertia_observable": self.inertia_observable,
+            "realisable_inertia_kgm2": inertia_values(load.realisable),
+            "load_torque_rms_nm": np.sqrt(np.mean(self.torque**2, axis=0)),
+            "residual_rms_nm": np.sqrt(np.mean(unexplained**2, axis=0)),
+            "stated_sd_nm": self.rows.sd,
+            "scatter_over_stated": load.scale,
+            "friction_change": {
+                f"{term}_{unit}": load.friction_change[:, k]
+                for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
+            },
+        }
+
+    def tool_block(self) -> str:
+        """The block `tool` of a robot.yaml, with what is known of its numbers as comments."""
+        load, tool = self.load, self.tool
+        sd = load.standard_deviation
+        report = [
+            name for name, known in zip(TENSOR, self.inertia_observable, strict=True) if known
+        ]
+        known = ", ".join(report) if report else "nothing"
+
+        def line(values: Any) -> str:
+            return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
+
+        told = self.com_observable
+        com = ", ".join(
+            f"{axis} {load.com[k]:.4g} +- {sd[1 + k]:.2g}" for k, axis in enumerate(AXES) if told[k]
+        )
+        unknown = ", ".join(axis for axis, known in zip(AXES, told, strict=True) if not known)
+        where = f"centre of mass {com} m" if com else "nothing of the centre of mass"
+        if unknown:
+            where += f"; not told along {unknown}, where it is taken to lie at the flange"
+        return (
+            f"# For robot.yaml. Measured: mass {load.mass:.4g} +- {sd[0]:.2g} kg; {where}.\n"
+            f"# Of the inertia the motion tells {known}; the rest is that of a body of this mass.\n"
+            "tool:\n"
+            f"  name: {tool.name}\n"
+            f"  mass: {tool.mass:.6g} # kg\n"
+            f"  com: {line(tool.com)} # m, from the flange\n"
+            f"  inertia: {line(tool.inertia)} # kg m^2 about it: ixx, iyy, izz, ixy, ixz, iyz\n"
+        )
+
+    def write(self, out: OutputFolder, settings: PayloadSettings) -> None:
+        """Writes tool.yaml, model.yaml, metrics.json, config.yaml and figures/load.png.
+
+        Without a load there is neither a tool.yaml nor a model.yaml.
+        """
+        out.write_figure("load", load_figure(self))
+        out.write_json("metrics.json", self.metrics())
+        out.write_settings("config.yaml", replace(settings, payload=self.config))
+        if self.load.is_there:
+            out.write_text("tool.yaml", self.tool_block())
+            self.model.save(out / "model.yaml")
+
+
+def identify_payload(
+    logs: Logs,
+    robot: Robot,
+    model: IdentifiedModel,
+    config: PayloadConfig | None = None,
+    empty: Logs | None = None,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> PayloadResult:
+    """Finds the load of a log.
+
+    Args:
+        logs: motion with the load, without contact: one recording, or several with the samples
+            that count.
+        model: of the robot without the load.
+        empty: motion without the load, of the same day; likewise.
+
+    Raises:
+        InputError: a setting that makes no sense; as `ModelResidual.of`.
+    """
+    config = _checked(config or PayloadConfig())
+    refuse_coupling(robot.coupling, robot.source, "finding a load")
+    whole = residuals_of(logs, robot, model)
+    bare = None
+    if empty is not None:
+        bare = LoadRows.joined([own.load_rows() for own in residuals_of(empty, robot, model)])
+    prior = LoadPrior(mass=robot.payload, gain=config.gain_sd)
+    law = model.friction.coulomb_viscous
+    parameters = np.zeros(10)
+    for k in range(PASSES):
+        progress((k + 0.5) / PASSES, "finding the load")
+        log = LoadRows.joined([own.load_rows(parameters) for own in whole])
+        load = estimate_load(log, law, prior, bare)
+        parameters = load.parameters
+    written = load.with_com_at_flange(~com_told(load))
+    body = body_parameters(written.mass, written.com, written.realisable)
+    laden = model.inertial_parameters.copy()
+    laden[-1] += flange_map(robot) @ body
+    result = PayloadResult(
+        load=load,
+        model=replace(
+            model,
+            inertial_parameters=laden,
+            # With or without the load as the robot's tool: it is on this model.
+            fitted_robot=replace(model.fitted_robot, tool_mass=None),
+            provenance=replace(
+                model.provenance,
+                method=f"{model.provenance.method}, with a load of {written.mass:.4g} kg found "
+                f"from {', '.join(own.log.log.name for own in whole)}",
+            ),
+        ),
+        tool=_tool(body, robot, config.name),
+        rows=log.rows,
+        torque=np.concatenate([own.torque_of(parameters) for own in whole]),
+        warnings=(),
+        config=config,
+    )
+    progress(1.0, "done")
+    return replace(result, warnings=tuple(_warnings(result, robot)))
+
+
+def payload_log(
+    settings: PayloadSettings,
+    out: Path,
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> PayloadResult:
+    """The command `payload`: reads logs and model, and writes the result into `out`.
+
+    Args:
+        settings: logs, with the load and empty, as `stretches.stretches_of`.
+
+    Raises:
+        InputError: as `Robot.load`, `IdentifiedModel.load`, `read_recording`, `identify_payload`
+            and `result_folder`.
+    """
+    with result_folder(out, "payload") as folder:
+        robot = Robot.load(settings.robot)
+        model = IdentifiedModel.load(Path(settings.model), robot)
+        form, signs = settings.log_format, settings.accept_signs
+
+        def read(path: Path, check: bool = True) -> Recording:
+            return read_recording(path, form, robot, check, signs, joint_signals=True)
+
+        loaded = logs_of(settings.logs, "payload", "LOG", lambda path: read(path, settings.check))
+        bare = logs_of(settings.empty, "payload", "LOG", read)
+        result = identify_payload(loaded, robot, model, settings.payload, bare or None, progress)
+        result.write(folder, settings)
+    notices = [line for log, _ in loaded for line in log.notices]
+    return replace(result, warnings=(*notices, *result.warnings))
+
+
+def load_figure(result: PayloadResult) -> "Figure":
+    """The torque that the model without the load leaves, and the load's: one panel a joint."""
+    rows, names = result.rows, result.model.joint_names
+    n = len(names)
+    figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
+    t = rows.t - rows.t[0]
+    left = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
+    for j, axis in enumerate(panels):
+        axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="left by the model")
+        axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="of the load")
+        axis.set_title(f"{names[j]}: {left[j]:.2f} N m apart (RMS)")
+    legend_below(figure, panels[0], 2)
+    sd = result.load.standard_deviation
+    figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")
+    return figure
+
+
+def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
+    """Load (10,) and the robot's tool as one body; the tool's pictures stay."""
+    entry = robot.config.tool
+    if entry is not None:
+        body = body + tool_parameters(entry)
+    mass = max(float(body[0]), 1e-9)
+    com = body[1:4] / mass
+    about = inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    tensor = realisable_inertia(about, mass)
+    plain = (
+        ToolConfig(name=name) if entry is None else replace(entry, name=f"{entry.name}_and_{name}")
+    )
+    return replace(plain, mass=mass, com=com.tolist(), inertia=inertia_values(tensor))
+
+
+def _checked(config: PayloadConfig) -> PayloadConfig:
+    if not (np.isfinite(config.gain_sd) and config.gain_sd >= 0.0):
+        raise InputError("payload", "gain_sd", f"expected 0 or more, found {config.gain_sd:g}")
+    if not config.name.isidentifier():
+        raise InputError("payload", "name", f"expected a link's name, found {config.name!r}")
+    return config
+
+
+def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
+    load, sd = result.load, result.load.standard_deviation
+    if not load.is_there:
+        return [
+            f"the log shows no load: {load.mass:.3f} +- {sd[0]:.3f} kg; nothing is written for "
+            "robot.yaml"
+        ]
+    warnings = []
+    axes = [axis for axis, report in zip(AXES, result.com_observable, strict=True) if not report]
+    if axes:
+        warnings.append(
+            f"the motion does not tell the centre of mass along {', '.join(axes)} of the flange, "
+            "where it is taken to lie at the flange: turn the last joints with the load in other "
+            "directions"
+        )
+    tensor = [
+        name for name, report in zip(TENSOR, result.inertia_observable, strict=True) if not report
+    ]
+    if tensor:
+        warnings.append(
+            f"the motion does not tell the inertia's {', '.join(tensor)}: those of a body of this "
+            "mass are written; swing the load faster to measure them"
+        )
+    strange = [robot.joint_names[j] for j in np.flatnonzero(load.scale > SCATTER)]
+    if strange:
+        warnings.append(
+            f"{', '.join(strange)}: the torque scatters more than {SCATTER:g} times what the model "
+            "states; was the arm touched, or is the model of another state?"
+        )
+    if not result.model.provenance.logs:
+        warnings.append("the model is not identified from logs: its friction is assumed")
+    return warnings

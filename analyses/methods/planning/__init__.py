@@ -1,1 +1,0 @@
-"""Motions, places and postures chosen for a task."""

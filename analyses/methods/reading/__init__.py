@@ -1,1 +1,0 @@
-"""From logs to wrenches, and how far they are from a reference."""

@@ -1,0 +1,160 @@
+"""Does the arm hit itself, the floor or the workpiece along a path, and what is best without?
+
+Counted are all links, their tool and what stands there; the tool alone may touch the workpiece. At
+both ends of the path E also comes and goes along the normal, `approach` far.
+
+The best free way is found on the grid of `models.planning.motion.redundancy`: a coarse part of its
+postures is looked at, those around one that collides are left out, and of the best way through the others
+each posture is looked at again, until one is free from end to end. Then it is refined; where the
+refined one is not free any more, that of the grid stands.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.analyses.methods.redundancy.redundancy_task import (
+    RedundancyClearance,
+    RedundancyTask,
+)
+from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
+from wrenchsight.diagrams.distances.coming_and_going import moved_along
+from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.redundancy import (
+    Candidates,
+    RedundancyProblem,
+    Trajectory,
+    best_on_grid,
+    refine,
+)
+from wrenchsight.models.robot.robot import Robot
+
+_SAMPLES_APART, _ANGLES_APART = 4, 2  # of the coarse part
+_MOST_ROUNDS = 60
+_AROUND = 0.02  # m beyond the distance to keep, within which a pair is told
+_PLATE_THICKNESS = 0.02  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What a way along a path must not hit.
+
+    Attributes:
+        robot: the arm.
+        clearance: distances in the cell.
+        approach: m, along the normal at both ends.
+    """
+
+    robot: Robot
+    clearance: Clearance
+    approach: float
+
+    def worst(self, q: Array) -> ClosestPair | None:
+        """The pair with the least slack over q (N, n); None where nothing is near."""
+        result: ClosestPair | None = None
+        for row in q:
+            for pair in self.clearance.slacks(row, self.clearance.margin + _AROUND):
+                if result is None or pair.slack < result.slack:
+                    result = pair
+        return result
+
+    def free(self, q: Array) -> bool:
+        """Whether nothing is nearer than it may be at q (n,)."""
+        return self.clearance.is_free(q)
+
+    def with_ends(self, problem: RedundancyProblem, q: Array) -> Array:
+        """q (N, n) with the postures in which E comes and goes along the normal.
+
+        Raises:
+            InputError: the arm cannot come or go that far.
+        """
+        if self.approach == 0.0:
+            return q
+        first, last = (
+            moved_along(self.robot, q[k], problem.path.n_W[k], self.approach)[1:] for k in (0, -1)
+        )
+        rows = np.vstack([first, last])
+        if (rows < problem.lower).any() or (rows > problem.upper).any():
+            raise InputError("approach", "", f"cannot go {self.approach:g} m off the surface")
+        return np.vstack([first[::-1], q, last])
+
+
+def surroundings(robot: Robot, task: RedundancyTask, config: RedundancyClearance) -> Surroundings:
+    """What the task's clearance asks for; a CSV's workpiece is not known as a body."""
+    piece: PlateConfig | BladeConfig | None = None
+    if task.surface is not None and task.surface.plate is not None:
+        plate = task.surface.plate
+        piece = PlateConfig(task.workpiece, [plate.length, plate.width, _PLATE_THICKNESS])
+    elif task.surface is not None and task.surface.blade is not None:
+        piece = BladeConfig(pose=task.workpiece, **vars(task.surface.blade))
+    floor = robot.floor if config.floor is None else config.floor
+    clearance = Clearance(robot, config.distance, floor, piece)
+    return Surroundings(robot, clearance, config.approach)
+
+
+def clear_of_all(
+    cell: Surroundings, problem: RedundancyProblem, way: Trajectory
+) -> tuple[bool, ClosestPair | None]:
+    """Whether a way is free, approach and lift included, and its worst pair."""
+    try:
+        q = cell.with_ends(problem, way.q)
+    except InputError:
+        return False, cell.worst(way.q)
+    worst = cell.worst(q)
+    return worst is None or worst.slack >= 0.0, worst
+
+
+def best_free(
+    cell: Surroundings,
+    problem: RedundancyProblem,
+    grid: Candidates,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Trajectory | None:
+    """The best way that is free from end to end; None where none was found."""
+    q = grid.q.copy()
+    N, K = q.shape[:2]
+    samples = np.unique(np.r_[np.arange(0, N, _SAMPLES_APART), N - 1])
+    for count, i in enumerate(samples):
+        for k in range(0, K, _ANGLES_APART):
+            for b in np.flatnonzero(np.isfinite(q[i, k, :, 0])):
+                # One before it may have taken it along.
+                if not np.isfinite(q[i, k, b, 0]) or cell.free(q[i, k, b]):
+                    continue
+                angles = np.arange(k, min(k + _ANGLES_APART, K))
+                _leave_out(q, grid.q, i, angles, int(b))
+        progress(0.6 * (count + 1) / len(samples))
+    for number in range(_MOST_ROUNDS):
+        free_grid = Candidates(grid.psi, q)
+        if not np.isfinite(q[..., 0]).any(axis=(1, 2)).all():
+            return None
+        try:
+            way = best_on_grid(problem, free_grid)
+        except InputError:
+            return None
+        try:
+            bad = [i for i in range(N) if not cell.free(way.q[i])]
+            ends = cell.with_ends(problem, way.q)
+            if not bad and not all(cell.free(row) for row in np.vstack([ends[:4], ends[-4:]])):
+                bad = [0, N - 1]
+        except InputError:
+            bad = [0, N - 1]
+        if not bad:
+            refined = refine(problem, way.q)
+            return refined if clear_of_all(cell, problem, refined)[0] else way
+        for i in bad:
+            same = np.nanmin(np.abs(q[i] - way.q[i]).max(axis=-1), initial=np.inf)
+            q[i][np.abs(q[i] - way.q[i]).max(axis=-1) <= same + 1e-12] = np.nan
+        progress(0.6 + 0.4 * (number + 1) / _MOST_ROUNDS)
+    return None
+
+
+def _leave_out(q: Array, whole: Array, i: int, angles: Array, branch: int) -> None:
+    """Leaves out a posture that collides, and those near it on samples and angles around."""
+    here = whole[i, angles[0], branch]
+    for sample in range(max(0, i - 1), min(len(q), i + _SAMPLES_APART)):
+        for angle in angles:
+            near = np.abs(whole[sample, angle] - here).max(axis=-1) < 0.3
+            q[sample, angle][near] = np.nan

@@ -1,0 +1,388 @@
+"""How to use the free angle about the normal of a surface (section 4.4)?
+
+Three ways along one path are compared: at a constant angle (initial), by the local method that the
+article uses, and the optimum (dynamic programming over a grid of angles and all branches, then
+refined continuously).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+from wrenchsight.analyses.methods.place.placement import OBJECTIVES, measure_of
+from wrenchsight.analyses.methods.redundancy.free_redundancy import (
+    best_free,
+    clear_of_all,
+    surroundings,
+)
+from wrenchsight.analyses.methods.redundancy.redundancy_task import PatchPathConfig, RedundancyTask
+from wrenchsight.diagrams.distances.clearance import ClosestPair
+from wrenchsight.diagrams.pages.path_page import TriangleMesh
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import better, beyond_rounding, first_of_least
+from wrenchsight.models.planning.motion.branches import is_closed_form
+from wrenchsight.models.planning.motion.joint_ranges import narrowed_limits
+from wrenchsight.models.planning.motion.posture_measures import PostureMeasure, check_joints
+from wrenchsight.models.planning.motion.redundancy import (
+    Candidates,
+    RedundancyProblem,
+    Trajectory,
+    at_constant_angle,
+    best_on_grid,
+    candidates,
+    local_descent,
+    refine,
+    task,
+)
+from wrenchsight.models.planning.motion.surface_path import SurfacePath
+from wrenchsight.models.planning.motion.workpieces import Surface, mesh
+from wrenchsight.models.robot.robot import Robot
+
+ROUNDING = 1e-9  # m and rad, of position and normal
+
+
+@dataclass(frozen=True, eq=False)
+class RedundancyResult:
+    """What `find_redundancy` found.
+
+    Attributes:
+        initial: at a constant angle; None if none can be kept.
+        local: the baseline, from the initial trajectory's first posture; None where it fails.
+        on_grid: the optimum over the grid and all branches.
+        optimised: the refined one.
+        constant_angles: (K,) mean measure at each constant angle of the grid, NaN where it cannot
+            be kept.
+        notices: sentences for the user.
+        clearance: of each way that was looked at, by its name, the pair of shapes with the least
+            slack; None where nothing is near.
+        free: the best way on which nothing is hit, where the optimised one hits something.
+    """
+
+    problem: RedundancyProblem
+    initial: Trajectory | None
+    local: Trajectory | None
+    on_grid: Trajectory
+    optimised: Trajectory
+    constant_angles: Array
+    workpiece: TriangleMesh | None
+    notices: tuple[str, ...]
+    clearance: dict[str, ClosestPair | None] = field(default_factory=dict)
+    free: Trajectory | None = None
+
+    def metrics(self) -> dict[str, Any]:
+        """Nested figures; the measure's key carries its unit."""
+        problem, key = self.problem, self.problem.measure.key
+        after = problem.measure.values(self.optimised.q)
+        error, _ = task(problem, self.optimised.q)
+        selected = self.constant_angles[np.isfinite(self.constant_angles)]
+        best_kept = float(np.min(selected)) if selected.size else math.nan
+        metrics: dict[str, Any] = {
+            "samples": problem.path.num_samples,
+            "path_length_m": float(problem.path.distance[-1]),
+            "grid": self._figures(self.on_grid),
+            "optimised": {
+                **self._figures(self.optimised),
+                "position_error_m": beyond_rounding(
+                    np.max(np.linalg.norm(error[:, 2:], axis=1)), ROUNDING
+                ),
+                "normal_error_rad": beyond_rounding(
+                    np.max(np.linalg.norm(error[:, :2], axis=1)), ROUNDING
+                ),
+                "max_joint_step_deg": math.degrees(
+                    float(np.max(np.abs(np.diff(self.optimised.q, axis=0))))
+                ),
+                "angle_range_deg": math.degrees(float(np.ptp(self.optimised.psi))),
+            },
+            "constant_angle": {
+                f"best_mean_{key}": best_kept,
+                f"median_mean_{key}": float(np.median(selected)) if selected.size else math.nan,
+                f"worst_mean_{key}": float(np.max(selected)) if selected.size else math.nan,
+                "angles_kept": int(selected.size),
+            },
+        }
+        if self.initial is not None:
+            before = problem.measure.values(self.initial.q)
+            metrics["initial"] = self._figures(self.initial)
+            metrics["reduction_mean_pct"] = 100.0 * (1.0 - float(np.mean(after) / np.mean(before)))
+            metrics["samples_lower"] = int(np.count_nonzero(after < before))
+        if self.local is not None:
+            metrics["local"] = self._figures(self.local)
+        if self.free is not None:
+            metrics["free"] = self._figures(self.free)
+        if self.clearance:
+            metrics["clearance"] = {
+                name: None
+                if pair is None
+                else {"shapes": [pair.first, pair.second], "slack_m": round(pair.slack, 6)}
+                for name, pair in self.clearance.items()
+            }
+        return metrics
+
+    def _figures(self, trajectory: Trajectory) -> dict[str, float]:
+        values, key = self.problem.measure.values(trajectory.q), self.problem.measure.key
+        return {f"mean_{key}": float(np.mean(values)), f"max_{key}": float(np.max(values))}
+
+
+def find_redundancy(
+    robot: Robot,
+    config: RedundancyTask,
+    source: Path | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> RedundancyResult:
+    """Chooses a posture at each sample of the task's path.
+
+    Interrupted while it refines, it returns the optimum on the grid.
+
+    Args:
+        source: the task's file; relative paths in it start from its folder.
+
+    Raises:
+        InputError: the task contradicts itself, or a sample is out of reach.
+    """
+    problem, workpiece = make_problem(robot, config, source)
+    notices = []
+    if not is_closed_form(robot):
+        notices.append(
+            f"{robot.name} has no known analytic inverse kinematics: its postures are what a "
+            "search found, so that the optimum is that of the postures found"
+        )
+    grid = candidates(problem, lambda f: progress(0.6 * f, "postures on the grid"))
+    progress(0.6, "dynamic programming")
+    on_grid = best_on_grid(problem, grid)
+    initial = local = None
+    try:
+        initial = at_constant_angle(problem, grid, np.array(robot.home))
+    except InputError as error:
+        notices.append(f"no initial trajectory to compare with: {error}")
+    else:
+        offset = math.degrees(abs(initial.psi[0] - problem.first_angle))
+        if offset > 1e-6:
+            notices.append(
+                f"the initial angle of {config.initial_angle_deg:g} deg cannot be kept from end to "
+                f"end; compared is {math.degrees(initial.psi[0]):g} deg"
+            )
+        progress(0.7, "local method")
+        try:
+            local = local_descent(problem, initial.q[0])
+        except InputError as error:
+            notices.append(str(error))
+    try:
+        optimised = _refined(problem, on_grid, local, progress)
+    except KeyboardInterrupt:
+        optimised = on_grid
+        notices.append("interrupted: this is the optimum on the grid of angles, not refined")
+    if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
+        notices.append("no angle and no branch makes a difference: " + problem.measure.label)
+    clearance, free = _looked_at(problem, config, grid, initial, optimised, notices, progress)
+    hit = clearance.get("optimised")
+    if free is None and hit is not None and hit.distance < 0.0:
+        raise InputError(
+            source or "task",
+            "",
+            f"no way is free: on the best one {hit.first} and {hit.second} overlap by "
+            f"{-1e3 * hit.distance:.0f} mm, coming and going included",
+            "move the workpiece to where this arm reaches it from outside",
+        )
+    progress(1.0, "done")
+    return RedundancyResult(
+        problem,
+        initial,
+        local,
+        on_grid,
+        optimised,
+        _constant_angles(problem, grid),
+        workpiece,
+        tuple(notices),
+        clearance,
+        free,
+    )
+
+
+def _looked_at(
+    problem: RedundancyProblem,
+    config: RedundancyTask,
+    grid: Candidates,
+    initial: Trajectory | None,
+    optimised: Trajectory,
+    notices: list[str],
+    progress: Callable[[float, str], None],
+) -> tuple[dict[str, ClosestPair | None], Trajectory | None]:
+    """What the ways come near to, and the best free one where the optimum hits something."""
+    if config.clearance is None:
+        return {}, None
+    robot = problem.robot
+    if robot.unusable_collisions:
+        notices.append(
+            "no clearance is claimed: no shape for " + ", ".join(robot.unusable_collisions)
+        )
+        return {}, None
+    cell = surroundings(robot, config, config.clearance)
+    if not cell.clearance.has_shapes:
+        notices.append(f"{robot.name} has no collision shapes: no clearance is claimed")
+        return {}, None
+    if config.surface is None:
+        notices.append("the workpiece behind a CSV is not known as a body: it is not looked at")
+    progress(0.95, "clearance")
+    ways = {"initial": initial, "optimised": optimised}
+    result = {
+        name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
+    }
+    pairs = {name: pair for name, (_, pair) in result.items()}
+    free, pair = result["optimised"]
+    if free:
+        return pairs, None
+    where = (
+        "" if pair is None else f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
+    )
+    notices.append(
+        f"the optimum keeps less than {1e3 * config.clearance.distance:.0f} mm from the arm "
+        f"itself, the floor or the workpiece, coming and going included{where}"
+    )
+    way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
+    if way is None:
+        notices.append("no way on the grid is free: move the workpiece, or lower the clearance")
+    else:
+        pairs["free"] = clear_of_all(cell, problem, way)[1]
+    return pairs, way
+
+
+def _refined(
+    problem: RedundancyProblem,
+    on_grid: Trajectory,
+    local: Trajectory | None,
+    progress: Callable[[float, str], None],
+) -> Trajectory:
+    """The best of both starts; in its mean measure never worse than the local method."""
+
+    def mean(trajectory: Trajectory) -> float:
+        return float(np.mean(problem.measure.values(trajectory.q)))
+
+    result = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
+    if local is not None and problem.violation(local.q) <= 1e-7:
+        result.append(
+            refine(problem, local.q, progress=lambda f: progress(0.9 + 0.05 * f, "refinement"))
+        )
+    best = result[int(first_of_least([problem.cost(trajectory.q) for trajectory in result]))]
+    if local is None or problem.violation(local.q) > 1e-7:
+        return best
+    if better(mean(local), mean(best)):
+        # Smoother than the local one, and so a little worse: here the measure comes first.
+        result.append(local)
+        best = result[int(first_of_least([mean(trajectory) for trajectory in result]))]
+    return best
+
+
+def _constant_angles(problem: RedundancyProblem, grid: Candidates) -> Array:
+    """(K,) mean measure at each constant angle, on its best branch that can be kept."""
+    means = np.full(len(grid.psi), np.nan)
+    for k in range(len(grid.psi)):
+        one = Candidates(grid.psi[k : k + 1], np.ascontiguousarray(grid.q[:, k : k + 1]))
+        if not np.all(np.any(np.isfinite(one.q[..., 0]), axis=(1, 2))):
+            continue
+        try:
+            selected = best_on_grid(problem, one)
+        except InputError:
+            continue
+        means[k] = float(np.mean(problem.measure.values(selected.q)))
+    return means
+
+
+def make_problem(
+    robot: Robot, config: RedundancyTask, source: Path | None = None
+) -> tuple[RedundancyProblem, TriangleMesh | None]:
+    """The problem that a task states, and its workpiece to draw (None for a CSV's).
+
+    Raises:
+        InputError: the task contradicts itself.
+    """
+    check_joints(robot.chain, robot.name)
+    name = str(source) if source else "task"
+    folder = source.parent if source else Path()
+    _check_task(config, name)
+    pose = config.workpiece
+    R_WP = np.asarray(RollPitchYaw(pose.rpy).ToRotationMatrix().matrix(), dtype=np.float64)
+    p_WP = np.array(pose.xyz, dtype=np.float64)
+    workpiece = None
+    if config.csv is not None:
+        path = SurfacePath.read_csv(folder / config.csv, R_WP, p_WP)
+    else:
+        patch = config.surface
+        assert patch is not None
+        surface = _surface(patch, name)
+        start, end = (patch.start[0], patch.start[1]), (patch.end[0], patch.end[1])
+        path = SurfacePath.on_surface(
+            surface, start, end, patch.num_samples, R_WP, p_WP, f"{name}: surface"
+        )
+        vertices, triangles = mesh(surface)
+        workpiece = TriangleMesh(vertices @ R_WP.T + p_WP, triangles)
+    margin = math.radians(config.limit_margin_deg)
+    step = math.radians(config.max_joint_step_deg)
+    margins = np.where(robot.chain.prismatic, 0.0, margin)
+    lower, upper = robot.position_lower + margins, robot.position_upper - margins
+    lower, upper = narrowed_limits(robot, config.joint_ranges_deg, lower, upper, name)
+    if np.any(lower >= upper):
+        joint = robot.joint_names[int(np.argmax(lower - upper))]
+        raise InputError(name, "limit_margin_deg, joint_ranges_deg", f"leave {joint} no room")
+    axis = np.array(config.tool_axis)
+    problem = RedundancyProblem(
+        robot=robot,
+        path=path,
+        tool_axis_E=axis / np.linalg.norm(axis),
+        measure=_measure(robot, config, folder),
+        lower=lower,
+        upper=upper,
+        max_step=np.full(robot.num_joints, step),
+        smoothness=config.smoothness,
+        num_angles=config.num_angles,
+        first_angle=math.radians(config.initial_angle_deg),
+    )
+    return problem, workpiece
+
+
+def _check_task(config: RedundancyTask, name: str) -> None:
+    check_numbers(config, name)
+    if (config.surface is None) == (config.csv is None):
+        raise InputError(name, "", "expected one of surface and csv")
+    if config.objective not in OBJECTIVES:
+        expected = " or ".join(OBJECTIVES)
+        raise InputError(name, "objective", f'expected {expected}, found "{config.objective}"')
+    if len(config.tool_axis) != 3 or not np.linalg.norm(config.tool_axis) > 1e-9:
+        raise InputError(name, "tool_axis", "expected three numbers that make a direction")
+    if len(config.workpiece.xyz) != 3 or len(config.workpiece.rpy) != 3:
+        raise InputError(name, "workpiece", "xyz and rpy take three numbers each")
+    if config.surface is not None:
+        for key in ("start", "end"):
+            if len(getattr(config.surface, key)) != 2:
+                raise InputError(name, f"surface.{key}", "expected the two numbers u, v")
+    for key, low, high in (
+        ("limit_margin_deg", 0.0, 90.0),
+        ("max_joint_step_deg", 0.01, 60.0),
+        ("smoothness", 0.0, 1e6),
+        ("num_angles", 4, 720),
+    ):
+        value = getattr(config, key)
+        if not low <= value <= high:
+            raise InputError(name, key, f"{value:g}, expected {low:g} to {high:g}")
+
+
+def _surface(patch: PatchPathConfig, name: str) -> Surface:
+    if patch.plate is not None and patch.blade is None:
+        return patch.plate.surface()
+    if patch.blade is not None and patch.plate is None:
+        return patch.blade.surface()
+    raise InputError(name, "surface", "expected one of plate and blade")
+
+
+def _measure(robot: Robot, config: RedundancyTask, folder: Path) -> PostureMeasure:
+    model = None
+    if config.objective != "jcn" and config.model is not None:
+        model = IdentifiedModel.load(folder / config.model, robot)
+    return measure_of(robot, config.objective, model)[0]

@@ -1,0 +1,181 @@
+"""What `redundancy` writes: joints along the path, figures (Figs. 11 to 13) and a page."""
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from wrenchsight.analyses.methods.redundancy.redundancy import RedundancyResult, find_redundancy
+from wrenchsight.analyses.methods.redundancy.redundancy_task import (
+    RedundancySettings,
+    RedundancyTask,
+)
+from wrenchsight.analyses.output.axes import log_scale
+from wrenchsight.analyses.output.figures import COLOUR, SERIES, new_figure, save_figure
+from wrenchsight.analyses.output.result_folder import result_folder
+from wrenchsight.analyses.study.experiment import (
+    FigureFile,
+)
+from wrenchsight.diagrams.pages.path_page import PathMotion, write_path_page
+from wrenchsight.models.files.bundled_files import task_file
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.planning.motion.redundancy import (
+    Trajectory,
+)
+from wrenchsight.models.robot.robot import Robot
+
+
+def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[FigureFile]]:
+    """Writes figures and the recording below `out`; returns both lists."""
+    figures = [
+        FigureFile(path.relative_to(out), caption)
+        for path, caption in (
+            _draw_measure(result, out / "figures" / "measure.png"),
+            _draw_poses(result, out / "figures" / "poses.png"),
+            _draw_joints(result, out / "figures" / "joints.png"),
+        )
+    ]
+    values = result.problem.measure.values
+    motions = [
+        PathMotion(name, trajectory.q, values(trajectory.q))
+        for name, trajectory in (("initial", result.initial), ("optimised", result.optimised))
+        if trajectory is not None
+    ]
+    label = "JCN" if result.problem.measure.key == "jcn" else "force sd [N]"
+    write_path_page(
+        result.problem.robot,
+        motions,
+        out / "recording.html",
+        "Path on the surface",
+        label=label,
+        workpiece=result.workpiece,
+    )
+    caption = "The arm on the initial and on the optimised trajectory; the path's colour: " + label
+    return figures, [FigureFile(Path("recording.html"), caption + ".")]
+
+
+def _ways(result: RedundancyResult) -> list[tuple[str, Trajectory, str]]:
+    ways = [
+        ("initial, constant angle", result.initial, COLOUR["before"]),
+        ("local method", result.local, COLOUR["article"]),
+        ("optimised", result.optimised, COLOUR["after"]),
+    ]
+    return [(name, way, colour) for name, way, colour in ways if way is not None]
+
+
+def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
+    figure, axes = new_figure(2, 1, height=5.0, share_x=True)
+    distance, measure = result.problem.path.distance, result.problem.measure
+    for name, way, colour in _ways(result):
+        values = measure.values(way.q)
+        label = f"{name} (mean {np.mean(values):.2f})"
+        axes[0, 0].plot(distance, values, color=colour, label=label)
+        axes[1, 0].plot(distance, np.degrees(way.psi), color=colour)
+    axes[0, 0].set_ylabel(measure.label)
+    log_scale(axes[0, 0], "y")
+    axes[1, 0].set_ylabel("angle about the normal [deg]")
+    axes[1, 0].set_xlabel("distance along the path [m]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    save_figure(figure, path)
+    return path, "Measure and angle about the normal along the path (Fig. 11)."
+
+
+def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
+    """The tool's axes at some samples, seen from above and from the side."""
+    ways = [way for way in _ways(result) if way[0] != "local method"]
+    figure, axes = new_figure(len(ways), 2, height=3.0 * len(ways))
+    p = result.problem.path.p_WS
+    shown = np.linspace(0, len(p) - 1, 13).round().astype(int)
+    length = 0.14 * float(np.max(np.ptp(p, axis=0)))
+    for row, (name, way, _) in enumerate(ways):
+        R_WE, p_WE = result.problem.robot.chain.pose(way.q[shown])
+        for column, (first, second) in enumerate(((0, 1), (1, 2))):
+            ax = axes[row, column]
+            ax.plot(p[:, first], p[:, second], color=COLOUR["truth"], linewidth=0.8)
+            for axis in range(3):
+                tip = p_WE + length * R_WE[:, :, axis]
+                ax.plot(
+                    np.stack([p_WE[:, first], tip[:, first]]),
+                    np.stack([p_WE[:, second], tip[:, second]]),
+                    color=SERIES[axis],
+                    linewidth=1.4,
+                )
+                ax.plot([], [], color=SERIES[axis], label="xyz"[axis] + " of the tool")
+            ax.set_aspect("equal", adjustable="datalim")
+            ax.set_title(f"{name}, {'from above' if column == 0 else 'from ahead'}")
+            ax.set_xlabel(f"{'xyz'[first]} [m]")
+            ax.set_ylabel(f"{'xyz'[second]} [m]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    save_figure(figure, path)
+    return path, "The tool's axes at every tenth of the path, before and after (Fig. 12)."
+
+
+def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
+    ways = [way for way in _ways(result) if way[0] != "local method"]
+    figure, axes = new_figure(1, len(ways), height=3.4, share_y=True)
+    distance = result.problem.path.distance
+    for column, (name, way, _) in enumerate(ways):
+        ax = axes[0, column]
+        for j, joint in enumerate(result.problem.robot.joint_names):
+            colour = SERIES[j % len(SERIES)]
+            ax.plot(distance, np.degrees(way.q[:, j]), color=colour, label=joint)
+        ax.set_title(name)
+        ax.set_xlabel("distance along the path [m]")
+    axes[0, 0].set_ylabel("joint position [deg]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=7)
+    save_figure(figure, path)
+    return path, "Joint positions along the path, before and after (Fig. 13)."
+
+
+def redundancy(
+    settings: RedundancySettings,
+    out: Path,
+    progress: Callable[[float, str], None] = lambda fraction, what: None,
+) -> RedundancyResult:
+    """The command `redundancy`: writes trajectory.csv (trajectory_free.csv of the best free way,
+    where that is another one), metrics.json, config.yaml, figures and recording.html into `out`.
+
+    Args:
+        settings: its `task_content` is used instead of the content of the task that it names.
+
+    Raises:
+        InputError: see `find_redundancy`; or `out` cannot be written to.
+    """
+    with result_folder(out, "redundancy") as folder:
+        robot = Robot.load(settings.robot)
+        source = task_file(settings.task, "redundancy")
+        config = settings.task_content or load_configuration(source, RedundancyTask)
+        result = find_redundancy(robot, config, source, progress)
+        folder.write_text("trajectory.csv", trajectory_csv(result, result.optimised))
+        if result.free is not None:
+            folder.write_text("trajectory_free.csv", trajectory_csv(result, result.free))
+        draw(result, folder.path)
+        metrics = {**result.metrics(), "notices": list(result.notices)}
+        folder.write_json("metrics.json", metrics)
+        folder.write_settings("config.yaml", replace(settings, task_content=config))
+    return result
+
+
+def trajectory_csv(result: RedundancyResult, way: Trajectory) -> str:
+    """One row a sample of a way: place, angle about the normal, joint positions, its measure and
+    that of the initial way.
+
+    Distances in m, angles in rad.
+    """
+    problem, path = result.problem, result.problem.path
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    key = problem.measure.key
+    joints = [f"q{j + 1}" for j in range(problem.robot.num_joints)]
+    writer.writerow(["s", "x", "y", "z", "nx", "ny", "nz", "psi", *joints, key, f"{key}_initial"])
+    after = problem.measure.values(way.q)
+    before = np.full(len(after), np.nan)
+    if result.initial is not None:
+        before = problem.measure.values(result.initial.q)
+    columns = (path.distance, path.p_WS, path.n_W, way.psi, way.q)
+    rows = np.column_stack([*columns, after, before])
+    writer.writerows([[repr(float(value)) for value in row] for row in rows])
+    return text.getvalue()

@@ -1,0 +1,177 @@
+"""How far a reading is from a sensor, by phase: at rest or in motion, in contact or free.
+
+Phases are told apart by the sensor's own force and by the joints' speed. Numbers are over averages
+of 0.1 s (`sensor_log.WINDOW` blocks), as in all our experiments; the sd of an average is the mean
+of its parts', since their errors last longer. A band holds where the average's error is within 1.96
+sds.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from wrenchsight.analyses.methods.reference_sensor.judged_force import ForceReading, Judgement
+from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting, find_mounting
+from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import WINDOW, SensorLog
+from wrenchsight.analyses.output.figures import BAND_ALPHA, COLOUR, new_figure
+from wrenchsight.models.numerics.arrays import Array, Flags
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+PHASES: Final = ("all", "free_rest", "free_moving", "contact_rest", "contact_moving")
+AXES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
+ALONG: Final = "along"  # the name of a single force
+_BAND = 1.959963984540054
+_POINTS = 2000  # of a figure
+
+
+@dataclass(frozen=True, eq=False)
+class SensorComparison:
+    """A reading and the sensor's wrench on the robot, M averages.
+
+    Attributes:
+        t: (M,) s.
+        axes: names of the k quantities: fx, fy, ... in axes of W, or `along` the sensor's axis.
+        reading, sd: (M, k) N, N m.
+        valid: (M,).
+        sensor: (M, k); NaN where the sensor's delay leads out of the log.
+        phases: (M,) flags by name.
+        mounting: of the sensor.
+        notices: what was left open, one sentence each.
+    """
+
+    t: Array
+    axes: tuple[str, ...]
+    reading: Array
+    sd: Array
+    valid: Flags
+    sensor: Array
+    phases: dict[str, Flags]
+    mounting: Mounting
+    notices: tuple[str, ...]
+
+    def judged(self, axis: str, phase: str) -> Judgement | None:
+        """One quantity in one phase; None where there is none of it."""
+        return self.judged_over(axis, self.phases[phase])
+
+    def judged_over(self, axis: str, rows: Flags) -> Judgement | None:
+        """One quantity over some of the averages (M,); None where there is none."""
+        k = self.axes.index(axis)
+        reading = ForceReading(self.reading[rows, k], self.sd[rows, k], self.valid[rows])
+        return Judgement.of(reading, self.sensor[rows, k])
+
+    def metrics(self) -> dict[str, Any]:
+        """The mounting, and by phase the errors of each quantity; null where there is nothing."""
+        mounting = self.mounting
+        found: dict[str, Any] = {
+            "mounting": {
+                "frame": mounting.frame,
+                "axes": mounting.R,
+                "sign": mounting.sign,
+                "tare": mounting.tare,
+                "delay_s": mounting.delay,
+            }
+        }
+        for phase, rows in self.phases.items():
+            found[phase] = {"share_pct": 100.0 * float(rows.mean())}
+            for axis in self.axes:
+                judged = self.judged(axis, phase)
+                unit = "nm" if axis.startswith("m") else "n"
+                found[phase][axis] = None if judged is None else judged.metrics(unit)
+        return found
+
+    def figure(self, reading: str = "from motor currents") -> "Figure":
+        """Sensor and reading with its band over time, a panel for each quantity."""
+        columns = 2 if len(self.axes) == len(AXES) else 1
+        figure, panels = new_figure(len(self.axes) // columns, columns, share_x=True)
+        every = slice(None, None, max(1, len(self.t) // _POINTS))
+        t = self.t[every]
+        for k, axis in enumerate(self.axes):
+            panel: Any = panels[k % len(panels), k // len(panels)]
+            mean, half = self.reading[every, k], _BAND * self.sd[every, k]
+            panel.fill_between(
+                t,
+                mean - half,
+                mean + half,
+                color=COLOUR["estimate"],
+                alpha=BAND_ALPHA,
+                lw=0,
+                label="95 % band",
+            )
+            panel.plot(t, self.sensor[every, k], color=COLOUR["truth"], lw=1.0, label="sensor")
+            panel.plot(t, mean, color=COLOUR["estimate"], lw=1.0, label=reading)
+            panel.set_ylabel(f"{axis} [{'N m' if axis.startswith('m') else 'N'}]")
+            _keep_in_view(panel, np.concatenate([mean, self.sensor[every, k]]))
+        for column in range(columns):
+            panels[-1, column].set_xlabel("time [s]")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        return figure
+
+
+def compare_with_sensor(
+    log: SensorLog, config: ReferenceConfig, mounted: Mounting | None = None
+) -> SensorComparison:
+    """Finds what the configuration leaves open, and holds the reading against the sensor.
+
+    Args:
+        config: what is given of the sensor.
+        mounted: how it is mounted, where that has been found before.
+
+    Raises:
+        InputError: as `find_mounting`.
+    """
+    k = log.sensor.shape[1]
+    mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
+    reading = mounting.seen(log.reading, log.R_WE, k)
+    if k == 1:
+        # The largest sd along an axis: the components' errors may not be independent.
+        sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
+        axes: tuple[str, ...] = (ALONG,)
+    else:
+        sd, axes = log.sd[:, :k], AXES[:k]
+    force = _averages(sensor[:, : min(k, 3)])
+    averages = _averages(log.valid.astype(float)) == 1.0
+    contact = np.linalg.norm(force, axis=1) > config.contact_force
+    moving = _averages(log.speed) > config.rest_speed
+    known = np.isfinite(force).all(axis=1)
+    phases = {
+        "all": known,
+        "free_rest": known & ~contact & ~moving,
+        "free_moving": known & ~contact & moving,
+        "contact_rest": known & contact & ~moving,
+        "contact_moving": known & contact & moving,
+    }
+    return SensorComparison(
+        t=_averages(log.t),
+        axes=axes,
+        reading=_averages(reading),
+        sd=_averages(sd),
+        valid=averages,
+        sensor=_averages(sensor),
+        phases=phases,
+        mounting=mounting,
+        notices=notices,
+    )
+
+
+def _averages(signal: Array) -> Array:
+    """Means over successive windows; a rest at the end is left out, unless it is all there is."""
+    window = min(WINDOW, len(signal))
+    count = len(signal) // window
+    return np.asarray(
+        signal[: count * window].reshape(count, window, *signal.shape[1:]).mean(axis=1)
+    )
+
+
+def _keep_in_view(panel: Any, values: Array) -> None:
+    """The band may leave the picture, the lines may not."""
+    values = values[np.isfinite(values)]
+    low, high = float(values.min()), float(values.max())
+    margin = 0.25 * (high - low) + 1.0
+    panel.set_ylim(low - margin, high + margin)

@@ -1,0 +1,134 @@
+"""A force read against a sensor's: bias, scatter, and whether the stated band holds the truth.
+
+All numbers are over averages of some time, so that two readings of one log are judged alike
+whatever their rates.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.signals.bands import SIGMA_95
+
+
+@dataclass(frozen=True, eq=False)
+class ForceReading:
+    """A force over time, with its method's uncertainty and validity; M averages.
+
+    Attributes:
+        force: (M,) N; NaN where there is no reading.
+        sd: (M,) N, or None for a method that states none.
+        valid: (M,), or None for a method that does not say.
+    """
+
+    force: Array
+    sd: Array | None = None
+    valid: Flags | None = None
+
+    def __getitem__(self, rows: NDArray[np.int64] | slice | Flags) -> "ForceReading":
+        """The reading at some of its averages."""
+        return ForceReading(
+            self.force[rows],
+            None if self.sd is None else self.sd[rows],
+            None if self.valid is None else self.valid[rows],
+        )
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A reading against the truth over one interval of one log.
+
+    Attributes:
+        bias, sd, rmse: of the error, N.
+        inside_95: share of the truth in the 95 % band; None without one.
+        share_valid: None for a method that does not say.
+        stated_sd: mean of the stated sd, N; None without one.
+        force: mean of the truth, N.
+        correlation: of reading and truth; None where one of them does not vary.
+        count: averages judged.
+    """
+
+    bias: float
+    sd: float
+    rmse: float
+    inside_95: float | None
+    share_valid: float | None
+    stated_sd: float | None
+    force: float
+    correlation: float | None
+    count: int
+
+    @classmethod
+    def of(cls, reading: ForceReading, truth: Array) -> "Judgement | None":
+        """Judges the averages that have a reading; None where there is none.
+
+        Args:
+            reading: M averages.
+            truth: (M,) N.
+        """
+        there = np.isfinite(reading.force) & np.isfinite(truth)
+        if not there.any():
+            return None
+        error = (reading.force - truth)[there]
+        inside = valid = stated = None
+        if reading.sd is not None:
+            sd = reading.sd[there]
+            inside = float(np.mean(np.abs(error) <= SIGMA_95 * sd))
+            stated = float(np.mean(sd))
+        if reading.valid is not None:
+            valid = float(np.mean(reading.valid[there]))
+        return cls(
+            bias=float(np.mean(error)),
+            sd=float(np.std(error)),
+            rmse=float(np.sqrt(np.mean(error**2))),
+            inside_95=inside,
+            share_valid=valid,
+            stated_sd=stated,
+            force=float(np.mean(truth[there])),
+            correlation=correlation(reading.force[there], truth[there]),
+            count=len(error),
+        )
+
+    def metrics(self, unit: str = "n") -> dict[str, Any]:
+        """Under the keys of a study's metrics; `unit` is that of what is judged: n or nm."""
+        share = {"inside_95_pct": self.inside_95, "share_valid_pct": self.share_valid}
+        return {
+            f"bias_{unit}": self.bias,
+            f"sd_{unit}": self.sd,
+            f"rmse_{unit}": self.rmse,
+            **{key: None if value is None else 100.0 * value for key, value in share.items()},
+            f"stated_sd_{unit}": self.stated_sd,
+            f"mean_{unit}": self.force,
+            "correlation": self.correlation,
+        }
+
+
+def correlation(a: Array, b: Array) -> float | None:
+    """Pearson's, of a (M,) and b (M,); None where one of them does not vary."""
+    if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return None
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def pooled_judgement(judgements: Sequence[Judgement]) -> dict[str, Any]:
+    """Means over logs, under the keys of a study's metrics; None where nothing was judged."""
+
+    def mean(values: list[float | None], factor: float = 1.0) -> float | None:
+        there = [value for value in values if value is not None]
+        return factor * float(np.mean(there)) if there else None
+
+    return {
+        "runs": len(judgements),
+        "bias_n": mean([j.bias for j in judgements]),
+        "sd_n": mean([j.sd for j in judgements]),
+        "rmse_n": mean([j.rmse for j in judgements]),
+        "inside_95_pct": mean([j.inside_95 for j in judgements], 100.0),
+        "share_valid_pct": mean([j.share_valid for j in judgements], 100.0),
+        "stated_sd_n": mean([j.stated_sd for j in judgements]),
+        "force_n": mean([j.force for j in judgements]),
+        "correlation": mean([j.correlation for j in judgements]),
+    }

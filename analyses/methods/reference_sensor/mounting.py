@@ -1,0 +1,286 @@
+"""How a force sensor is mounted: frame, sign, tare and delay, given or found from its log.
+
+Found is what makes the sensor agree best with the reading, root mean square over the log:
+
+    frame   the axes of W or of the tool, turned by quarter turns (24 ways); or given, with any turn
+    sign    whether the sensor reports the force on the robot or the force on the environment
+    delay   in steps of a block, up to MAX_DELAY either way
+    tare    `fit`: the constant in the sensor's axes, whatever the rest
+
+A force that never changes its direction leaves some of that open. Of mountings that agree within
+SAME of the best the simplest is taken, the unturned before the turned; a notice says so where it
+matters. The reading has errors of its own: a fit of the tare hides a constant one.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from wrenchsight.analyses.methods.reference_sensor.reference_config import (
+    FOUND,
+    REFERENCE,
+    ReferenceConfig,
+    tare_numbers,
+)
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLog
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+MAX_DELAY: Final = 0.3  # s
+TARE_TIME: Final = 0.5  # s, of the tare `start`
+SAME: Final = 1.02  # times the least error: agrees equally well
+_FLAT = 1.05  # times the least error over all delays: the log does not determine the delay
+_ROWS = 5000  # that a search looks at
+_POOR = 0.6  # of the sensor's force, RMS: no agreement that tells a mounting
+_DIFFERS = 0.5  # of the error: two mountings that say different things
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """How a sensor's numbers become a wrench on the robot.
+
+    Attributes:
+        frame: "world" or "tool".
+        R: (3, 3) axes of the sensor in that frame. A single column is a force along its z.
+        sign: 1: the sensor reports the force on the robot; -1: the force on the environment.
+        tare: (k,) what it reads without load.
+        delay: s that it is late by.
+    """
+
+    frame: str
+    R: Array
+    sign: int
+    tare: Array
+    delay: float
+
+    def on_robot(self, t: Array, sensor: Array, R_WE: Array) -> Array:
+        """The wrench on the robot in axes of W (N, 3) or (N, 6), or (N, 1) along `direction`.
+
+        NaN where the log has ended before the sensor has followed.
+
+        Args:
+            t: (N,) s.
+            sensor: (N, k) as logged.
+            R_WE: (N, 3, 3).
+        """
+        late = np.stack([_shifted(t, column, self.delay) for column in sensor.T], axis=1)
+        own = self.sign * (late - self.tare)
+        if own.shape[1] == 1:
+            return own
+        return _turned(self.axes(R_WE), own)
+
+    def axes(self, R_WE: Array) -> Array:
+        """(N, 3, 3) axes of the sensor in W."""
+        turned = np.broadcast_to(np.eye(3), R_WE.shape) if self.frame == "world" else R_WE
+        return np.asarray(turned @ self.R)
+
+    def direction(self, R_WE: Array) -> Array:
+        """(N, 3) in W, of a single force."""
+        return self.axes(R_WE)[:, :, 2]
+
+    def seen(self, wrench: Array, R_WE: Array, columns: int) -> Array:
+        """(N, columns) of a wrench (N, 6) in W what can be compared with the sensor."""
+        if columns == 1:
+            return np.asarray(np.sum(wrench[:, :3] * self.direction(R_WE), axis=1)[:, None])
+        return wrench[:, :columns]
+
+
+def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tuple[str, ...]]:
+    """The mounting that the configuration gives or leaves to be found, and notices.
+
+    Raises:
+        InputError: the log is too short.
+    """
+    k = log.sensor.shape[1]
+    if len(log.t) < 2:
+        raise InputError(
+            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
+        )
+    plain = Mounting("world", np.eye(3), 1, tare_of(log.t, log.sensor, config), 0.0)
+    coarse = log.every(max(1, len(log.t) // _ROWS))
+    candidates = _candidates(plain, config, k)
+    wants_delay = config.delay == FOUND
+    if not wants_delay:
+        candidates = [replace(one, delay=float(config.delay)) for one in candidates]
+    best, open_frame = _best(coarse, candidates, config)
+    notices = []
+    if wants_delay:
+        delay = _found_delay(coarse, best, config)
+        if delay is None:
+            notices.append("the log does not determine the sensor's delay; taken as zero")
+        elif delay != 0.0:
+            candidates = [replace(one, delay=delay) for one in candidates]
+            best, open_frame = _best(coarse, candidates, config)
+    if open_frame:
+        notices.append(
+            "the forces of the log leave the sensor's axes or sign open: the simplest that agree "
+            "are taken; give --reference-frame and --reference-sign"
+        )
+    if config.tare == "fit":
+        mean = _error(coarse, best, k).mean(axis=0)  # which it makes zero
+        best = replace(best, tare=best.tare - best.sign * mean)
+    if len(candidates) > 1:
+        error, size = error_of(coarse, best, True), _size(coarse, best)
+        if error > _POOR * size:
+            notices.append(
+                f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: what "
+                "was found of its mounting says little; give --reference-frame and "
+                "--reference-sign"
+            )
+    return best, tuple(notices)
+
+
+def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -> Array:
+    """(N, n) N m, torque that a log's force sensor says acts from outside; zero where q is missing.
+
+    The mounting is as given: an axis z of `world` or `tool` for one column. A delay that is left to
+    be found is none.
+
+    Raises:
+        InputError: frame or sign are left to be found, or the tare to be fitted.
+    """
+    if FOUND in (config.frame, config.sign) or config.tare == "fit":
+        problem = "a calibration takes the sensor as it is given, and finds nothing of it"
+        remedy = "give --reference-frame, --reference-sign and numbers for --reference-tare"
+        raise InputError("identify", "--reference", problem, remedy)
+    sensor, known = recording.extra[REFERENCE], np.asarray(np.isfinite(recording.q).all(axis=1))
+    q = np.where(known[:, None], recording.q, 0.0)
+    mounting = Mounting(
+        *(config.frame, _stated_axes(config), 1 if config.sign == "robot" else -1),
+        tare_of(recording.t, sensor, config),
+        0.0 if config.delay == FOUND else float(config.delay),
+    )
+    R_WE, _ = robot.chain.pose(q)
+    own = mounting.on_robot(recording.t, sensor, R_WE)
+    if own.shape[1] == 1:
+        own = own * mounting.direction(R_WE)
+    wrench = np.zeros((len(own), 6))
+    wrench[:, 3:] = own[:, :3]
+    wrench[:, :3] = own[:, 3:] if own.shape[1] == 6 else 0.0
+    tau_ext = np.einsum("kaj,ka->kj", robot.chain.jacobian(q), wrench)
+    known &= np.asarray(np.isfinite(tau_ext).all(axis=1))
+    return np.where(known[:, None], tau_ext, 0.0)
+
+
+def _size(log: SensorLog, mounting: Mounting) -> float:
+    """RMS of the sensor's force, N."""
+    return float(np.sqrt(np.nanmean(np.sum(_force_vector(log, mounting) ** 2, axis=1))))
+
+
+def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
+    """RMS difference of the forces, N.
+
+    Args:
+        mounting: of the sensor.
+        with_offset: whether a constant in the sensor's axes counts.
+    """
+    error = _error(log, mounting, min(log.sensor.shape[1], 3))
+    if not with_offset:
+        error = error - error.mean(axis=0)
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
+def tare_of(t: Array, sensor: Array, config: ReferenceConfig) -> Array:
+    """(k,) what the configuration says that a sensor (N, k) reads without load; zero where it is
+    fitted."""
+    given = tare_numbers(config)
+    if given is not None:
+        return np.array(given)
+    if config.tare == "start":
+        return np.asarray(sensor[t <= t[0] + TARE_TIME].mean(axis=0))
+    return np.zeros(sensor.shape[1])
+
+
+def _stated_axes(config: ReferenceConfig) -> Array:
+    return np.asarray(Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix())
+
+
+def _candidates(plain: Mounting, config: ReferenceConfig, columns: int) -> list[Mounting]:
+    """All mountings that the configuration leaves open, the plainest first."""
+    signs = {"found": (1, -1), "robot": (1,), "environment": (-1,)}[config.sign]
+    if config.frame == FOUND:
+        turns = _quarter_turns()
+        if columns == 1:  # only the direction of z counts
+            ways = {tuple(np.round(R[:, 2]).astype(int)): R for R in reversed(turns)}
+            turns = [R for R in turns if any(R is way for way in ways.values())]
+            signs = signs if len(signs) == 1 else (1,)
+        return [
+            replace(plain, frame=frame, R=R, sign=sign)
+            for R, frame, sign in product(turns, ("world", "tool"), signs)
+        ]
+    R = _stated_axes(config)
+    return [replace(plain, frame=config.frame, R=R, sign=sign) for sign in signs]
+
+
+def _quarter_turns() -> list[Array]:
+    """The 24 rotations that take axes to axes, the smallest first."""
+    found = []
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        R = np.zeros((3, 3))
+        R[list(order), range(3)] = signs
+        if np.linalg.det(R) > 0.0:
+            found.append(R)
+    return sorted(found, key=lambda R: -float(np.trace(R)))
+
+
+def _best(
+    log: SensorLog, candidates: list[Mounting], config: ReferenceConfig
+) -> tuple[Mounting, bool]:
+    """The plainest of the best, and whether another as good says something else."""
+    errors = [error_of(log, one, config.tare != "fit") for one in candidates]
+    least = min(errors)
+    good = [
+        one for one, error in zip(candidates, errors, strict=True) if error <= SAME * least + 1e-9
+    ]
+    best = good[0]
+    mine, scale = _force_vector(log, best), _DIFFERS * least + 1e-9
+    differs = [
+        float(np.sqrt(np.nanmean(np.sum((_force_vector(log, one) - mine) ** 2, axis=1)))) > scale
+        for one in good[1:]
+    ]
+    return best, any(differs)
+
+
+def _force_vector(log: SensorLog, mounting: Mounting) -> Array:
+    """(N, 3) N on the robot in axes of W, as the mounting has it."""
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
+    return sensor[:, :3] if sensor.shape[1] > 1 else sensor * mounting.direction(log.R_WE)
+
+
+def _error(log: SensorLog, mounting: Mounting, columns: int) -> Array:
+    """Reading less sensor in the sensor's axes, where both are there."""
+    sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)[:, :columns]
+    error = mounting.seen(log.reading, log.R_WE, columns) - sensor
+    if columns > 1:
+        error = _turned(mounting.axes(log.R_WE).transpose(0, 2, 1), error)
+    return np.asarray(error[np.isfinite(error).all(axis=1)])
+
+
+def _turned(R: Array, x: Array) -> Array:
+    """R (N, 3, 3) times each three columns of x (N, k)."""
+    parts = [np.einsum("kij,kj->ki", R, x[:, s : s + 3]) for s in range(0, x.shape[1], 3)]
+    return np.concatenate(parts, axis=1)
+
+
+def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) -> float | None:
+    """s; None where the log does not tell it: no delay is better, or ever longer ones are."""
+    step = log.step
+    reach = max(1, round(MAX_DELAY / step))
+    delays = [k * step for k in sorted(range(-reach, reach + 1), key=abs)]
+    errors = [error_of(log, replace(mounting, delay=d), config.tare != "fit") for d in delays]
+    best = delays[int(np.argmin(errors))]
+    if max(errors) <= _FLAT * min(errors) or abs(best) >= reach * step:
+        return None
+    return best
+
+
+def _shifted(t: Array, signal: Array, delay: float) -> Array:
+    """The signal `delay` later; NaN beyond the log."""
+    if delay == 0.0:
+        return signal
+    return np.interp(t + delay, t, signal, left=np.nan, right=np.nan)

@@ -1,0 +1,1 @@
+"""The command `robot`: a URDF in, the draft of a robot.yaml out (robot_draft)."""

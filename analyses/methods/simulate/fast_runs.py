@@ -1,0 +1,91 @@
+"""Tasks in which nothing but a hand touches the arm, simulated in one compiled loop.
+
+Signal by signal the same as `diagrams.closed_loop` gives for such a scenario, some tens of times
+faster: `models.truth.free_arm` for arm, drives and controller, the force/torque sensor behind it.
+"""
+
+import numpy as np
+
+from wrenchsight.analyses.methods.simulate.simulated_logs import drive_servo
+from wrenchsight.diagrams.scenario import Scenario, make_trajectory
+from wrenchsight.models.control.wrench_script import WrenchScript
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.planning.motion.paths import JointTrajectory
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.gaussian_noise import gaussian_noise
+from wrenchsight.models.signals.low_pass import LowPass
+from wrenchsight.models.truth.free_arm import simulate_free_arm
+from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
+
+
+def is_free(scenario: Scenario) -> bool:
+    """Whether `run_free` knows all that the scenario has."""
+    sensor = scenario.force_torque_sensor
+    return (
+        isinstance(scenario.controller, JointTrackingConfig)
+        and scenario.workpiece is None
+        and scenario.machining is None
+        and not scenario.floor
+        and scenario.friction == "full"
+        and scenario.current_noise
+        and (sensor is None or sensor.compensation == 1.0)
+    )
+
+
+def run_free(
+    scenario: Scenario,
+    robot: Robot,
+    model: IdentifiedModel,
+    trajectory: JointTrajectory | None = None,
+) -> tuple[Array, dict[str, Array]]:
+    """Times (T,) and signals (T, size) of the scenario: q, v, current, wrench_true, tau_f_true and,
+    where there is such a sensor, ft_wrench.
+
+    Args:
+        scenario: for which `is_free` holds.
+        robot: with its simulated truth.
+        model: that the controller knows.
+        trajectory: of the joints, in the place of the scenario's motion.
+    """
+    assert isinstance(scenario.controller, JointTrackingConfig)
+    log = simulate_free_arm(
+        robot,
+        make_trajectory(scenario, robot) if trajectory is None else trajectory,
+        drive_servo(robot, model, scenario.controller),
+        scenario.time_step,
+        scenario.seed,
+        wrench=WrenchScript(scenario.wrench, scenario.seed, "scenario"),
+        duration=scenario.duration,
+        whole=False,
+    )
+    signals = {
+        "q": log.q,
+        "v": log.v,
+        "current": log.current,
+        "wrench_true": log.wrench_true,
+        "tau_f_true": log.tau_f_true,
+    }
+    if scenario.force_torque_sensor is not None:
+        signals["ft_wrench"] = sensed(
+            log.wrench_true, scenario.force_torque_sensor, scenario.time_step, scenario.seed
+        )
+    return log.t, signals
+
+
+def sensed(wrench: Array, config: ForceTorqueSensorConfig, time_step: float, seed: int) -> Array:
+    """What `ForceTorqueSensor` reads of a wrench (T, 6) where the tool's weight is taken off."""
+    noisy = wrench.copy()
+    if config.force_noise_sd > 0 or config.moment_noise_sd > 0:
+        noise = np.empty_like(noisy)
+        _fill(seed + 2**32, noise)
+        noisy += noise * np.repeat([config.moment_noise_sd, config.force_noise_sd], 3)
+    return LowPass.butterworth(config.cutoff, config.order, time_step).filter(noisy)
+
+
+@kernel
+def _fill(seed: int, noise: Array) -> None:
+    for tick in range(noise.shape[0]):
+        gaussian_noise(seed, tick, noise[tick])

@@ -1,0 +1,121 @@
+"""What does an excited arm's controller record? A motion in, the simulated arm's log out.
+
+The true robot, with friction that no model contains, follows the motion under its drives' own stiff
+controller, which knows the nominal model only. The log holds what its drives and encoders report,
+as a real arm's; the true friction is kept beside it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrenchsight.analyses.study.shared_results import shared
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
+from wrenchsight.models.planning.motion.paths import JointTrajectory
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.truth.free_arm import Servo, simulate_free_arm
+from wrenchsight.models.truth.log_clock import clocked
+from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
+
+ProgressCallback = Callable[[float, str], None]
+
+ROBOT = "sts_sre4_600"
+# Servo drives follow a reference far more stiffly than a force controller may: 200 rad/s here. With
+# less, a wrist of little inertia sticks and slips through each reversal.
+TRACKING = JointTrackingConfig(kp=[4e4], kd=[400.0], ki=[2e6], integral_limit=[400.0])
+PERIODS = 2  # of each trajectory: 20 s
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedLog:
+    """What an excited arm's controller records, and what only the simulation knows.
+
+    Attributes:
+        recording: t, q, v and measured current at 1 kHz.
+        tau_f_true: (T, n) N m, the true friction.
+    """
+
+    recording: Recording
+    tau_f_true: Array
+
+
+def stored_excitation(robot: Robot, number: int) -> FourierTrajectory:
+    """Excitation `number` (1, 2) that lies beside the robot's own file.
+
+    Raises:
+        InputError: the file is missing; `excite` makes it.
+    """
+    return FourierTrajectory.load(robot.source.parent / f"excitation_{number}.yaml", robot.name)
+
+
+def simulate_excitation(
+    robot: Robot,
+    trajectory: FourierTrajectory,
+    num_periods: int = PERIODS,
+    seed: int = 0,
+    name: str = "excitation",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulatedLog:
+    """Lets the true robot run a trajectory under a controller that knows only its nominal model.
+
+    Args:
+        robot: with its simulated truth.
+        trajectory: to follow.
+        num_periods: how often.
+        seed: of the currents' noise.
+        name: of the recording.
+        progress: called with the share done.
+    """
+    return simulate_motion(
+        robot, trajectory.joint_trajectory(num_periods), seed, name, progress=progress
+    )
+
+
+def simulate_motion(
+    robot: Robot,
+    trajectory: JointTrajectory,
+    seed: int = 0,
+    name: str = "motion",
+    progress: ProgressCallback = lambda fraction, what: None,
+) -> SimulatedLog:
+    """The same for any motion of the joints.
+
+    Within a study the same motion is simulated once for all experiments.
+    """
+    arguments = (robot, trajectory, seed, name)
+    return shared("simulate_motion", arguments, lambda: _simulate_motion(*arguments, progress))
+
+
+def _simulate_motion(
+    robot: Robot,
+    trajectory: JointTrajectory,
+    seed: int,
+    name: str,
+    progress: ProgressCallback,
+) -> SimulatedLog:
+    known = IdentifiedModel.nominal(robot)
+    # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
+    log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed, whole=False)
+    progress(1.0, f"simulating {name}")
+    exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
+    mechanisms = robot.config.simulated_truth.mechanisms
+    clock = None if mechanisms is None else mechanisms.clock
+    return SimulatedLog(clocked(exact, clock, seed), log.tau_f_true)
+
+
+def drive_servo(
+    robot: Robot, model: IdentifiedModel, config: JointTrackingConfig = TRACKING
+) -> Servo:
+    """The drives' own controller, for `simulate_free_arm`."""
+    gains = [config.kp, config.kd, config.ki, config.integral_limit]
+    return Servo(
+        model.chain(robot),
+        np.stack([np.broadcast_to(np.asarray(row, float), robot.num_joints) for row in gains]),
+        model.friction.feedforward,
+        config.friction_velocity,
+        config.law == "computed_torque",
+    )

@@ -1,0 +1,73 @@
+"""The arm as it stands, for viewers: the shapes of its links, and where these are."""
+
+from typing import Any, NamedTuple
+
+from pydrake.geometry import Rgba, Role
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.robot.robot import Robot
+
+_GREY = Rgba(0.6, 0.6, 0.6, 1.0)
+
+
+class LinkShape(NamedTuple):
+    """A shape of a link.
+
+    Attributes:
+        link: its name.
+        shape: a `pydrake.geometry.Shape`.
+        X_LS: its pose in the link.
+        rgba: its colour.
+    """
+
+    link: str
+    shape: Any
+    X_LS: RigidTransform
+    rgba: Rgba
+
+
+class ArmScene:
+    """An arm whose links are moved.
+
+    Attributes:
+        shapes: what its links look like; where its files do not say, what they collide with.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        builder = DiagramBuilder()
+        self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        parts = robot.add_to_plant(self._plant)
+        self._plant.Finalize()
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self._own = self._plant.GetMyMutableContextFromRoot(self._context)
+        self._instance, self._frame_E = parts.model_instance, parts.frame_E
+        self._bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
+        inspector = scene_graph.model_inspector()
+        has_looks = inspector.NumGeometriesWithRole(Role.kIllustration) > 0
+        role = Role.kIllustration if has_looks else Role.kProximity
+        self.shapes = [
+            LinkShape(
+                body.name(),
+                inspector.GetShape(geometry),
+                inspector.GetPoseInFrame(geometry),
+                inspector.GetProperties(geometry, role).GetPropertyOrDefault(
+                    "phong", "diffuse", _GREY
+                ),
+            )
+            for body in self._bodies
+            for geometry in inspector.GetGeometries(
+                self._plant.GetBodyFrameIdOrThrow(body.index()), role
+            )
+        ]
+
+    def placed(self, q: Array) -> tuple[dict[str, RigidTransform], Array]:
+        """The poses of the links in W by name, and E's position p_WE (3,), at q (n,)."""
+        self._plant.SetPositions(self._own, self._instance, q)
+        poses = {
+            body.name(): self._plant.EvalBodyPoseInWorld(self._own, body) for body in self._bodies
+        }
+        return poses, self._frame_E.CalcPoseInWorld(self._own).translation()

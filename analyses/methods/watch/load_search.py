@@ -1,0 +1,154 @@
+"""A load at the tool that the model does not know, looked for while a stream runs.
+
+All readings since the stream began are weighed after LOOKS seconds, as `estimate` weighs a log's,
+until a load shows. A look takes some 0.2 s: at real time it runs in a thread of its own, so that
+no sample waits for it.
+"""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from wrenchsight.analyses.methods.estimate.friction_watch import FrictionWatch
+from wrenchsight.models.calibration.load_across_joints import LoadAcrossJoints, load_across_joints
+from wrenchsight.models.calibration.load_identification import LoadPrior
+from wrenchsight.models.estimation.estimator import WrenchEstimator
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.samples import Sample
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.robot.robot import Robot
+
+LOOKS = (5.0, 10.0, 20.0, 40.0)  # s since the stream began
+SETTLING = 1.0  # s of readings that are left out at the beginning
+LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
+
+
+class LoadSearch:
+    """Gathers what is read of one stream, and looks for a load.
+
+    Args:
+        robot, model: of the arm.
+        in_background: whether a look runs in a thread of its own.
+    """
+
+    def __init__(self, robot: Robot, model: IdentifiedModel, in_background: bool = False) -> None:
+        self._robot, self._model = robot, model
+        self._in_background = in_background
+        self._pool: ThreadPoolExecutor | None = None
+        self._running: Future[LoadAcrossJoints | None] | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """The stream begins anew."""
+        self._begin: float | None = None
+        self._looks = list(LOOKS)
+        self._speeds: list[tuple[float, Array]] = []
+        self._readings: list[Reading] = []
+        self._estimator: WrenchEstimator | None = None
+        self._watch: FrictionWatch | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is looked for any more."""
+        return not self._looks and self._running is None
+
+    def add_sample(self, sample: Sample) -> None:
+        """Takes the next sample of the stream."""
+        if not self._looks:
+            return
+        if self._speeds and sample.t - self._speeds[-1][0] > LONGEST_GAP:
+            self.restart()
+        self._begin = sample.t if self._begin is None else self._begin
+        self._speeds.append((sample.t, sample.v))
+
+    def add_reading(self, reading: Reading) -> None:
+        """Takes what was read of the stream."""
+        if self._looks and self._begin is not None and reading.t >= self._begin:
+            self._readings.append(reading)
+
+    def look(self, t: float, estimator: WrenchEstimator) -> None:
+        """Begins a look where one is due.
+
+        Args:
+            t: s, of the stream.
+            estimator: that the readings came from.
+        """
+        if self._estimator is not estimator:
+            if self._estimator is not None:  # it began anew
+                self._begin, self._readings, self._watch = t, [], None
+            self._estimator = estimator
+        if self._begin is None or not self._looks or self._running is not None:
+            return
+        if t - self._begin < self._looks[0]:
+            return
+        self._looks.pop(0)
+        speeds, self._speeds = self._speeds, self._speeds[-1:]
+        readings, self._readings = self._readings, []
+        observer = estimator.observer
+        if self._watch is None:
+            pole, step = observer.pole, observer.time_step
+            self._watch = FrictionWatch(self._model, estimator.chain, pole, step, self._robot)
+        settled = self._begin + max(SETTLING, observer.settling_time)
+        if self._in_background:
+            self._pool = self._pool or ThreadPoolExecutor(1)
+            self._running = self._pool.submit(self._judge, self._watch, speeds, readings, settled)
+        else:
+            self._running = Future()
+            self._running.set_result(self._judge(self._watch, speeds, readings, settled))
+
+    def result(self) -> LoadAcrossJoints | None:
+        """The load, once, where a look that is over has shown one."""
+        if self._running is None or not self._running.done():
+            return None
+        load, self._running = self._running.result(), None
+        if load is not None:
+            self._looks = []
+        return load
+
+    def _judge(
+        self,
+        watch: FrictionWatch,
+        speeds: list[tuple[float, Array]],
+        readings: list[Reading],
+        settled: float,
+    ) -> LoadAcrossJoints | None:
+        """Adds what is new, but nothing from before `settled` (s), and weighs all of it."""
+        if readings:
+            _add(watch, speeds, readings, settled)
+        rows = watch.load_rows()
+        if rows is None:
+            return None
+        law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
+        try:
+            return load_across_joints(rows, law, prior)
+        except (LinAlgError, ValueError):  # rows that determine nothing
+            return None
+
+
+def _add(
+    watch: FrictionWatch,
+    speeds: list[tuple[float, Array]],
+    readings: list[Reading],
+    settled: float,
+) -> None:
+    t = np.array([reading.t for reading in readings])
+    later = _later(t)
+    t, readings = t[later], [readings[k] for k in np.flatnonzero(later)]
+    sample_t = np.array([at for at, _ in speeds])
+    ahead = _later(sample_t)
+    sample_v = np.array([v for _, v in speeds])[ahead]
+    # As the grid's own velocity: linear between two samples.
+    v = np.stack([np.interp(t, sample_t[ahead], one) for one in sample_v.T], axis=1)
+    q = np.array([reading.q for reading in readings])
+    tau_ext = np.array([reading.tau_ext for reading in readings])
+    usable = np.array([not (reading.dropout or reading.fault) for reading in readings])
+    known = usable & (t >= settled) & np.isfinite(v).all(axis=1)
+    free = np.array([not reading.contact for reading in readings])
+    watch.add(t, q, np.nan_to_num(v), tau_ext, known, free)
+
+
+def _later(t: Array) -> Flags:
+    """(N,) which times are later than all before."""
+    return np.asarray(np.r_[True, t[1:] > np.maximum.accumulate(t)[:-1]])

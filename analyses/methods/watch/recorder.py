@@ -1,0 +1,220 @@
+"""Readings into files that are whole at any time: a folder of short ones, the newest written anew.
+
+`mcap` is a ROS 2 bag (a folder with metadata.yaml) whose files hold what `estimate --mcap` writes;
+`parquet` tables hold the columns of `estimate`'s. A file holds SEGMENT_TIME; the newest is
+replaced, whole, once a second: a kill costs no more than what came since.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from wrenchsight.models.estimation.wrench_bag import COVARIANCE_TOPIC, TOPIC, WrenchBagWriter
+from wrenchsight.models.estimation.wrench_table import FLAGS, WrenchTableWriter
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.whole_file import whole_file, writing_to
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.rosbag.messages import WRENCH
+from wrenchsight.models.robot.robot import Robot
+
+SEGMENT_TIME = 10.0  # s, of the readings in one file
+SAVE_TIME = 1.0  # s between two writings of the newest
+LAST_STAMP = 2.0**32  # s, that a stamp of ROS holds
+MOST_ROWS = 1 << 16  # that are held where a disk takes none
+_TOPICS = (
+    (TOPIC, WRENCH),
+    (COVARIANCE_TOPIC, "std_msgs/msg/Float64MultiArray"),
+    ("/tf", "tf2_msgs/msg/TFMessage"),
+)
+
+
+class Recorder:
+    """Writes one recording; `take` may take its time.
+
+    Args:
+        folder: a new one, or an empty one.
+        form: "mcap" or "parquet".
+        begin: what is done once, before the first reading is written.
+
+    Attributes:
+        lost: readings that no disk took.
+
+    Raises:
+        InputError: the folder holds something, or cannot be made.
+    """
+
+    period = 0.25  # s between two calls of `take`
+
+    def __init__(
+        self,
+        folder: Path,
+        robot: Robot,
+        form: str = "mcap",
+        begin: Callable[[], object] = lambda: None,
+    ) -> None:
+        with writing_to(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise InputError(folder, "", "is not empty", "give a new folder to --record")
+        self._folder, self._robot, self._form, self._begin = folder, robot, form, begin
+        self._rows: list[Array] = []
+        self._files: list[_File] = []  # the newest last
+        self._segment = 0
+        self._saved = time.monotonic()
+        self._failed = False
+        self._last = -np.inf
+        self.lost = 0
+
+    def take(self, rows: list[Array]) -> str:
+        """Takes the rows of readings; returns a sentence where something is to be said."""
+        said = ""
+        for row in rows:
+            if row[0] == self._last:  # the same reading, no longer valid
+                continue
+            self._last = row[0]
+            if self._form == "mcap" and not 0.0 <= row[0] < LAST_STAMP:
+                if not self.lost:
+                    said = "a stamp of ROS holds no time before 0: such readings are left out"
+                self.lost += 1
+                continue
+            over = self._rows and not 0.0 <= row[0] - self._rows[0][0] < SEGMENT_TIME
+            if over and not self._failed:
+                said = self._save() or said
+                if not self._failed:
+                    self._segment += 1
+                    self._rows.clear()
+            self._rows.append(row)
+        if time.monotonic() - self._saved < SAVE_TIME:
+            return said
+        was_failed = self._failed
+        said = self._save() or said
+        if was_failed and not self._failed:  # a segment that has become long ends here
+            self._segment += 1
+            self._rows.clear()
+        return said
+
+    def close(self) -> str:
+        """Writes what is left; returns a sentence where something is to be said."""
+        said = self._save()
+        self.lost += self._not_saved() if self._failed else 0
+        return f"{self.lost} readings are not in the recording" if self.lost else said
+
+    def _save(self) -> str:
+        self._saved = time.monotonic()
+        if not self._rows:
+            return ""
+        try:
+            if not self._files:
+                self._begin()
+            self._write(np.array(self._rows))
+        except InputError as error:
+            first, self._failed = not self._failed, True
+            if len(self._rows) > MOST_ROWS:
+                self.lost += self._not_saved()
+                self._segment += 1
+                self._rows.clear()
+            return f"{error}; it is tried again" if first else ""
+        again, self._failed = self._failed, False
+        return "the recording goes on" if again else ""
+
+    def _name(self) -> str:
+        return f"wrench_{self._segment:05d}.{self._form}"
+
+    def _not_saved(self) -> int:
+        """Of the rows that are held, those that no file has."""
+        saved = sum(file.readings for file in self._files[-1:] if file.name == self._name())
+        return len(self._rows) - saved
+
+    def _write(self, rows: Array) -> None:
+        name = self._name()
+        path = self._folder / name
+        readings = [Reading(row) for row in rows]
+        wrench = np.array([reading.wrench for reading in readings])
+        covariance = np.array([reading.covariance for reading in readings])
+        t = rows[:, 0]
+        if self._form == "mcap":
+            _, p_WE = self._robot.chain.pose(np.array([reading.q for reading in readings]))
+            with WrenchBagWriter(path, self._robot.config.base_link) as bag:
+                bag.write(t, wrench, covariance, p_WE)
+        else:
+            flags = {
+                flag: np.array([getattr(reading, flag) for reading in readings]) for flag in FLAGS
+            }
+            with WrenchTableWriter(path, self._robot.num_joints) as table:
+                table.write(
+                    *(t, wrench, np.array([reading.sd for reading in readings])),
+                    np.array([reading.condition_number for reading in readings]),
+                    np.array([reading.valid for reading in readings]),
+                    np.array([reading.tau_ext for reading in readings]),
+                    np.array([reading.statistic for reading in readings]),
+                    flags,
+                )
+        if self._files and self._files[-1].name == name:
+            self._files.pop()
+        self._files.append(_File(name, len(rows), float(t[0]), float(t[-1])))
+        if self._form == "mcap":
+            self._write_metadata()
+
+    def _write_metadata(self) -> None:
+        """What makes a ROS 2 bag of the folder."""
+        files = self._files
+        count = sum(file.readings for file in files)
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": kind,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": "",
+                },
+                "message_count": count,
+            }
+            for name, kind in _TOPICS
+        ]
+        first, last = min(file.first for file in files), max(file.last for file in files)
+        information = {
+            "version": 5,
+            "storage_identifier": "mcap",
+            "duration": {"nanoseconds": _duration(first, last)},
+            "starting_time": {"nanoseconds_since_epoch": round(1e9 * first)},
+            "message_count": len(_TOPICS) * count,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+        }
+        text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+        # A long recording has thousands of files, and is told of each second: yaml would take long.
+        text += "  relative_file_paths:\n" + "".join(f"  - {file.name}\n" for file in files)
+        text += "  files:\n" + "".join(file.entry() for file in files)
+        path = self._folder / "metadata.yaml"
+        with whole_file(path) as partial, writing_to(path):
+            partial.write_text(text, encoding="utf-8")
+
+
+class _File(NamedTuple):
+    """One of a recording, with the times (s) of its first and last reading."""
+
+    name: str
+    readings: int
+    first: float
+    last: float
+
+    def entry(self) -> str:
+        """Its lines in metadata.yaml's list of files."""
+        return (
+            "  - duration:\n"
+            f"      nanoseconds: {_duration(self.first, self.last)}\n"
+            f"    message_count: {len(_TOPICS) * self.readings}\n"
+            f"    path: {self.name}\n"
+            "    starting_time:\n"
+            f"      nanoseconds_since_epoch: {round(1e9 * self.first)}\n"
+        )
+
+
+def _duration(first: float, last: float) -> int:
+    return round(1e9 * (last - first))

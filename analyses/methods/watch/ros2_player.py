@@ -1,0 +1,59 @@
+"""A recording as a robot's JointStates on ROS 2, at real time."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from wrenchsight.analyses.methods.watch.ros2_dds import OPTIONS, TopicWriter, join, topic_name
+from wrenchsight.models.live.source import SourceAddress
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.rosbag.messages import (
+    JOINT_STATE,
+    Layout,
+    header,
+    nanoseconds,
+    typestore,
+)
+from wrenchsight.models.robot.robot import Robot
+
+
+def play_joint_states(
+    recording: Recording, robot: Robot, address: SourceAddress, tell: Callable[[str], None]
+) -> None:
+    """Plays it once, from the first subscriber on; returns when it is over.
+
+    Stamps are ROS' own: this computer's time. Efforts are torques, as sensor_msgs/JointState has
+    them; `effort=current` sends currents, as some drivers do.
+
+    Args:
+        recording: of currents.
+        robot: whose joints are named.
+        address: ros2://TOPIC, options `domain`, `network`, `effort`.
+        tell: what a person is to know.
+
+    Raises:
+        InputError: an address that is none.
+    """
+    address.require_known("effort", *OPTIONS)
+    is_torque = address.choice("effort", ("torque", "current")) == "torque"
+    topic = topic_name(address)
+    effort = robot.joint_torque(recording.current) if is_torque else recording.current
+    writer = TopicWriter(join(address), topic, JOINT_STATE)
+    values = np.concatenate([recording.q, recording.v, effort], axis=1)
+    names, kind = list(robot.joint_names), typestore().types[JOINT_STATE]
+
+    def message(stamp: int, number: float) -> object:
+        each = np.full(len(names), number)
+        return kind(header(robot.config.base_link, stamp), names, each, each, each)
+
+    layout = Layout(JOINT_STATE, message)
+    tell(f"{recording.duration:.1f} s are played once somebody reads {topic}; Ctrl-C ends it")
+    while not writer.is_read:
+        time.sleep(0.05)
+    begin, since = time.time(), recording.t - recording.t[0]
+    stamps = nanoseconds(begin + since)
+    for k, due in enumerate(since.tolist()):
+        time.sleep(max(0.0, begin + due - time.time()))
+        writer.write(layout.encode(stamps[k : k + 1], values[k : k + 1]).tobytes())
+    time.sleep(0.5)  # what is on its way arrives

@@ -1,0 +1,245 @@
+"""The force of a tool on a workpiece of known direction, from joint torque, by a Kalman filter.
+
+How well a torque shows a force depends on the joint's motion. A joint at rest carries any friction
+within its stiction, a joint that reverses is between two directions, and the error of a sliding one
+grows with its speed; and such errors last. They are states of the filter, beside the wrench:
+
+    y_k = H_k F_k + e_k + o + w_k
+
+    y   torque from outside, mean over a block of samples
+    F   wrench at the contact: force along the axis, positive where the tool presses; two forces
+        across it; three moments. H: its joint torque, per newton and newton metre
+    e   error of each joint's torque, a first-order Gauss-Markov process of time constant
+        `error_time`, whose sd is the one that the model states for the joint's motion
+    o   constant offset of each joint: gravity, and friction that differs between directions
+    w   error within the block: vibration
+
+o is considered, not estimated (Schmidt, in Advances in Control Systems 3, 1966): a joint at rest
+says nothing about it, and errors elsewhere would corrupt it. Where the sd of e falls by a factor, e
+falls with it: what a joint at rest held is gone once it slides.
+
+The force along the axis wanders. Across it a tool that slides carries little; one that stands is
+held by friction. The wrench of a block is read `lag` later, when the torque of the blocks after it
+is known too: the filter carries the wrenches of that time along as states.
+
+The stated covariance is that of the filter, larger where the recent innovations were larger than
+they should be (their normalised square above 1).
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
+
+TOOL_AXES = ("tool_x", "tool_y", "tool_z")
+WRENCH = 6  # [along, across, across, moments about the axes]
+_ALONG, _ACROSS, _MOMENTS = 0, slice(1, 3), slice(3, 6)
+_HIGHEST_MISFIT = 50.0  # so that one impact does not hide the next second
+_LEAST_LENGTH = 1e-6  # of an axis given by numbers
+
+
+@dataclass
+class ContactConfig:
+    """A contact whose direction is known: its expected forces, and the error of the torque."""
+
+    axis: str = ""
+    """Direction in which the tool presses: tool_x, tool_y or tool_z of E, with a minus sign for the
+    opposite one, or three numbers in axes of W ("0,0,-1"); empty: not known."""
+    point: list[float] = field(default_factory=list)
+    """Where the tool touches, m in axes of E; empty: at E."""
+    force_rate: float = 18.0  # N/sqrt(s), how fast the force along the axis wanders
+    across_sd: float = 2.5  # N, across the axis, of a tool that moves along the workpiece
+    across_time: float = 0.1  # s
+    standing_across_sd: float = 4.0  # N, of a tool that stands
+    standing_across_time: float = 0.3  # s
+    standing_speed: float = 0.005  # m/s, below which it stands
+    moment_sd: float = 1.0  # N m about the contact: a tool touches anywhere along its width
+    error_time: float = 0.1  # s, over which the error of a joint's torque lasts
+    rest_speed: float = 0.002  # rad/s, below which a joint rests
+    offset_sd: float = 1.5  # N m, of a joint's constant error
+    vibration: float = 0.5  # sd of a block's mean, as a share of the sd within it
+    vibration_time: float = 0.1  # s, over which a large one is remembered
+    block: float = 0.02  # s, over which torque is averaged
+    lag: float = 0.06  # s after which a block is read
+    misfit_time: float = 0.3  # s, over which innovations are judged
+    gap: float = 0.05  # s without a known motion, after which the force may be any
+
+
+class ContactFrame(NamedTuple):
+    """Axes of the contact.
+
+    Attributes:
+        R: (3, 3) columns: the direction in which the tool presses, and two across it.
+        turns: whether R is in axes of E; else of W.
+        point: (3,) m, the contact in axes of E.
+    """
+
+    R: Array
+    turns: bool
+    point: Array
+
+    @classmethod
+    def of(cls, config: ContactConfig) -> "ContactFrame":
+        """The frame of a configuration.
+
+        Raises:
+            InputError: an axis or a point that is none.
+        """
+        point = np.array(config.point or [0.0, 0.0, 0.0], float)
+        if point.shape != (3,) or not np.isfinite(point).all():
+            stated = ",".join(f"{x:g}" for x in config.point)
+            problem = f"is {stated}, expected three numbers"
+            raise InputError("estimate", "--contact-point", problem, "give m in axes of E: 0,0,0.1")
+        name = config.axis.removeprefix("-")
+        if name in TOOL_AXES:
+            R = np.roll(np.eye(3), -TOOL_AXES.index(name), axis=1)
+            R[:, 0] *= -1.0 if config.axis.startswith("-") else 1.0
+            return cls(R, True, point)
+        try:
+            axis = np.array([float(x) for x in config.axis.split(",")])
+        except ValueError:
+            axis = np.zeros(0)
+        length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
+        if not (np.isfinite(length) and length > _LEAST_LENGTH):
+            problem = f'is "{config.axis}", expected {", ".join(TOOL_AXES)} or three numbers'
+            remedy = "give the direction in which the tool presses, such as tool_z or 0,0,-1"
+            raise InputError("estimate", "--contact-axis", problem, remedy)
+        axis = axis / length
+        across_axis = np.eye(3)[np.argmin(np.abs(axis))]
+        across_axis = across_axis - axis * float(axis @ across_axis)
+        across_axis = across_axis / np.linalg.norm(across_axis)
+        return cls(np.stack([axis, across_axis, np.cross(axis, across_axis)], axis=1), False, point)
+
+    def wrench_map(self, R_WE: Array) -> Array:
+        """(N, 6, 6) maps from F to the wrench F_E_W, rotation first.
+
+        Args:
+            R_WE: (N, 3, 3).
+        """
+        R_WC = R_WE @ self.R if self.turns else np.broadcast_to(self.R, R_WE.shape)
+        force = R_WC * np.array([-1.0, 1.0, 1.0])  # the workpiece pushes against the tool
+        lever = np.einsum("kij,j->ki", R_WE, self.point)
+        moment = np.cross(lever[:, :, None], force, axis=1)
+        moment_rows = np.concatenate([moment, R_WC], axis=2)
+        force_rows = np.concatenate([force, np.zeros_like(R_WC)], axis=2)
+        return np.concatenate([moment_rows, force_rows], axis=1)
+
+
+class Block(NamedTuple):
+    """A block of samples of an arm with n joints, as the filter takes it.
+
+    Attributes:
+        tau_ext: (n,) N m, torque from outside, mean.
+        H: (n, 6) joint torque per unit of F.
+        sd: (n,) N m, of the torque's error.
+        tool_speed: m/s.
+        spread: (n,) N m, sd of tau_ext within the block.
+        known: whether the motion is known all through the block.
+    """
+
+    tau_ext: Array
+    H: Array
+    sd: Array
+    tool_speed: float
+    spread: Array
+    known: bool
+
+
+class ContactFilter:
+    """The filter of this module: state x = [F, e, o, past F] and covariance P; o is considered.
+
+    Args:
+        config: of the contact.
+        force_sd: N, of a force along the axis of which nothing is known.
+        num_joints: n.
+        period: s between blocks.
+    """
+
+    def __init__(
+        self, config: ContactConfig, force_sd: float, num_joints: int, period: float
+    ) -> None:
+        n, self._n = num_joints, num_joints
+        self._config, self._force_sd, self._period = config, force_sd, period
+        self.lag = round(config.lag / period)
+        self._errors = slice(WRENCH, WRENCH + n)
+        self._offsets = slice(WRENCH + n, WRENCH + 2 * n)
+        across_sds, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
+        F = [force_sd, *across_sds, *moments]
+        sd = [*F, *np.zeros(n), *[config.offset_sd] * n, *F * self.lag]
+        self._order = np.arange(len(sd))
+        if self.lag:
+            first = self._offsets.stop
+            self._order[first:] = np.r_[0:WRENCH, first : len(sd) - WRENCH]
+        self._x: Array = np.zeros(len(sd))
+        self._P: Array = np.diag(np.square(sd))
+        self._variance: Array | None = None  # of the errors of the last block
+        self._vibration = np.zeros(n)  # N m
+        self._misfit = 1.0
+        self._unknown = 0.0  # s since the motion was known
+
+    def read(self, blocks_ago: int) -> tuple[Array, Array]:
+        """F (6,) of an earlier block and its covariance (6, 6).
+
+        Args:
+            blocks_ago: 0 to `lag`.
+        """
+        first = 0 if blocks_ago == 0 else self._offsets.stop + WRENCH * (blocks_ago - 1)
+        columns = slice(first, first + WRENCH)
+        return self._x[columns].copy(), self._P[columns, columns] * max(self._misfit, 1.0)
+
+    def take(self, block: Block) -> None:
+        """Takes the next block."""
+        self._predict(block)
+        if block.known:
+            self._update(block)
+            self._unknown = 0.0
+            return
+        config = self._config
+        was_gap = self._unknown > config.gap
+        self._unknown += self._period
+        if self._unknown > config.gap and not was_gap:
+            self._P[_ALONG, _ALONG] += self._force_sd**2
+
+    def _predict(self, block: Block) -> None:
+        config, T = self._config, self._period
+        is_standing = block.tool_speed < config.standing_speed
+        across_time = config.standing_across_time if is_standing else config.across_time
+        decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
+        decay[1:WRENCH] = np.exp(-T / across_time)
+        variance[_ACROSS] = (config.standing_across_sd if is_standing else config.across_sd) ** 2
+        variance[_MOMENTS] = config.moment_sd**2
+        errors = block.sd**2
+        previous_errors = errors if self._variance is None else self._variance
+        fall = np.sqrt(np.minimum(1.0, errors / np.maximum(previous_errors, 1e-12)))
+        decay[self._errors] = np.exp(-T / config.error_time) * fall
+        variance[self._errors] = errors
+        if self._variance is None:
+            decay[self._errors] = 0.0
+        self._variance = errors
+        order = self._order
+        self._x = self._x[order] * decay
+        self._P = self._P[np.ix_(order, order)] * (decay[:, None] * decay)
+        noise = (1.0 - decay**2) * variance
+        noise[_ALONG] = config.force_rate**2 * T
+        self._P[np.diag_indices_from(self._P)] += noise
+
+    def _update(self, block: Block) -> None:
+        config, T, n = self._config, self._period, self._n
+        self._vibration = np.maximum(
+            config.vibration * block.spread, self._vibration * np.exp(-T / config.vibration_time)
+        )
+        R = self._vibration**2 + (0.1 * block.sd) ** 2
+        H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH * self.lag))])
+        innovation = block.tau_ext - H @ self._x
+        S = H @ self._P @ H.T + np.diag(R)
+        gain = np.linalg.solve(S, H @ self._P).T
+        misfit = float(innovation @ np.linalg.solve(S, innovation)) / n
+        share = np.exp(-T / config.misfit_time)
+        self._misfit = share * self._misfit + (1.0 - share) * min(misfit, _HIGHEST_MISFIT)
+        gain[self._offsets] = 0.0
+        self._x = self._x + gain @ innovation
+        A = np.eye(len(self._x)) - gain @ H
+        self._P = A @ self._P @ A.T + (gain * R) @ gain.T

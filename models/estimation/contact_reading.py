@@ -1,0 +1,231 @@
+"""The wrench at a contact of known direction, from the estimator's reading of a log.
+
+The observer's reading is the external torque through K_0 / (s + K_0), exactly in discrete time
+(`models.observers.momentum_observer`). Undone, it is the mean of the external torque over each
+period; means of these over blocks go to the filter of `models.estimation.contact_filter`, with the
+sd that the model states of each joint's torque.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.estimation.contact_filter import (
+    Block,
+    ContactConfig,
+    ContactFilter,
+    ContactFrame,
+)
+from wrenchsight.models.estimation.estimator import EstimateBatch
+from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.undone_low_pass import undone_low_pass
+
+
+class _Samples(NamedTuple):
+    """N samples that wait for the filter, or for the blocks after them.
+
+    Attributes:
+        batch: of the estimator.
+        wrench_map: (N, 6, 6) as `ContactFrame.wrench_map`.
+        tau_ext: (N, n) N m, mean over the period before each sample.
+        J: (N, 6, n).
+        speed: (N,) m/s, of E.
+        known: (N,) whether the sample and the one before were measured.
+    """
+
+    batch: EstimateBatch
+    wrench_map: Array
+    tau_ext: Array
+    J: Array
+    speed: Array
+    known: Flags
+
+    def block(self, rows: slice) -> Block:
+        """These samples as one block."""
+        tau_ext = self.tau_ext[rows]
+        H = np.einsum("kai,kaj->kij", self.J[rows], self.wrench_map[rows])
+        return Block(
+            tau_ext=tau_ext.mean(axis=0),
+            H=H.mean(axis=0),
+            sd=np.sqrt(np.mean(self.batch.torque_sd[rows] ** 2, axis=0)),
+            tool_speed=float(self.speed[rows].mean()),
+            spread=tau_ext.std(axis=0),
+            known=bool(self.known[rows].all()),
+        )
+
+    def rows(self, rows: slice) -> "_Samples":
+        """Some of the samples."""
+        return _Samples(
+            batch=self.batch.rows(rows),
+            wrench_map=self.wrench_map[rows],
+            tau_ext=self.tau_ext[rows],
+            J=self.J[rows],
+            speed=self.speed[rows],
+            known=self.known[rows],
+        )
+
+    def joined(self, later: "_Samples") -> "_Samples":
+        """These samples, then the later ones."""
+        return _Samples(
+            batch=EstimateBatch.joined([self.batch, later.batch]),
+            wrench_map=np.concatenate([self.wrench_map, later.wrench_map]),
+            tau_ext=np.concatenate([self.tau_ext, later.tau_ext]),
+            J=np.concatenate([self.J, later.J]),
+            speed=np.concatenate([self.speed, later.speed]),
+            known=np.concatenate([self.known, later.known]),
+        )
+
+
+class ContactReader:
+    """Estimates the wrench at the contact from a log in parts; each sample some blocks later.
+
+        reader = ContactReader(robot, K_0, time_step, config)
+        for part in log:
+            batch = reader.take(q, v, tau_J, is_measured, batch)   # earlier samples; may be none
+        last_batch = reader.finish()
+
+    These batches together are the log's samples, one by one. Their wrench, covariance and valid are
+    those at the contact. A reading is valid where the motion is known and the sd along the axis is
+    at most `largest_sd`.
+
+    Args:
+        robot: with E, its payload and the friction that its joints keep at rest.
+        K_0: (n,) 1/s, of the observer that read tau_ext; None for one without such a lag.
+        time_step: s between samples.
+        config: of the contact.
+        largest_sd: N; None: a third of the sd of a force of which nothing is known.
+
+    Raises:
+        InputError: an axis or a point that is none, an observer without a K_0.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        K_0: Array | None,
+        time_step: float,
+        config: ContactConfig,
+        largest_sd: float | None = None,
+    ) -> None:
+        if K_0 is None:
+            problem = "needs the momentum observer's reading of the torque"
+            raise InputError("estimate", "--contact-axis", problem, "give --observer momentum")
+        self._chain, self._frame = robot.chain, ContactFrame.of(config)
+        self._pole = np.exp(-np.asarray(K_0, float) * time_step)
+        self._rest_speed, self._rest_share = config.rest_speed, robot.rest_friction_share
+        self._friction = np.zeros(robot.num_joints)  # N m, as each joint last moved; 0: not known
+        self._size = max(round(config.block / time_step), 1)
+        period = self._size * time_step
+        force_sd, _ = live_prior(robot.payload)
+        self._filter = ContactFilter(config, force_sd, len(self._pole), period)
+        self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
+        self._last_tau_ext, self._last_is_measured = np.zeros(len(self._pole)), False
+        self._waiting: _Samples | None = None  # samples that are not read yet
+        self._filtered = 0  # number of waiting samples that the filter has taken
+
+    def take(
+        self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
+    ) -> EstimateBatch:
+        """Takes N samples.
+
+        Args:
+            q, v: (N, n) rad, rad/s.
+            tau_J: (N, n) N m, motor torque on the joint side.
+            is_measured: (N,) False where the sample was not measured.
+            batch: of the estimator.
+        """
+        self._add(q, v, tau_J, is_measured, batch)
+        return self._read(is_end=False)
+
+    def finish(self) -> EstimateBatch:
+        """Returns the remaining samples."""
+        assert self._waiting is not None, "no sample was taken"
+        return self._read(is_end=True)
+
+    def _add(
+        self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
+    ) -> None:
+        is_finite = np.asarray(np.isfinite(q + v).all(axis=1))
+        has_reading = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
+        is_measured = is_measured & is_finite & has_reading
+        tau_ext = np.where(is_measured[:, None], batch.tau_ext, 0.0)
+        is_measured_before: Flags = np.concatenate([[self._last_is_measured], is_measured])
+        tau_mean, is_pair = undone_low_pass(
+            np.concatenate([self._last_tau_ext[None], tau_ext]), self._pole, is_measured_before
+        )
+        tau_mean, is_period = tau_mean[1:], is_pair[1:]
+        if len(is_measured):
+            self._last_tau_ext, self._last_is_measured = tau_ext[-1], bool(is_measured[-1])
+        # A joint at rest may carry any friction: a share of what it had as it moved is expected.
+        is_moving = np.abs(v) >= self._rest_speed
+        tau_f = tau_J - batch.transmitted
+        expected = self._rest_share * self._friction_before_rest(tau_f, is_moving, is_measured)
+        tau_mean = tau_mean + np.where(is_period[:, None] & ~is_moving, expected - tau_f, 0.0)
+        R_WE, _ = self._chain.pose(np.where(is_finite[:, None], q, 0.0))
+        J = np.where(is_period[:, None, None], batch.J, 0.0)
+        speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(is_finite[:, None], v, 0.0))
+        samples = _Samples(
+            batch=batch,
+            wrench_map=self._frame.wrench_map(R_WE),
+            tau_ext=tau_mean,
+            J=J,
+            speed=np.linalg.norm(speed, axis=1),
+            known=is_period,
+        )
+        self._waiting = samples if self._waiting is None else self._waiting.joined(samples)
+
+    def _friction_before_rest(self, tau_f: Array, is_moving: Flags, is_measured: Flags) -> Array:
+        """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
+        tau_f = np.where(is_measured[:, None], tau_f, 0.0)
+        torques = np.concatenate([self._friction[None], tau_f])
+        rows = np.arange(len(torques))[:, None]
+        counts_here = np.concatenate(
+            [np.ones_like(is_moving[:1]), is_moving | ~is_measured[:, None]]
+        )
+        latest = np.maximum.accumulate(np.where(counts_here, rows, 0), axis=0)
+        friction = np.take_along_axis(torques, latest, axis=0)
+        self._friction = friction[-1]
+        return np.asarray(friction[1:])
+
+    def _read(self, is_end: bool) -> EstimateBatch:
+        """Filters all whole blocks, at the end a shorter one too; returns the finished samples."""
+        samples, size, lag = self._waiting, self._size, self._filter.lag
+        assert samples is not None
+        N = len(samples.known)
+        stop = N if is_end else N - (N - self._filtered) % size
+        starts = np.arange(self._filtered, stop, size)
+        readings: list[tuple[Array, Array]] = []
+        for start in starts:
+            self._filter.take(samples.block(slice(start, min(start + size, stop))))
+            if start // size >= lag:
+                readings.append(self._filter.read(lag))
+        if is_end:
+            total = -(-N // size)
+            readings += [
+                self._filter.read(blocks_ago) for blocks_ago in range(min(lag, total) - 1, -1, -1)
+            ]
+        self._filtered = int(stop)
+        count = min(len(readings) * size, N)
+        blocks = np.minimum(np.arange(count) // size, max(len(readings) - 1, 0))
+        finished, remaining = samples.rows(slice(0, count)), samples.rows(slice(count, None))
+        self._waiting, self._filtered = remaining, self._filtered - count
+        return self._wrenches(finished, readings, blocks)
+
+    def _wrenches(
+        self, samples: "_Samples", readings: list[tuple[Array, Array]], blocks: NDArray[np.intp]
+    ) -> EstimateBatch:
+        """The batch of samples with the reading (F and its covariance) of each one's block."""
+        F = np.array([x for x, _ in readings]).reshape(-1, 6)[blocks]
+        P = np.array([P for _, P in readings]).reshape(-1, 6, 6)[blocks]
+        A = samples.wrench_map
+        covariance = A @ P @ A.transpose(0, 2, 1)
+        is_sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
+        return samples.batch._replace(
+            wrench=np.einsum("kij,kj->ki", A, F),
+            covariance=covariance,
+            valid=samples.known & is_sure,
+        )

@@ -1,0 +1,104 @@
+"""The minimum of a smooth function within bounds, to as many digits as its gradient has.
+
+A quasi-Newton method stops where its tolerance is met: from another start, or with another last bit
+in a sum, some 1e-5 away. Newton's method from there doubles the digits at each step, so that the
+result depends on the optimum and not on the path to it.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.ties import SAME
+
+_DIFFERENCE = 1e-5  # of the variables, for the second derivatives
+_NEWTON_STEPS = 8
+_FLAT = 1e-9  # of the largest curvature; below it there is none to divide by
+_OPTIONS = {"ftol": 1e-14, "gtol": 1e-8, "maxiter": 1000, "maxfun": 5000, "maxcor": 20}
+
+
+def bounded_minimum(
+    value_and_gradient: Callable[[Array], tuple[float, Array]],
+    starts: Sequence[ArrayLike],
+    bounds: ArrayLike,
+) -> tuple[Array, float]:
+    """The lowest of the local minima that descents from some starts reach.
+
+    Args:
+        value_and_gradient: of x (D,): the function, and its gradient (D,), exact to rounding.
+        starts: each (D,); of minima that are the same to 1e-9 the first one's counts.
+        bounds: (D, 2) lower and upper; infinite where there is none.
+
+    Returns:
+        x (D,) and the function there. A variable that makes no difference, to 1e-9 of it, is at its
+        lower bound.
+
+    Raises:
+        ValueError: there is no start.
+    """
+    from scipy.optimize import minimize
+
+    limits = np.asarray(bounds, dtype=np.float64)
+    best_x, best_value = None, np.inf
+    for start in starts:
+        descent = minimize(
+            value_and_gradient,
+            np.clip(np.asarray(start, dtype=np.float64), limits[:, 0], limits[:, 1]),
+            method="L-BFGS-B",
+            jac=True,
+            bounds=limits,
+            options=_OPTIONS,
+        )
+        x, value = np.asarray(descent.x), float(descent.fun)
+        if best_x is None or value < best_value - SAME * max(1.0, abs(best_value)):
+            best_x, best_value = x, value
+    if best_x is None:
+        raise ValueError("no start")
+    x = _newton(value_and_gradient, best_x, limits)
+    value = value_and_gradient(x)[0]
+    for i in np.flatnonzero(np.isfinite(limits[:, 0])):
+        lower = x.copy()
+        lower[i] = limits[i, 0]
+        if value_and_gradient(lower)[0] <= value + SAME * max(1.0, abs(value)):
+            x = lower
+    return x, value_and_gradient(x)[0]
+
+
+def _newton(
+    value_and_gradient: Callable[[Array], tuple[float, Array]], x: Array, limits: Array
+) -> Array:
+    """Newton's method in the variables that no bound holds, as long as the gradient falls."""
+    _, gradient = value_and_gradient(x)
+    for _ in range(_NEWTON_STEPS):
+        free = _free(x, gradient, limits)
+        size = float(np.max(np.abs(gradient[free]), initial=0.0))
+        if size == 0.0:
+            break
+        curvature = np.empty((len(free), len(free)))
+        for row, i in enumerate(free):
+            x_plus, x_minus = x.copy(), x.copy()
+            x_plus[i], x_minus[i] = x[i] + _DIFFERENCE, x[i] - _DIFFERENCE
+            change = value_and_gradient(x_plus)[1] - value_and_gradient(x_minus)[1]
+            curvature[row] = change[free] / (2.0 * _DIFFERENCE)
+        values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
+        if not values[0] > _FLAT * values[-1]:
+            break
+        x_trial = x.copy()
+        x_trial[free] -= vectors @ ((vectors.T @ gradient[free]) / values)
+        x_trial = np.clip(x_trial, limits[:, 0], limits[:, 1])
+        _, trial_gradient = value_and_gradient(x_trial)
+        if (
+            not np.max(np.abs(trial_gradient[_free(x_trial, trial_gradient, limits)]), initial=0.0)
+            < size
+        ):
+            break
+        x, gradient = x_trial, trial_gradient
+    return x
+
+
+def _free(x: Array, gradient: Array, limits: Array) -> NDArray[np.intp]:
+    """Variables that no bound holds: inside, or on one that the descent leads away from."""
+    is_held = ((x <= limits[:, 0]) & (gradient >= 0.0)) | ((x >= limits[:, 1]) & (gradient <= 0.0))
+    return np.flatnonzero(~is_held)

@@ -1,0 +1,203 @@
+"""The compiler of kernels: one dialect, and compiled code that lives as long as its source.
+
+numba keeps a compiled kernel beside its source, under a stamp of that file: it does not notice when
+a kernel or a constant of another file changes that this one uses, and it compiles all of a file
+anew for a mended docstring. Here the stamp is a digest of the kernel's syntax tree, without
+docstrings and annotations, and of the definitions of this package that it uses, directly or not.
+So what changed is compiled again, and what calls it, and nothing else.
+"""
+
+import ast
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, overload
+
+import numba
+from numba import njit
+from numba.core import caching
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Definitions = dict[str, tuple[str, tuple[str, ...]]]
+
+_NAME = "wrenchsight"
+_PACKAGE = Path(__file__).resolve().parents[2]
+
+
+def _date(file: str | Path) -> int:
+    """When a file last changed, ns; 0: there is none."""
+    try:
+        return Path(file).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+# Dates of the sources, when this process began: what runs is no younger.
+_dates = {
+    str(file): _date(file)
+    for room in ("models", "systems", "diagrams", "analyses")
+    for file in (_PACKAGE / room).rglob("*.py")
+}
+
+
+@overload
+def kernel(function: _Function) -> _Function: ...
+@overload
+def kernel(**options: Any) -> Callable[[_Function], _Function]: ...
+def kernel(function: Any = None, **options: Any) -> Any:
+    """Compiles a function when it is first called, and keeps the result on disk.
+
+    A division by zero gives inf or nan, as in numpy, in every kernel.
+
+    Args:
+        options: of `numba.njit`, such as parallel=True.
+    """
+    if function is None:
+        return lambda function: kernel(function, **options)
+    compiled: Any = njit(error_model="numpy", **options)(function)
+    compiled._cache = _Cache(function)
+    return compiled
+
+
+def kernel_stamp(file: Path, name: str) -> str:
+    """Returns a digest of a top-level definition and of all definitions of this package it uses.
+
+    Args:
+        file: of the module; only what lies in this package is followed further.
+        name: of a function, class or variable at the module's top level.
+    """
+    found: dict[tuple[str, str], str] = {}
+    ahead = [(str(file.resolve()), name)]
+    while ahead:
+        place = ahead.pop()
+        if place not in found:
+            found[place], used = _definitions(place[0]).get(place[1], ("", ()))
+            for source in used:
+                path, _, other = source.rpartition(":")
+                ahead.append((path or place[0], other))
+    text = "\n".join(f"{Path(p[0]).name} {p[1]} {found[p]}" for p in sorted(found))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def _definitions(file: str) -> _Definitions:
+    """Name -> its digest and what it uses: a name of the same module, or "FILE:NAME"."""
+    # A file that changed since then is not what runs: its stamp is one that no other process finds.
+    date = _date(file)
+    salt = b"" if _dates.get(file, date) == date else os.urandom(16)
+    imports: dict[str, str] = {}
+    nodes: dict[str, list[ast.AST]] = {}
+    for node in ast.parse(Path(file).read_bytes()).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_NAME):
+            for alias in node.names:
+                if (source := _source(node.module or "")) is not None:
+                    imports[alias.asname or alias.name] = f"{source}:{alias.name}"
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            # An overload belongs to the name that it stands for.
+            replaced = [
+                ast.unparse(d.args[0])
+                for d in node.decorator_list
+                if isinstance(d, ast.Call) and ast.unparse(d.func) == "overload"
+            ]
+            for name in replaced or [node.name]:
+                nodes.setdefault(name, []).append(node)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            for target in ast.walk(node):
+                if isinstance(target, ast.Name) and isinstance(target.ctx, ast.Store):
+                    nodes.setdefault(target.id, []).append(node)
+    result: _Definitions = {}
+    for name, group in nodes.items():
+        tree = [_bare(node) for node in group]
+        used = {n.id for node in tree for n in ast.walk(node) if isinstance(n, ast.Name)} - {name}
+        digest = hashlib.sha256(salt + "".join(map(ast.dump, tree)).encode()).hexdigest()
+        result[name] = (
+            digest,
+            tuple(sorted(imports.get(n, n) for n in used if n in imports or n in nodes)),
+        )
+    return result
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module of this package; None for a package or what lies elsewhere."""
+    file = _PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py")
+    return file.resolve() if file.is_file() else None
+
+
+def _bare(node: ast.AST) -> ast.AST:
+    """Takes docstrings and annotations away, in place."""
+    for part in ast.walk(node):
+        if isinstance(part, ast.FunctionDef | ast.ClassDef):
+            first = part.body[0]
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                part.body = part.body[1:] or [ast.Pass()]
+        if isinstance(part, ast.FunctionDef):
+            part.returns = None
+        elif isinstance(part, ast.arg):
+            part.annotation = None
+    return node
+
+
+class _Stamped:
+    """A locator of numba's with the stamp of this module."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        super().__init__(py_func, py_file)  # type: ignore[call-arg]
+        self._qualname = py_func.__qualname__
+        self._file = Path(py_file)
+
+    def get_source_stamp(self) -> str:
+        return kernel_stamp(self._file, self._qualname.partition(".")[0])
+
+    def get_disambiguator(self) -> str:
+        if "." in self._qualname:
+            return str(super().get_disambiguator())  # type: ignore[misc]
+        return "0"  # not its line, which a sentence above it moves
+
+
+class _Implementation(caching.CompileResultCacheImpl):
+    _locator_classes = tuple(
+        type(kind.__name__, (_Stamped, kind), {})
+        for kind in (
+            caching.UserProvidedCacheLocator,
+            caching.InTreeCacheLocator,
+            caching.UserWideCacheLocator,
+        )
+    )
+
+
+class _Cache(caching.FunctionCache):
+    """Looks for its file when it is first asked: a program calls few of the kernels that it
+    imports, and the stamps of all take half a second.
+    """
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+        file = function.__code__.co_filename
+        if not file.startswith(str(_PACKAGE)):
+            _dates.setdefault(str(Path(file).resolve()), _date(file))
+
+    def __getattr__(self, name: str) -> Any:
+        if "_function" not in self.__dict__ or "_impl" in self.__dict__:
+            raise AttributeError(name)
+        super().__init__(self._function)
+        return getattr(self, name)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keeps numba's loops in this thread.
+
+    A step is some milliseconds of work in several loops. Waiting for a second thread at the end of
+    each costs more than it gives as soon as anything else runs on the machine.
+    """
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)

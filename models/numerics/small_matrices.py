@@ -1,0 +1,219 @@
+"""Kernels for matrices of a few rows: Cholesky factors, one-sided Jacobi, eigenvalues."""
+
+import math
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+
+# Two rows are orthogonal below this cosine: a few rounding errors of a dot product.
+ORTHOGONAL = 1e-14
+# Five to six sweeps are usual, and convergence is quadratic: only NaN would go on for ever.
+MAX_SWEEPS = 40
+
+
+@kernel
+def factorise(L: Array, R: Array) -> None:
+    """Cholesky of a 6x6 matrix that is at least the identity, and the factor's inverse.
+
+    Args:
+        L: (6, 6+) lower triangle of the matrix; replaced by its factor.
+        R: (6, 6+), written: inverse of the factor, lower triangle.
+    """
+    for j in range(6):
+        pivot = L[j, j]
+        for k in range(j):
+            pivot -= L[j, k] * L[j, k]
+        L[j, j] = np.sqrt(max(pivot, 1.0))
+        R[j, j] = 1.0 / L[j, j]
+        for i in range(j + 1, 6):
+            total = L[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = total * R[j, j]
+    for j in range(6):
+        for i in range(j + 1, 6):
+            total = 0.0
+            for k in range(j, i):
+                total += L[i, k] * R[k, j]
+            R[i, j] = -total * R[i, i]
+
+
+@kernel
+def factorise_in_place(A: Array, n: int, least: float) -> bool:
+    """Cholesky of a symmetric matrix, in its lower triangle.
+
+    Args:
+        A: (n+, n+) lower triangle of the matrix; replaced by its factor.
+        least: every pivot must be greater.
+
+    Returns:
+        Whether every pivot was; if not, A is left half done.
+    """
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            if i > j:
+                A[i, j] = total / A[j, j]
+            elif total > least:
+                A[i, i] = math.sqrt(total)
+            else:
+                return False
+    return True
+
+
+@kernel
+def factorise_with_floor(A: Array, n: int, floor: Array) -> None:
+    """As `factorise_in_place` of a matrix that is positive definite but for rounding.
+
+    Args:
+        A: (n+, n+) lower triangle of the matrix; replaced by its factor.
+        n: size.
+        floor: (n+,) above zero; the square of a pivot is no less.
+    """
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            A[i, j] = math.sqrt(max(total, floor[i])) if i == j else total / A[j, j]
+
+
+@kernel
+def solve_lower(L: Array, n: int, x: Array) -> None:
+    """Solves L y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
+    for i in range(n):
+        total = x[i]
+        for k in range(i):
+            total -= L[i, k] * x[k]
+        x[i] = total / L[i, i]
+
+
+@kernel
+def solve_factorised(L: Array, n: int, x: Array) -> None:
+    """Solves L L^T y = x in place of x (n+,), with the factor that `factorise_in_place` leaves."""
+    solve_lower(L, n, x)
+    for i in range(n - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, n):
+            total -= L[k, i] * x[k]
+        x[i] = total / L[i, i]
+
+
+@kernel
+def invert_transposed(A: Array, L: Array, X: Array) -> bool:
+    """Inverse of the transpose of a 6x6 matrix, by elimination with pivots from each column.
+
+    Args:
+        A: (6, 6).
+        L: (6, 6+), overwritten.
+        X: (6, 6+), written.
+
+    Returns:
+        Whether no pivot was zero; if not, X is left half done.
+    """
+    for i in range(6):
+        for j in range(6):
+            L[i, j] = A[j, i]
+            X[i, j] = 1.0 if i == j else 0.0
+    for k in range(6):
+        pivot = k
+        for i in range(k + 1, 6):
+            if abs(L[i, k]) > abs(L[pivot, k]):
+                pivot = i
+        if not abs(L[pivot, k]) > 0.0:
+            return False
+        if pivot != k:
+            for j in range(6):
+                L[k, j], L[pivot, j] = L[pivot, j], L[k, j]
+                X[k, j], X[pivot, j] = X[pivot, j], X[k, j]
+        inverse = 1.0 / L[k, k]
+        for i in range(k + 1, 6):
+            share = L[i, k] * inverse
+            for j in range(k + 1, 6):
+                L[i, j] -= share * L[k, j]
+            for j in range(6):
+                X[i, j] -= share * X[k, j]
+    for k in range(5, -1, -1):
+        inverse = 1.0 / L[k, k]
+        for j in range(6):
+            X[k, j] *= inverse
+        for i in range(k):
+            share = L[i, k]
+            for j in range(6):
+                X[i, j] -= share * X[k, j]
+    return True
+
+
+@kernel
+def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
+    """Turns two rows of B orthogonal to each other: the smaller of the two turns that do it.
+
+    Returns:
+        Cosine and sine of the turn; a sine of 0.0 where the rows were orthogonal to rounding.
+    """
+    pp, qq, pq = 0.0, 0.0, 0.0
+    for k in range(length):
+        x, y = B[p, k], B[q, k]
+        pp += x * x
+        qq += y * y
+        pq += x * y
+    if not pq * pq > (ORTHOGONAL * ORTHOGONAL) * (pp * qq):
+        return 1.0, 0.0
+    z = qq - pp
+    t = 2.0 * pq / (z + math.copysign(math.sqrt(z * z + 4.0 * pq * pq), z))
+    c = 1.0 / math.sqrt(1.0 + t * t)
+    s = c * t
+    rotate_rows(B, p, q, length, c, s)
+    return c, s
+
+
+@kernel
+def rotate_rows(B: Array, p: int, q: int, length: int, c: float, s: float) -> None:
+    """Rows p and q of B become c p - s q and s p + c q."""
+    for k in range(length):
+        x, y = B[p, k], B[q, k]
+        B[p, k] = c * x - s * y
+        B[q, k] = s * x + c * y
+
+
+@kernel
+def orthogonalise_rows(J: Array, B: Array, Q: Array) -> None:
+    """One-sided Jacobi: writes Q (6, 6), orthogonal, and B = Q J whose rows are orthogonal.
+
+    Their lengths are the singular values, each with a small relative error.
+    """
+    n = J.shape[1]
+    for i in range(6):
+        for j in range(n):
+            B[i, j] = J[i, j]
+        for j in range(6):
+            Q[i, j] = 1.0 if i == j else 0.0
+    for _ in range(MAX_SWEEPS):
+        turned = False
+        for p in range(5):
+            for q in range(p + 1, 6):
+                c, s = turn_rows(B, p, q, n)
+                if s != 0.0:
+                    turned = True
+                    rotate_rows(Q, p, q, 6, c, s)
+        if not turned:
+            break
+
+
+@kernel
+def largest_eigenvalue_3x3(A: Array) -> float:
+    """Largest eigenvalue of a symmetric 3x3 matrix, in closed form (Smith, 1961)."""
+    mean = (A[0, 0] + A[1, 1] + A[2, 2]) / 3.0
+    off = A[0, 1] ** 2 + A[0, 2] ** 2 + A[1, 2] ** 2
+    a, b, c = A[0, 0] - mean, A[1, 1] - mean, A[2, 2] - mean
+    size = np.sqrt((a * a + b * b + c * c + 2.0 * off) / 6.0)
+    if not size > 0.0:
+        return float(mean)
+    a, b, c = a / size, b / size, c / size
+    d, e, f = A[0, 1] / size, A[0, 2] / size, A[1, 2] / size
+    half_det = 0.5 * (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e))
+    return float(mean + 2.0 * size * np.cos(np.arccos(min(max(half_det, -1.0), 1.0)) / 3.0))

@@ -1,0 +1,356 @@
+"""The choice of an excitation motion as a MathematicalProgram.
+
+    minimise    a measure of the motion (models.planning.excitation.excitation_information)
+    over        the coefficients of a Fourier series: centre, sines and cosines of every joint
+    subject to  v = vdot = 0 at the start, and so at the end
+                position, velocity, acceleration within their limits at every time
+                |rigid-body torque| <= torque_share * effort limit
+                slack of every pair of shapes >= 0
+
+Position, velocity and acceleration are trigonometric polynomials: samples within
+`between_samples` of the limits keep all times within them, and the constraints are linear. Torque
+and slack are held at samples; `analyses.methods.excite.excitation` checks them between.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.autodiff import differentiable
+from wrenchsight.models.planning.excitation.excitation_information import (
+    ExcitationInformation,
+    Measure,
+)
+from wrenchsight.models.planning.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.planning.excitation.fourier_trajectory import (
+    FourierTrajectory,
+    between_samples,
+    fourier_basis,
+)
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+
+SlackFunction = Callable[[Array], tuple[float, Array]]
+"""From q (n,) to a slack in m, at least zero where all is clear, and its gradient (n,)."""
+
+_STEP = 1e-4  # rad, of the differences of q in the torque
+
+
+_SHRINKS, _MORE_SHRINKS = 4, 9  # of a random motion, by .6 each
+_MOST_POSTURES = 2000  # that random motions are drawn about
+UNSTATED_SPEED = 3.0  # rad/s (m/s), of a joint whose URDF states no speed limit
+
+
+@dataclass(frozen=True, eq=False)
+class MotionBounds:
+    """The limits of a motion, (n,) each: rad, rad/s, rad/s^2 (m for prismatic joints) and N m."""
+
+    position_lower: Array
+    position_upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+    @classmethod
+    def of_robot(cls, robot: Robot, limits: ExcitationLimits) -> "MotionBounds":
+        """Joint limits of a robot, reduced as `limits` says.
+
+        Raises:
+            InputError: a limit that leaves no motion, or lists of a wrong length.
+        """
+        n = robot.num_joints
+
+        def positive(name: str, values: Array, unit: str) -> Array:
+            for joint, value in zip(robot.joint_names, values, strict=True):
+                if not (np.isfinite(value) and value > 0.0):
+                    raise InputError(
+                        "excite",
+                        name,
+                        f"leaves {joint} {value:.3g} {unit}, expected more than 0",
+                        "widen the limit",
+                    )
+            return values
+
+        acceleration = np.array(limits.acceleration, dtype=np.float64)
+        if acceleration.shape not in ((1,), (n,)):
+            problem = f"{acceleration.size} numbers, expected 1 or {n}"
+            raise InputError("excite", "acceleration", problem)
+        # A joint without position limits gains nothing from more than a turn each way.
+        speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, UNSTATED_SPEED)
+        lower = np.maximum(robot.position_lower, -2.0 * np.pi) + limits.position_margin
+        upper = np.minimum(robot.position_upper, 2.0 * np.pi) - limits.position_margin
+        positive("position_margin", upper - lower, "rad of travel")
+        acceleration = np.broadcast_to(acceleration, n).copy()
+        return cls(
+            position_lower=lower,
+            position_upper=upper,
+            velocity=positive("velocity_share", limits.velocity_share * speed, "rad/s"),
+            acceleration=positive("acceleration", acceleration, "rad/s^2"),
+            torque=positive("torque_share", limits.torque_share * robot.effort_limit, "N m"),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationSolution:
+    """The solution of the program from one start.
+
+    Attributes:
+        trajectory: starts and ends at rest.
+        cost: the smooth measure.
+        status: as the solver states it.
+        evaluations: of the cost with its gradient.
+    """
+
+    trajectory: FourierTrajectory
+    cost: float
+    status: str
+    evaluations: int
+
+
+class ExcitationProgram:
+    """The program of one robot.
+
+    Args:
+        chain: of the robot whose torque is limited.
+        bounds: of the motion.
+        information: of the motion about the parameters.
+        measure: "condition_number" or "log_det".
+        base_frequency: Hz.
+        num_harmonics: H.
+        slack: of a posture; None where nothing can touch.
+        num_samples: of a period, for measure, linear limits, torque.
+        num_postures: of a period, at which the slack is held.
+        reserve: m of slack, and share of the torque limit, to spare at the samples, because both
+            change between them.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        bounds: MotionBounds,
+        information: ExcitationInformation,
+        measure: Measure = "condition_number",
+        base_frequency: float = 0.1,
+        num_harmonics: int = 5,
+        slack: SlackFunction | None = None,
+        num_samples: int = 80,
+        num_postures: int = 40,
+        reserve: tuple[float, float] = (0.004, 0.02),
+    ) -> None:
+        self.chain, self.bounds, self.information = chain, bounds, information
+        self.measure = measure
+        self.base_frequency, self.num_harmonics = base_frequency, num_harmonics
+        self._slack = slack
+        self._reserve = reserve
+        self._on_evaluation: Callable[[int, float], None] = lambda evaluations, cost: None
+        self._evaluations = 0
+        H = num_harmonics
+        period = 1.0 / base_frequency
+        # Harmonic k enters as k times its amplitude, so that all move the velocity alike.
+        self._scale = np.concatenate([[1.0], 1.0 / np.arange(1, H + 1), 1.0 / np.arange(1, H + 1)])
+        t = np.arange(num_samples) * period / num_samples
+        self._basis = [b * self._scale for b in fourier_basis(t, base_frequency, H)]
+        self._coarse = slice(0, None, max(1, num_samples // num_postures))
+        self._share = between_samples(H, num_samples)
+        self._torque_rows = slice(0, None, 2)
+        self.program = MathematicalProgram()
+        self._x = self.program.NewContinuousVariables(chain.num_joints, 1 + 2 * H, "x")
+        self._add_constraints()
+
+    def random_feasible(self, rng: np.random.Generator, num_draws: int = 60) -> FourierTrajectory:
+        """A random motion within all limits (at the samples), as large as its shape allows.
+
+        Where none of `num_draws` is found, postures that cannot be held at rest no longer count as
+        draws, and the motions may be smaller.
+
+        Raises:
+            InputError: none was found; the line names the limit that most draws broke.
+        """
+        n, H = self.chain.num_joints, self.num_harmonics
+        low, high = self.bounds.position_lower, self.bounds.position_upper
+        num_broken = {"torque": 0, "clearance": 0}
+        num_tried = 0
+        for _ in range(_MOST_POSTURES):
+            if num_tried == 2 * num_draws:
+                break
+            middle, half = 0.5 * (low + high), 0.5 * (high - low)
+            centre = middle + rng.uniform(-0.5, 0.5, n) * np.minimum(half, np.pi)
+            x = rng.normal(size=(n, 1 + 2 * H))
+            x[:, 0] = 0.0
+            x[:, 1 : 1 + H] -= x[:, 1 : 1 + H].mean(axis=1, keepdims=True)  # sum k A_k = 0
+            k = np.arange(1, H + 1)  # sum k^2 B_k = sum k y_k = 0
+            x[:, 1 + H :] -= np.outer(x[:, 1 + H :] @ k, k) / (k @ k)
+            q, v, vdot = (basis @ x.T for basis in self._basis)
+            room = self._share * half - np.abs(centre - middle)
+            size = np.min(
+                [
+                    room / np.abs(q).max(axis=0),
+                    self._share * self.bounds.velocity / np.abs(v).max(axis=0),
+                    self._share * self.bounds.acceleration / np.abs(vdot).max(axis=0),
+                ],
+                axis=0,
+            )
+            x *= 0.999 * size[:, None]
+            x[:, 0] = centre
+            is_patient = num_tried >= num_draws
+            if is_patient and self._broken(np.hstack([x[:, :1], np.zeros((n, 2 * H))])):
+                continue
+            num_tried += 1
+            for _ in range(_MORE_SHRINKS if is_patient else _SHRINKS):
+                broken = self._broken(x)
+                if not broken:
+                    return self._trajectory(x)
+                x[:, 1:] *= 0.6
+            num_broken[broken] += 1
+        worst = max(num_broken, key=lambda name: num_broken[name])
+        remedy = {"torque": "raise torque_share", "clearance": "lower clearance or the floor"}
+        raise InputError(
+            "excite",
+            worst,
+            f"no trajectory found: all {num_tried} random ones break this limit, also small ones",
+            remedy[worst],
+        )
+
+    def solve(
+        self,
+        start: FourierTrajectory,
+        iterations: int = 200,
+        watch: Callable[[int, float], None] = lambda evaluations, cost: None,
+    ) -> ExcitationSolution:
+        """Solves from one start.
+
+        Args:
+            start: of the same harmonics.
+            iterations: major ones of SNOPT.
+            watch: called with the number of evaluations and the cost at each.
+        """
+        self._on_evaluation, self._evaluations = watch, 0
+        settings = SolverOptions()
+        solver = SnoptSolver()
+        for name, value in {
+            "Major iterations limit": iterations,
+            "Iterations limit": 100 * iterations,
+            "Major feasibility tolerance": 1e-6,
+            "Major optimality tolerance": 1e-4,
+            "Major step limit": 0.5,
+            "Function precision": 1e-7,  # of the distances between curved shapes, found iteratively
+        }.items():
+            settings.SetOption(solver.solver_id(), name, value)
+        self.program.SetInitialGuess(self._x, self._coefficients(start))
+        result = solver.Solve(self.program, None, settings)
+        x = np.asarray(result.GetSolution(self._x), dtype=np.float64)
+        if not np.isfinite(x).all():
+            x = self._coefficients(start)
+        q, v, vdot = (basis @ x.T for basis in self._basis)
+        return ExcitationSolution(
+            trajectory=self._trajectory(x),
+            cost=self.information.cost(self.measure, q, v, vdot)[0],
+            status=f"snopt {result.get_solver_details().info}",
+            evaluations=self._evaluations,
+        )
+
+    def _trajectory(self, x: Array) -> FourierTrajectory:
+        H = self.num_harmonics
+        c = x * self._scale
+        return FourierTrajectory(self.base_frequency, c[:, 0], c[:, 1 : 1 + H], c[:, 1 + H :])
+
+    def _coefficients(self, trajectory: FourierTrajectory) -> Array:
+        c = np.hstack([trajectory.centre[:, None], trajectory.sine, trajectory.cosine])
+        return np.asarray(c / self._scale)
+
+    def _broken(self, x: Array) -> str:
+        """The limit that a motion breaks at the samples; '' if none."""
+        q, v, vdot = (basis @ x.T for basis in self._basis)
+        if (np.abs(self.chain.inverse_dynamics(q, v, vdot)) > self.bounds.torque).any():
+            return "torque"
+        if self._slack is not None and any(
+            self._slack(row)[0] < self._reserve[0] for row in q[self._coarse]
+        ):
+            return "clearance"
+        return ""
+
+    def _add_constraints(self) -> None:
+        program, x, H = self.program, self._x, self.num_harmonics
+        bounds, share = self.bounds, self._share
+        k = np.arange(1.0, H + 1.0)
+        middle = 0.5 * (bounds.position_lower + bounds.position_upper)
+        half = 0.5 * (bounds.position_upper - bounds.position_lower)
+        for j in range(self.chain.num_joints):
+            joint_x = x[j]
+            program.AddLinearEqualityConstraint(np.ones((1, H)), [0.0], joint_x[1 : 1 + H])
+            program.AddLinearEqualityConstraint(k[None], [0.0], joint_x[1 + H :])
+            reach = np.full(len(self._basis[0]), share * half[j])
+            program.AddLinearConstraint(
+                self._basis[0], middle[j] - reach, middle[j] + reach, joint_x
+            )
+            for basis, limit in zip(
+                self._basis[1:], (bounds.velocity, bounds.acceleration), strict=True
+            ):
+                upper = np.full(len(basis), share * limit[j])
+                program.AddLinearConstraint(basis, -upper, upper, joint_x)
+        all_x = x.ravel()
+        upper = np.full(self.chain.num_joints * len(self._basis[0][self._torque_rows]), 1.0)
+        upper -= self._reserve[1]
+        program.AddConstraint(differentiable(self._torque), -upper, upper, all_x)
+        if self._slack is not None:
+            count = len(self._basis[0][self._coarse])
+            lower = np.full(count, self._reserve[0])
+            upper = np.full(count, np.inf)
+            program.AddConstraint(differentiable(self._slacks), lower, upper, all_x)
+        cost = differentiable(self._cost)
+        program.AddCost(lambda x: cost(x)[0], vars=all_x)
+
+    def _cost(self, x: Array) -> tuple[Array, Array]:
+        x = x.reshape(self._x.shape)
+        motion = [basis @ x.T for basis in self._basis]
+        value, *by_motion = self.information.cost(self.measure, *motion)
+        self._evaluations += 1
+        self._on_evaluation(self._evaluations, value)
+        gradient = sum(by.T @ basis for by, basis in zip(by_motion, self._basis, strict=True))
+        return np.array([value]), np.asarray(gradient).reshape(1, -1)
+
+    def _torque(self, x: Array) -> tuple[Array, Array]:
+        """Torque over its limit, sample by sample."""
+        bases = [basis[self._torque_rows] for basis in self._basis]
+        q, v, vdot = (basis @ x.reshape(self._x.shape).T for basis in bases)
+        tau = self.chain.inverse_dynamics(q, v, vdot) / self.bounds.torque
+        n = self.chain.num_joints
+        by_motion = torque_gradients(self.chain, q, v, vdot)  # (N, n, 3 n)
+        gradient = sum(
+            by_motion[:, :, i * n : (i + 1) * n, None] * basis[:, None, None, :]
+            for i, basis in enumerate(bases)
+        )
+        gradient = np.asarray(gradient) / self.bounds.torque[:, None, None]
+        return tau.ravel(), gradient.reshape(tau.size, -1)
+
+    def _slacks(self, x: Array) -> tuple[Array, Array]:
+        basis = self._basis[0][self._coarse]
+        assert self._slack is not None
+        slacks, gradients = [], []
+        for q in basis @ x.reshape(self._x.shape).T:
+            slack, by_q = self._slack(q)
+            slacks.append(slack)
+            gradients.append(by_q)
+        gradient = np.array(gradients)[:, :, None] * basis[:, None, :]
+        return np.array(slacks), gradient.reshape(len(slacks), -1)
+
+
+def torque_gradients(chain: SerialChain, q: Array, v: Array, vdot: Array) -> Array:
+    """Gradient (N, n, 3 n) of the rigid-body torque by q, v and vdot (N, n), side by side.
+
+    Exact in v and vdot, in which the torque is quadratic and affine; in q by central differences.
+    """
+    n = chain.num_joints
+    steps = np.array([_STEP] * n + [1.0] * (2 * n))
+    stacked = np.concatenate([q, v, vdot], axis=1)[:, None]
+    shifted = np.concatenate([stacked + np.diag(steps), stacked - np.diag(steps)], axis=1)
+    rows = shifted.reshape(-1, 3 * n)
+    tau = chain.inverse_dynamics(
+        rows[:, :n].copy(), rows[:, n : 2 * n].copy(), rows[:, 2 * n :].copy()
+    ).reshape(len(q), 6 * n, n)
+    slopes = (tau[:, : 3 * n] - tau[:, 3 * n :]) / (2.0 * steps[:, None])
+    return np.asarray(slopes.transpose(0, 2, 1))

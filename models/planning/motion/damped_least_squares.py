@@ -1,0 +1,152 @@
+"""Inverse kinematics from postures nearby: damped least squares, to rounding.
+
+The step is J^T (J J^T + damping 1)^-1 error (Wampler, 1986). The damping is the square of the error
+and vanishes with it, so that the last steps are Newton's own.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+from numpy.typing import ArrayLike
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
+from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS, pose_and_jacobian
+from wrenchsight.models.rigid_body.rotations import rotation_vector
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+
+_LARGEST_DAMPING = 1e-4
+_LONGEST_STEP = 0.5  # rad or m, of a joint in one step
+_SAME = 1e-15  # rad or m; a shorter step changes nothing
+_SINGULAR = 1e-20  # least pivot of the matrix
+_BLOCK = 8  # postures that a thread takes at a time
+
+
+@kernel
+def pose_error(
+    R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array, turn: Array
+) -> float:
+    """Writes the rotation vector and translation (6,) in W from (R, p) to the goal.
+
+    Args:
+        turn: (3, 3) scratch.
+
+    Returns:
+        Its length, of rad and m.
+    """
+    for i in range(3):
+        for k in range(3):
+            turn[i, k] = R_goal[i, 0] * R[k, 0] + R_goal[i, 1] * R[k, 1] + R_goal[i, 2] * R[k, 2]
+        error[3 + i] = p_goal[i] - p[i]
+    rotation_vector(turn, error)
+    total = 0.0
+    for i in range(6):
+        total += error[i] * error[i]
+    return math.sqrt(total)
+
+
+@kernel
+def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -> bool:
+    """Writes step = J^T y with y = (J J^T + damping 1)^-1 error.
+
+    Args:
+        A: (7, 6) scratch; its last row is y afterwards.
+
+    Returns:
+        False where the matrix is singular.
+    """
+    n = J.shape[1]
+    for i in range(6):
+        for j in range(i + 1):
+            total = damping if i == j else 0.0
+            for k in range(n):
+                total += J[i, k] * J[j, k]
+            A[i, j] = total
+        A[6, i] = error[i]
+    if not factorise_in_place(A, 6, _SINGULAR):
+        return False
+    solve_factorised(A, 6, A[6])
+    for k in range(n):
+        total = 0.0
+        for i in range(6):
+            total += J[i, k] * A[6, i]
+        step[k] = total
+    return True
+
+
+def approach(
+    chain: SerialChain,
+    R_WE: ArrayLike,
+    p_WE: ArrayLike,
+    q: Array,
+    max_steps: int,
+    aim: float,
+    *,
+    limits: tuple[Array, Array] | None = None,
+    damped: bool = True,
+) -> Array:
+    """Moves each q (M, n) in place towards its pose until its error is below `aim`.
+
+    Args:
+        R_WE, p_WE: (M, 3, 3), and (M, 3) in m.
+        q: contiguous.
+        max_steps: of each.
+        aim: rad and m.
+        limits: lower and upper (n,) bounds of each step.
+        damped: False takes Newton's steps from the start.
+
+    Returns:
+        (M,) the remaining errors, rad and m; inf where the chain is singular without damping, NaN
+        where the goal is not finite.
+    """
+    errors, no_limit = np.empty(len(q)), np.full(chain.num_joints, np.inf)
+    lower, upper = (-no_limit, no_limit) if limits is None else limits
+    R = np.ascontiguousarray(R_WE, dtype=np.float64)
+    p = np.ascontiguousarray(p_WE, dtype=np.float64)
+    _approach(
+        chain.table, np.array(lower), np.array(upper), R, p, q, max_steps, damped, aim, errors
+    )
+    return errors
+
+
+@kernel(parallel=True)
+def _approach(
+    table: Array,
+    lower: Array,
+    upper: Array,
+    R_goal: Array,
+    p_goal: Array,
+    q: Array,
+    max_steps: int,
+    damped: bool,
+    aim: float,
+    errors: Array,
+) -> None:
+    M, n = q.shape
+    for b in prange((M + _BLOCK - 1) // _BLOCK):
+        R, p, turn, J = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((6, n))
+        error, step, A = np.empty(6), np.empty(n), np.empty((7, 6))
+        scratch = np.empty((n, SCRATCH_COLUMNS))
+        for m in range(b * _BLOCK, min(M, (b + 1) * _BLOCK)):
+            pose_and_jacobian(table, q[m], R, p, J, scratch)
+            size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
+            for _ in range(max_steps):
+                if size < aim or not math.isfinite(size):
+                    break
+                damping = min(_LARGEST_DAMPING, size * size) if damped else 0.0
+                if not damped_step(J, error, damping, step, A):
+                    size = math.inf
+                    break
+                largest = 0.0
+                for j in range(n):
+                    largest = max(largest, abs(step[j]))
+                if largest < _SAME:
+                    break
+                scale = _LONGEST_STEP / largest if largest > _LONGEST_STEP else 1.0
+                for j in range(n):
+                    q[m, j] = min(max(q[m, j] + scale * step[j], lower[j]), upper[j])
+                pose_and_jacobian(table, q[m], R, p, J, scratch)
+                size = pose_error(R, p, R_goal[m], p_goal[m], error, turn)
+            errors[m] = size

@@ -1,0 +1,145 @@
+"""Joint positions along straight paths: many paths at once, each on one continuous branch.
+
+A path starts from a posture at its midpoint, which sets the midpoint's position, the orientation
+and the branch. Newton's method then carries the posture from point to point, both ways, to rounding
+of the pose; a redundant arm takes the shortest step in its joints. All paths go at once, so that a
+search can try every branch of many placements.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.ties import whole_turns
+from wrenchsight.models.planning.motion.damped_least_squares import approach
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+
+_REACHED = 1e-11  # m and rad of the pose
+# Far from W's origin rounding may stand above the aim; an arm's length is not.
+_ARRIVED = 10.0 * _REACHED
+_SINGULAR = 1e-18  # added to J J^T, which may have no inverse
+_MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
+_FAR_STEPS = 60  # of the damped method, from a start that may lie far off
+
+
+def track_paths(
+    chain: SerialChain,
+    q_mid: ArrayLike,
+    n_W: ArrayLike,
+    path_length: float,
+    num_segments: int,
+    max_joint_step: float = 1.0,
+) -> tuple[Array, Flags]:
+    """Postures along straight paths of E with a fixed orientation.
+
+    Args:
+        q_mid: (N, n) postures at the midpoints.
+        n_W: (N, 3) unit directions.
+        path_length: m.
+        num_segments: k; a path has k + 1 points at even distances.
+        max_joint_step: rad or m from one point to the next; a path that needs more is given up.
+
+    Returns:
+        q (N, k + 1, n), and (N,) whether every point was reached. Joint limits are not checked.
+    """
+    q_mid, n_W = np.asarray(q_mid, dtype=np.float64), np.asarray(n_W, dtype=np.float64)
+    k = num_segments
+    R_WE, p_WM = chain.pose(q_mid)
+    q = np.empty((len(q_mid), k + 1, chain.num_joints))
+    is_reached = np.ones(len(q_mid), dtype=np.bool_)
+    q[:, k // 2] = q_mid  # of an odd k replaced below
+    # Even k: from the middle point outwards. Odd: the first point is half a step away.
+    for side in (range(k // 2 + 1, k + 1), range((k + 1) // 2 - 1, -1, -1)):
+        last_but_one, previous, step_ratio = q_mid, q_mid, 0.0
+        for i in side:
+            rows = np.flatnonzero(is_reached)
+            # The joints continue their last step.
+            q_point = previous[rows] + step_ratio * (previous[rows] - last_but_one[rows])
+            goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
+            errors = approach(chain, R_WE[rows], goal, q_point, _MAX_STEPS, _REACHED, damped=False)
+            step = np.abs(q_point - previous[rows])
+            is_reached[rows] = (errors < _ARRIVED) & np.all(step <= max_joint_step, axis=1)
+            last_but_one, previous = previous, previous.copy()
+            previous[rows] = q[rows, i] = q_point
+            step_ratio = 2.0 if i == side[0] and k % 2 == 1 else 1.0
+    return q, is_reached
+
+
+def solve_poses(
+    chain: SerialChain, R_WE: ArrayLike, p_WE: ArrayLike, q_start: ArrayLike
+) -> tuple[Array, Flags]:
+    """Postures that bring E to given poses, each searched from its own start.
+
+    Args:
+        R_WE: (N, 3, 3).
+        p_WE: (N, 3) m.
+        q_start: (N, n).
+
+    Returns:
+        q (N, n), and (N,) whether the pose was reached to rounding. Joint limits are not checked,
+        and angles may have made whole turns.
+    """
+    q = np.array(q_start, dtype=np.float64)
+    return q, approach(chain, R_WE, p_WE, q, _FAR_STEPS, _REACHED) < _ARRIVED
+
+
+def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) -> Array:
+    """The same postures (..., n) with angles within the limits, and nearest to their middle.
+
+    An angle that no whole turn brings within them stays outside.
+    """
+    lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # inf - inf
+        middle = 0.5 * (lower + upper)
+    middle = np.where(np.isfinite(middle), middle, 0.0)
+    turns = whole_turns(q - middle)
+    return np.asarray(q - np.where(prismatic, 0.0, 2.0 * math.pi * turns))
+
+
+def correct_paths(
+    chain: SerialChain, q: Array, n_W: Array, p_WM: Array, R_WE: Array, path_length: float
+) -> Flags:
+    """Moves postures near the points of paths onto them, in place, each by itself.
+
+    Args:
+        q: (N, k + 1, n), changed.
+        n_W, p_WM: (N, 3) directions and midpoints, m.
+        R_WE: (N, 3, 3).
+        path_length: m.
+
+    Returns:
+        (N,) whether every point was reached.
+    """
+    along = path_length * (np.linspace(0.0, 1.0, q.shape[1]) - 0.5)[:, np.newaxis]
+    p_WE = p_WM[:, np.newaxis] + along * n_W[:, np.newaxis]
+    R = np.broadcast_to(R_WE[:, np.newaxis], (*q.shape[:2], 3, 3)).reshape(-1, 3, 3)
+    flat = q.reshape(-1, q.shape[2])
+    errors = approach(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, _REACHED, damped=False)
+    q[:] = flat.reshape(q.shape)
+    return np.asarray((errors < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
+
+
+def pull_back(chain: SerialChain, q: Array, by_q: Array, path_length: float) -> tuple[Array, Array]:
+    """Turns a gradient by the postures of paths into a gradient by the paths.
+
+    Args:
+        q: (N, k + 1, n) postures on their paths.
+        by_q: (N, k + 1, n) gradient by them.
+        path_length: m.
+
+    Returns:
+        (N, 9) gradient by a turn of the tool (rotation vector in W), by p_WM and by n_W, with the
+        postures following by the shortest joint motion; and (N, k + 1, n) the part of by_q along
+        motions of a redundant arm that leave E where it is (zero for six joints).
+    """
+    J = chain.jacobian(q)
+    JJ = J @ np.swapaxes(J, -1, -2) + _SINGULAR * np.eye(6)
+    by_pose = np.linalg.solve(JJ, J @ by_q[..., np.newaxis])[..., 0]
+    along = path_length * (np.linspace(0.0, 1.0, q.shape[1]) - 0.5)
+    by_n = np.einsum("k,nkp->np", along, by_pose[..., 3:])
+    by_path = np.hstack([by_pose.sum(axis=1), by_n])
+    if q.shape[2] <= 6:
+        return by_path, np.zeros_like(q)
+    return by_path, by_q - np.einsum("nkpj,nkp->nkj", J, by_pose)

@@ -1,0 +1,277 @@
+"""The task file of `place`: a straight path, its bounds, and what stands around it."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from wrenchsight.models.files.bundled_files import task_file
+from wrenchsight.models.files.configuration import REQUIRED, load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.plausible_numbers import check_numbers
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.planning.motion.paths import StraightPath
+from wrenchsight.models.planning.motion.posture_measures import check_joints
+from wrenchsight.models.planning.placement.placement_program import PlacementBounds
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import PoseConfig
+
+
+@dataclass
+class GuessConfig:
+    """A placement to start from and to compare with."""
+
+    direction: list[float] = field(default_factory=list, metadata=REQUIRED)  # in W; any length
+    midpoint: list[float] = field(default_factory=list, metadata=REQUIRED)  # in W, m
+    rotation: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
+    # of E in W, row by row
+    posture: list[float] | None = None  # at the midpoint; names the branch to compare with, rad
+
+
+@dataclass
+class ObstacleConfig:
+    """A box that stands still in the cell: a table, a fence."""
+
+    name: str = field(default="", metadata=REQUIRED)  # as messages call it
+    size: list[float] = field(default_factory=list, metadata=REQUIRED)  # along x, y, z, m
+    pose: PoseConfig = field(default_factory=PoseConfig)  # of its centre in W
+
+
+@dataclass
+class WorkpieceConfig:
+    """A board that moves with the path; the path runs along the middle of its upper face.
+
+    Its x axis is the path's direction, its outward normal the opposite of E's z axis: the tool
+    stands on it.
+    """
+
+    size: list[float] = field(default_factory=list, metadata=REQUIRED)
+    # along the path, across it, and its thickness, m
+
+
+@dataclass
+class ClearanceConfig:
+    """Distances to keep between robot, tool, obstacles and workpiece."""
+
+    distance: float = 0.01  # m
+    obstacles: list[ObstacleConfig] = field(default_factory=list)
+    workpiece: WorkpieceConfig | None = None
+
+
+@dataclass
+class PlacementTask:
+    """What `place --task` reads. W is the robot's base frame."""
+
+    path_length: float = field(default=0.0, metadata=REQUIRED)  # m
+    midpoint_lower: list[float] = field(default_factory=list, metadata=REQUIRED)  # box in W, m
+    midpoint_upper: list[float] = field(default_factory=list, metadata=REQUIRED)  # m
+    num_segments: int = 20  # k; the path has k + 1 points
+    angle_lower_deg: float = 0.0  # of the tool's rotation from W (theta of eq. 27)
+    angle_upper_deg: float = 180.0  # of the same
+    limit_margin_deg: float = 0.0  # kept from every joint limit (of a prismatic joint: mm)
+    max_joint_step_deg: float = 60.0  # from one point to the next (60: 1.05 m of a prismatic joint)
+    path_in_surface: bool = False  # whether the path is perpendicular to the tool's z axis
+    tool_direction: list[float] | None = None  # in W, where E's z axis should point
+    tool_tilt_deg: float = 0.0  # how far it may lean from there
+    initial: GuessConfig | None = None
+    clearance: ClearanceConfig | None = None  # None: collisions are not checked
+
+    def initial_path(self) -> StraightPath | None:
+        """The guess as a path; None without one."""
+        if self.initial is None:
+            return None
+        return StraightPath(
+            np.array(self.initial.direction),
+            np.array(self.initial.midpoint),
+            np.array(self.initial.rotation),
+            self.path_length,
+            self.num_segments,
+        )
+
+    def bounds(self, robot: Robot) -> PlacementBounds:
+        """The bounds for an arm; checked by `check_task`."""
+        margin = np.where(robot.chain.prismatic, 1e-3, math.radians(1.0)) * self.limit_margin_deg
+        return PlacementBounds(
+            q_lower=robot.position_lower + margin,
+            q_upper=robot.position_upper - margin,
+            p_lower=np.array(self.midpoint_lower),
+            p_upper=np.array(self.midpoint_upper),
+            angle_lower=math.radians(self.angle_lower_deg),
+            angle_upper=math.radians(self.angle_upper_deg),
+            max_joint_step=math.radians(self.max_joint_step_deg),
+            in_surface=self.path_in_surface,
+            tool_direction=None if self.tool_direction is None else _unit(self.tool_direction),
+            tool_tilt=math.radians(self.tool_tilt_deg),
+        )
+
+
+def load_task(name_or_path: str | Path) -> tuple[PlacementTask, Path]:
+    """Reads a bundled task by its name, or a task file; returns it and its path.
+
+    Raises:
+        InputError: as `load_configuration`; or numbers that contradict each other.
+    """
+    path = task_file(name_or_path, "placement")
+    task = load_configuration(path, PlacementTask)
+    _check_numbers(task, path)
+    return task, path
+
+
+def check_task(task: PlacementTask, source: Path | str, robot: Robot) -> None:
+    """Checks a task against an arm, before any search.
+
+    Raises:
+        InputError: the path is longer than the arm can follow anywhere, or anywhere in the box; the
+            margin leaves a joint no range; the initial guess does not suit the arm.
+    """
+    check_joints(robot.chain, robot.name)
+    bounds = task.bounds(robot)
+    for name, lower, upper in zip(robot.joint_names, bounds.q_lower, bounds.q_upper, strict=True):
+        if not lower < upper:
+            raise InputError(
+                source,
+                "limit_margin_deg",
+                f"{task.limit_margin_deg:g} leaves {name} no range "
+                f"(from {lower:.3f} to {upper:.3f})",
+                "make it smaller",
+            )
+    centre, reach = reach_ball(robot)
+    if task.path_length > 2.0 * reach:
+        raise InputError(
+            source,
+            "path_length",
+            f"{task.path_length:g} m; all that {robot.name} reaches lies in a ball of "
+            f"{2.0 * reach:.3f} m diameter",
+            "shorten the path",
+        )
+    nearest_point = np.clip(centre, bounds.p_lower, bounds.p_upper)
+    distance = float(np.linalg.norm(nearest_point - centre))
+    # The longest chord of the ball whose middle is that far from its centre.
+    longest_path = 2.0 * math.sqrt(max(0.0, reach**2 - distance**2))
+    if task.path_length > longest_path:
+        text = ", ".join(f"{value:.2f}" for value in nearest_point)
+        if distance >= reach:
+            problem = (
+                f"the box excludes the workspace: its point nearest to {robot.name} is ({text}) m"
+            )
+        else:
+            problem = (
+                f"a path of {task.path_length:g} m fits nowhere in the box; "
+                f"at most {longest_path:.3f} m do, at ({text}) m"
+            )
+        raise InputError(source, "midpoint_lower, midpoint_upper", problem, "move the box")
+    if task.initial is not None and task.initial.posture is not None:
+        num_positions = len(task.initial.posture)
+        if num_positions != robot.num_joints:
+            raise InputError(
+                source,
+                "initial.posture",
+                f"{num_positions} positions, {robot.name} has {robot.num_joints} joints",
+            )
+
+
+def reach_ball(robot: Robot) -> tuple[Array, float]:
+    """A ball in W, centre (3,) and radius in m, that E cannot leave.
+
+    Its centre is on the first joint's axis: the origin of the second joint where the first turns.
+    """
+    chain = robot.chain
+    R, p = chain.R_PJ[0], chain.p_PJ[0]
+    second = p + R @ chain.p_PJ[1]
+    axis = R @ chain.axis[0]
+    # The second joint's origin circles about the first axis.
+    centre = p + axis * float(axis @ (second - p))
+    reach = float(np.linalg.norm(second - centre))
+    reach += float(np.sum(np.linalg.norm(chain.p_PJ[2:], axis=1)) + np.linalg.norm(chain.p_LE))
+    slides = np.maximum(np.abs(robot.position_lower), np.abs(robot.position_upper))
+    return centre, reach + float(np.sum(slides[chain.prismatic]))
+
+
+def _unit(direction: list[float]) -> Array:
+    vector = np.array(direction, dtype=np.float64)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _check_numbers(task: PlacementTask, source: Path) -> None:
+    def expect(values: list[float], length: int, key: str) -> None:
+        if len(values) != length:
+            raise InputError(source, key, f"{len(values)} numbers, expected {length}")
+        if not all(math.isfinite(value) for value in values):
+            raise InputError(source, key, f"{values} is not finite")
+
+    check_numbers(task, str(source))
+    if not 0.0 < task.path_length < math.inf:
+        raise InputError(source, "path_length", f"{task.path_length:g}, expected m above 0")
+    if not 2 <= task.num_segments <= 500:
+        raise InputError(source, "num_segments", f"{task.num_segments}, expected 2 to 500")
+    expect(task.midpoint_lower, 3, "midpoint_lower")
+    expect(task.midpoint_upper, 3, "midpoint_upper")
+    for axis, low, high in zip("xyz", task.midpoint_lower, task.midpoint_upper, strict=True):
+        if low > high:
+            raise InputError(
+                source,
+                "midpoint_lower, midpoint_upper",
+                f"{axis} from {low:g} to {high:g}, expected the lower end first",
+            )
+    low, high = task.angle_lower_deg, task.angle_upper_deg
+    if not 0.0 <= low <= high <= 180.0:
+        raise InputError(
+            source,
+            "angle_lower_deg, angle_upper_deg",
+            f"from {low:g} to {high:g}, expected a range within 0 to 180",
+        )
+    if not 0.0 <= task.limit_margin_deg < math.inf:
+        raise InputError(source, "limit_margin_deg", f"{task.limit_margin_deg:g}, expected >= 0")
+    if not 0.0 < task.max_joint_step_deg <= 180.0:
+        raise InputError(
+            source, "max_joint_step_deg", f"{task.max_joint_step_deg:g}, expected 0 to 180"
+        )
+    if task.tool_direction is not None:
+        expect(task.tool_direction, 3, "tool_direction")
+        if not np.linalg.norm(task.tool_direction) > 1e-9:
+            raise InputError(source, "tool_direction", f"{task.tool_direction} has no direction")
+        if not 0.0 < task.tool_tilt_deg <= 180.0:
+            raise InputError(
+                source, "tool_tilt_deg", f"{task.tool_tilt_deg:g}, expected above 0, up to 180"
+            )
+    if task.initial is not None:
+        expect(task.initial.direction, 3, "initial.direction")
+        expect(task.initial.midpoint, 3, "initial.midpoint")
+        if len(task.initial.rotation) != 3:
+            raise InputError(source, "initial.rotation", "expected 3 rows of 3 numbers")
+        for index, row in enumerate(task.initial.rotation):
+            expect(row, 3, f"initial.rotation[{index}]")
+        try:
+            task.initial_path()
+        except InputError as error:
+            raise InputError(source, "initial", str(error)) from error
+    if task.clearance is not None:
+        _check_clearance(task, task.clearance, source)
+
+
+def _check_clearance(task: PlacementTask, clearance: ClearanceConfig, source: Path) -> None:
+    if not 0.0 <= clearance.distance <= 1.0:
+        raise InputError(source, "clearance.distance", f"{clearance.distance:g}, expected 0 to 1 m")
+    sizes = [(f"obstacles[{i}]", o.size) for i, o in enumerate(clearance.obstacles)]
+    names = [obstacle.name for obstacle in clearance.obstacles]
+    for index, name in enumerate(names):
+        if name in names[:index] or name == "workpiece":
+            raise InputError(
+                source,
+                f"clearance.obstacles[{index}]",
+                f'the name "{name}" is taken',
+                "give it another name",
+            )
+    if clearance.workpiece is not None:
+        sizes.append(("workpiece", clearance.workpiece.size))
+        if not task.path_in_surface:
+            raise InputError(
+                source,
+                "path_in_surface",
+                "the path runs along the workpiece's face, so it is perpendicular to the tool",
+                "set it to true",
+            )
+    for key, size in sizes:
+        if len(size) != 3 or not all(0.0 < side < math.inf for side in size):
+            raise InputError(source, f"clearance.{key}.size", "expected 3 sides above 0, m")

@@ -1,0 +1,81 @@
+"""Contacts of a log judged as a whole: at E or on a link, and which readings that voids."""
+
+import numpy as np
+import pytest
+
+from wrenchsight.analyses.methods.estimate.contact_places import (
+    BEFORE,
+    LONGEST,
+    judge_places,
+    of_contacts,
+    stretches,
+)
+from wrenchsight.models.detection.contact_detector import Detection
+from wrenchsight.models.robot.robot import Robot
+
+T = 0.01  # s
+N = 1200
+POSTURE = [0.062, 0.688, -0.079, -1.621, 0.028, 2.288, 0.847]  # rad
+ON_LINK = np.array([-8.4, 5.3, -6.5, -4.9, -0.15, 0.0, 0.0])  # N m, of a touch of link 5
+AT_E = np.array([4.0, -6.0, -12.0])  # N
+CONTACTS = ((100, 150), (300, 900))
+
+
+@pytest.fixture(scope="module")
+def J() -> np.ndarray:
+    own = Robot.load("panda").chain.jacobian(np.array(POSTURE))
+    return np.tile(own, (N, 1, 1))
+
+
+def detection(spans=CONTACTS) -> Detection:
+    contact = np.zeros(N, bool)
+    for begin, end in spans:
+        contact[begin:end] = True
+    none = np.zeros(N, bool)
+    return Detection(np.where(contact, 3.0, 0.1), contact, none, none.astype(np.int8), none, none)
+
+
+def test_a_touch_of_a_link_voids_its_samples_and_one_at_e_does_not(J):
+    t, sd = T * np.arange(N), np.full((N, 7), 0.1)
+    tau = np.zeros((N, 7))
+    tau[100:150] = ON_LINK
+    tau[300:900] = J[0, 3:].T @ AT_E
+    found, odds, trusted = judge_places(detection(), t, J, tau, sd)
+    assert found.misfit[100:150].all()
+    assert found.misfit.sum() == 50
+    assert (found.link[100:150] == 5).all()
+    assert not trusted[100:150].any()
+    assert trusted.sum() == N - 50
+    np.testing.assert_allclose(odds[found.contact].sum(axis=1), 1.0)
+    assert not odds[~found.contact].any()
+    # The pieces of the long one add up: nothing is left of the links before the last.
+    assert odds[500, :6].sum() < 0.02
+
+
+def test_what_a_sample_lacks_does_not_spoil_its_contact(J):
+    t, sd = T * np.arange(N), np.full((N, 7), 0.1)
+    tau = np.tile(ON_LINK, (N, 1))
+    tau[120], J = np.nan, J.copy()
+    J[130, 2, 2] = np.nan
+    found, odds, _ = judge_places(detection(((100, 150),)), t, J, tau, sd)
+    assert found.misfit[100:150].all()
+    assert np.isfinite(odds).all()
+    tau[100:150] = np.nan  # nothing is known: every place is as likely
+    found, odds, trusted = judge_places(detection(((100, 150),)), t, J, tau, sd)
+    assert odds[120] == pytest.approx(1.0 / 8.0)
+    assert not trusted[100:150].any()
+
+
+def test_a_contact_is_read_from_what_was_before_it():
+    t, contact = T * np.arange(N), detection().contact
+    tau = np.full((N, 7), 2.0)
+    tau[contact] += 5.0
+    tau[280] = 99.0  # within BEFORE of the second, but of one sample
+    own = of_contacts(contact, t, tau)
+    np.testing.assert_allclose(own[100:150], 5.0)
+    late = 300 + round(LONGEST / T)
+    before = tau[300 - round(BEFORE / T) : 295].mean()
+    np.testing.assert_allclose(own[300:late], 7.0 - before)
+    np.testing.assert_allclose(own[late:900], 7.0)  # what was before it has changed since
+    np.testing.assert_array_equal(own[~contact], tau[~contact])
+    assert stretches(contact) == [slice(100, 150), slice(300, 900)]

@@ -1,0 +1,117 @@
+"""A log whose friction is not the model's: its band holds what the log itself shows."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+import pytest
+from sample_models import torque_error
+from scipy.signal import lfilter
+
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.estimate.estimation import EstimateResult, estimate_log
+from wrenchsight.models.estimation.wrench_table import columns_of
+from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
+from wrenchsight.models.identification.identified_model import (
+    IdentifiedModel,
+    LogSource,
+    Provenance,
+)
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.robot.robot import Robot
+
+T, ROWS, VISCOUS, MORE = 0.01, 3000, 20.0, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0])
+NOISE = 0.2  # N m
+
+
+pytestmark = pytest.mark.usefixtures("no_figures")
+
+
+def free_motion(robot: Robot, more: Array) -> Recording:
+    """Untouched; viscous friction of `more` N m s/rad above the model's, torque by pinocchio."""
+    model = pinocchio.buildModelFromXML(robot.urdf_text)
+    model.armature = np.asarray(robot.reflected_inertia)
+    data = model.createData()
+    t = np.asarray(T * np.arange(ROWS), float)
+    rate = np.array([1.1, 1.3, 1.7, 1.9, 2.3, 2.9])
+    phase = t[:, None] * rate + np.arange(6)
+    q = robot.home + 0.3 * np.sin(phase)
+    v, vdot = 0.3 * rate * np.cos(phase), -0.3 * rate**2 * np.sin(phase)
+    tau = np.array([pinocchio.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)])
+    white = np.random.default_rng(0).normal(size=(ROWS, 6))
+    noise = NOISE * np.sqrt(1.0 - 0.9**2) * lfilter([1.0], [1.0, -0.9], white, axis=0)
+    tau += (VISCOUS + more) * v + noise
+    current = tau / (robot.torque_per_ampere * robot.current_sign)
+    return Recording(t=t, q=q, v=v, current=current, source="synthetic")
+
+
+@pytest.fixture(scope="module")
+def model_file(sts: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    one, zero = np.ones(6), np.zeros(6)
+    path = tmp_path_factory.mktemp("model") / "model.yaml"
+    replace(
+        IdentifiedModel.nominal(sts),
+        friction=SemiParametricFriction(CoulombViscous(zero, VISCOUS * one, zero)),
+        residual_covariance=NOISE**2 * np.eye(6),
+        torque_error=torque_error(constant=NOISE),
+        provenance=Provenance(logs=[LogSource(name="a.csv")]),
+    ).save(path)
+    return path
+
+
+def read(log: Path, model_file: Path, out: Path, **settings: Any) -> tuple[EstimateResult, Array]:
+    config = EstimateConfig(prior="live", **settings)
+    result = estimate_log(log, "sts_sre4_600", model_file, out, config=config)
+    return result, np.genfromtxt(result.table, delimiter=",", skip_header=1)
+
+
+def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path):
+    log = tmp_path / "log.csv"
+    write_recording(free_motion(sts, MORE), log)
+    result, table = read(log, model_file, tmp_path / "out")
+    told, usual = read(log, model_file, tmp_path / "told", drift=0.05)
+    shares = result.metrics()["drift_shown"]
+    assert shares[1] == pytest.approx(MORE[1] / VISCOUS, rel=0.15)
+    assert max(np.delete(shares, 1)) < 0.1
+    assert told.metrics()["drift_shown"] is None
+    settled = slice(100, None)
+    inside, before = (
+        np.mean(np.abs(own[settled, 1:4]) <= 1.96 * own[settled, 7:10], axis=0)
+        for own in (table, usual)
+    )
+    assert inside.min() > 0.9
+    assert before.min() < 0.8
+    (line,) = (line for line in result.warnings if "until then" in line)
+    assert "the stated band allows for what" in line
+    assert f"joint_2 by {100.0 * shares[1]:.0f} % of the viscous torque, the others by less" in line
+    (line,) = (line for line in told.warnings if "until then" in line)
+    assert "too narrow: --drift 0." in line
+    # What is read, and whether it is contact, is what was known before the log.
+    columns = columns_of(6)
+    for name in ("fx", "fy", "fz", "mx", "contact_statistic", "contact", "misfit"):
+        k = columns.index(name)
+        np.testing.assert_array_equal(table[:, k], usual[:, k])
+    assert (table[:, 7:13].mean(axis=0) > usual[:, 7:13].mean(axis=0)).all()
+
+
+def test_where_friction_is_the_models_the_band_is_too(sts, model_file, tmp_path):
+    log = tmp_path / "log.csv"
+    write_recording(free_motion(sts, 0.0 * MORE), log)
+    result, table = read(log, model_file, tmp_path / "out")
+    _, usual = read(log, model_file, tmp_path / "told", drift=0.05)
+    assert result.metrics()["drift_shown"] is None
+    assert not any("until then" in line for line in result.warnings)
+    np.testing.assert_array_equal(table, usual)
+
+
+def test_the_band_of_a_smoothed_reading_is_wider_too(sts, model_file, tmp_path):
+    log = tmp_path / "log.csv"
+    write_recording(free_motion(sts, MORE), log)
+    _, table = read(log, model_file, tmp_path / "out", smooth=True)
+    _, usual = read(log, model_file, tmp_path / "told", smooth=True, drift=0.05)
+    np.testing.assert_array_equal(table[:, 1:7], usual[:, 1:7])
+    assert table[:, 7:10].mean() > 1.05 * usual[:, 7:10].mean()

@@ -1,0 +1,132 @@
+"""The command excite: trajectory, files, figures to reach, bad input."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.excite.excitation import RESERVES, excite, excite_robot
+from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.planning.excitation.excitation_limits import ExcitationLimits
+from wrenchsight.models.planning.excitation.excitation_program import (
+    ExcitationProgram,
+    ExcitationSolution,
+)
+from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
+
+
+@pytest.mark.slow
+def test_the_figures_to_reach(sts):
+    result = excite(sts)
+    assert result.condition_number < 10.0  # an excitation is called good below 60 to 100
+    assert result.unweighted_condition_number < 30.0
+    assert result.ratio_to_random > 5.0
+    assert result.num_parameters == 58 and result.undetermined == ()
+    assert result.warnings == ()
+    assert result.closest is None or result.closest.slack > 0.0
+
+
+@pytest.mark.slow
+def test_files_and_their_content(sts, tmp_path):
+    config = ExcitationConfig(num_starts=2, iterations=20)
+    first, second = excite_robot("sts_sre4_600", tmp_path, config)
+    assert np.abs(first.trajectory.sine - second.trajectory.sine).max() > 0.01
+    for name in ("trajectory", "validation"):
+        assert (tmp_path / f"{name}.html").stat().st_size > 1e6
+        assert (tmp_path / "figures" / f"{name}.png").is_file()
+    assert (tmp_path / "config.yaml").is_file()
+    table = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
+    header = (tmp_path / "trajectory.csv").read_text().splitlines()[0].split(",")
+    assert header[:2] == ["t", "q1"] and header[-1] == "vdot6" and len(header) == 19
+    assert table.shape == (10001, 19)  # 1 kHz
+    series = FourierTrajectory.load(tmp_path / "trajectory.yaml", sts.name)
+    expected = np.hstack([table[:, :1], *series.sample(table[:, 0])])
+    np.testing.assert_allclose(table, expected, rtol=1e-7, atol=1e-7)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["condition_number"] == pytest.approx(first.condition_number)
+    assert metrics["validation"]["condition_number"] == pytest.approx(second.condition_number)
+    assert (np.array(metrics["peak_torque_share"]) < 0.7).all()
+
+
+def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monkeypatch):
+    """Where it ends is a matter of the last bits: on another processor each end may collide."""
+    asked = []
+
+    def beyond(self, start, iterations, watch):
+        asked.append(start)
+        end = FourierTrajectory(
+            start.base_frequency, start.centre, 3 * start.sine, 3 * start.cosine
+        )
+        return ExcitationSolution(end, 0.0, "snopt 32", 1)
+
+    monkeypatch.setattr(ExcitationProgram, "solve", beyond)
+    result = excite(sts, ExcitationConfig(num_starts=2))
+    assert len(asked) == len(RESERVES)
+    begin = asked[-1].sine
+    stretched = np.linalg.norm(result.trajectory.sine) / np.linalg.norm(begin)
+    assert 1.0 <= stretched < 2.9
+    np.testing.assert_allclose(result.trajectory.sine, stretched * begin, rtol=1e-9, atol=1e-12)
+    assert result.closest is None or result.closest.slack > 0.0
+    assert (result.peak_torque_share <= 0.7).all()
+
+
+def test_a_motion_too_slow_to_tell_inertias_says_so(sts):
+    limits = ExcitationLimits(acceleration=[2e-3], velocity_share=1e-3)
+    result = excite(sts, ExcitationConfig(limits=limits, num_starts=1, iterations=2))
+    assert any("Ixx" in name or "Izz" in name for name in result.undetermined)
+    assert any("undetermined" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (ExcitationConfig(measure="cond"), "measure"),
+        (ExcitationConfig(num_harmonics=1), "num_harmonics"),
+        (ExcitationConfig(base_frequency=0.0), "base_frequency"),
+        (ExcitationConfig(limits=ExcitationLimits(floor=0.6)), "floor: 0.6 m lies above"),
+    ],
+)
+def test_bad_settings_are_one_line(sts, config, message):
+    with pytest.raises(InputError, match=message) as error:
+        excite(sts, config)
+    assert "\n" not in str(error.value)
+
+
+def test_the_command_line_ends_in_one_line(tmp_path):
+    arguments = ["excite", "--robot", "sts_sre4_600", "--position-margin", "3", "--out"]
+    result = CliRunner().invoke(app, [*arguments, str(tmp_path)])
+    assert result.exit_code == 2
+    assert not (tmp_path / "metrics.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--clearance", "1"),
+        ("--clearance", "nan"),
+        ("--position-margin", "-3"),
+        ("--velocity-share", "1e9"),
+        ("--torque-share", "1.5"),
+        ("--floor", "nan"),
+        ("--acceleration", "1e9"),
+        ("--base-frequency", "1e308"),
+        ("--periods", "100000000"),
+    ],
+)
+def test_a_limit_that_cannot_be_kept_is_refused(tmp_path, option, value):
+    arguments = ["excite", "--robot", "sts_sre4_600", option, value, "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert "expected" in result.stderr or "at most" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_pairs_that_keep_less_than_asked_are_named(sts):
+    near = dict(Clearance(sts, 0.1).near_at_home)
+    assert all(0.0 < kept < 0.1 for kept in near.values())
+    assert len(near) >= len(Clearance(sts, 0.02).near_at_home)

@@ -1,0 +1,162 @@
+"""Friction refreshed from seconds of a log: of a simulated arm, of the UR10e, and bad input."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ur10e_logs import COULOMB, VISCOUS, log_of, model_of
+
+from wrenchsight.analyses.methods.identify.identification import predict_torque
+from wrenchsight.analyses.methods.identify.identification_config import (
+    IdentificationConfig,
+    IdentifySettings,
+    RefreshConfig,
+)
+from wrenchsight.analyses.methods.identify.known_model.friction_refreshing import (
+    refresh_log,
+    refresh_model,
+)
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+
+
+@pytest.fixture(scope="module")
+def model(ur10e):
+    return model_of(ur10e)
+
+
+def recording(robot, seed, coulomb=COULOMB, viscous=VISCOUS, duration=6.0, still=()):
+    """A log of the arm with this friction."""
+    given = {"coulomb": coulomb, "viscous": viscous, "moving": sorted({*range(6)} - {*still})}
+    return log_of(robot, seed, duration, 1.1 * np.arange(1, 4), **given)
+
+
+def test_changed_friction_is_found_and_predicts_the_next_log(ur10e, model):
+    coulomb, viscous = 1.05 * COULOMB, 1.25 * VISCOUS
+    found = refresh_model(recording(ur10e, 1, coulomb, viscous), ur10e, model)
+    errors = (found.refresh.change[:, 1] - 0.25 * VISCOUS) / found.refresh.standard_deviation[:, 1]
+    # The log's noise is white and small, the stated one a real arm's: well inside.
+    assert np.abs(errors).max() < 2.0
+    later = recording(ur10e, 2, coulomb, viscous)
+    before, after = (
+        predict_torque([later], ur10e, one, IdentificationConfig())[0].rmse
+        for one in (model, found.model)
+    )
+    assert (after < 0.4 * before).all()
+
+
+def test_only_the_three_numbers_change(ur10e, model):
+    found = refresh_model(recording(ur10e, 1, viscous=1.2 * VISCOUS), ur10e, model).model
+    np.testing.assert_array_equal(found.inertial_parameters, model.inertial_parameters)
+    np.testing.assert_array_equal(found.residual_covariance, model.residual_covariance)
+    (source,) = found.provenance.refreshes
+    assert source.log.name == "log_1.csv"
+    np.testing.assert_allclose(
+        found.friction.coulomb_viscous.viscous, VISCOUS + source.viscous, rtol=1e-12
+    )
+
+
+def test_a_joint_that_stands_keeps_its_numbers_and_is_named(ur10e, model):
+    log = recording(ur10e, 3, viscous=1.3 * VISCOUS, still=(4,))
+    found = refresh_model(log, ur10e, model)
+    np.testing.assert_allclose(found.refresh.change[4, :2], 0.0, atol=1e-9)
+    assert any("wrist_2_joint" in line and "says little" in line for line in found.warnings)
+
+
+def test_what_friction_cannot_explain_is_said(ur10e, model):
+    log = recording(ur10e, 4)
+    swing = 3.0 * np.sin(log.q)  # A, about 35 N m that follow the posture
+    found = refresh_model(replace(log, current=log.current + swing), ur10e, model)
+    assert any("friction does not explain" in line for line in found.warnings)
+
+
+def settings(folder, logs, config=None):
+    model = str(folder / "model.yaml")
+    return IdentifySettings(
+        robot="ur10e", logs=logs, refresh=model, refreshing=config or RefreshConfig()
+    )
+
+
+def test_command_writes_a_model_that_loads_again(ur10e, model, tmp_path):
+    log = tmp_path / "today.csv"
+    write_recording(recording(ur10e, 1, viscous=1.2 * VISCOUS), log)
+    model.save(tmp_path / "model.yaml")
+    out = tmp_path / "out"
+    config = RefreshConfig(part=[0.0, 4.0])
+    found = refresh_log(settings(tmp_path, [str(log)], config), out)
+    again = IdentifiedModel.load(out / "model.yaml", ur10e)
+    np.testing.assert_array_equal(
+        again.friction.coulomb_viscous.viscous, found.refresh.after.viscous
+    )
+    assert again.provenance.refreshes[0].log.duration == pytest.approx(4.0, abs=0.02)
+    metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+    np.testing.assert_allclose(
+        metrics["viscous"]["standard_errors"], found.refresh.standard_errors[:, 1]
+    )
+    assert (out / "figures" / "friction.png").is_file()
+
+
+def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
+    log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
+    write_recording(log, tmp_path / "a.csv")
+    write_recording(recording(ur10e, 2, viscous=1.2 * VISCOUS)[:250], tmp_path / "b.csv")
+    model.save(tmp_path / "model.yaml")
+    logs = [f"{tmp_path / 'a.csv'}=0,1.6,2.5,4.2", str(tmp_path / "b.csv")]
+    found = refresh_log(settings(tmp_path, logs), tmp_path / "out")
+    error = found.refresh.after.viscous - 1.2 * VISCOUS
+    assert (np.abs(error) < 3.0 * found.refresh.standard_deviation[:, 1]).all()
+    assert (found.refresh.told[:3, 1] > 0.3).all()
+    # Half a second of each end is the filter's, and .2 s of what borders on other stretches.
+    assert 25 <= len(found.before.t) <= 45
+    again = IdentifiedModel.load(tmp_path / "out" / "model.yaml", ur10e)
+    (source,) = again.provenance.refreshes
+    assert [source.log.name, *(own.name for own in source.further)] == ["a.csv", "b.csv"]
+
+
+def test_two_and_a_half_seconds_are_enough(ur10e, model):
+    log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
+    found = refresh_model(log, ur10e, model, RefreshConfig(part=[0.0, 2.5]))
+    assert (found.refresh.told[:2, 1] > 0.3).all()
+
+
+@pytest.mark.parametrize(
+    ("config", "what"),
+    [
+        (RefreshConfig(part=[4.0, 0.0]), "--part"),
+        (RefreshConfig(part=[1.0]), "--part"),
+        (RefreshConfig(part=[100.0, 104.0]), "holds no samples from 100 to 104 s"),
+        (RefreshConfig(part=[0.0, 1.0]), "must last 1.5 s or more"),
+        (RefreshConfig(part=[0.0, 1.8]), "rows of the logs can be used, 13 are needed"),
+        (RefreshConfig(viscous_drift=0.0), "viscous_drift"),
+    ],
+)
+def test_bad_input_is_one_line(ur10e, model, config, what):
+    with pytest.raises(InputError, match=what) as caught:
+        refresh_model(recording(ur10e, 1), ur10e, model, config)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_arm_that_stands_is_refused(ur10e, model):
+    log = recording(ur10e, 1, still=range(6))
+    log = replace(log, v=np.zeros_like(log.v))
+    with pytest.raises(InputError, match="no joint moves"):
+        refresh_model(log, ur10e, model)
+
+
+def test_seven_weeks_of_drift_of_a_real_arm(ur10e, real_model, data):
+    """4 s of the UR10e seven weeks before its model: the rest of that log."""
+    whole = read_recording(
+        data("ur10e_more/ur-19_12_23_free.csv"), "ur10e-dynamic-calibration", ur10e
+    )[5:2019]
+    found = refresh_model(whole[:372], ur10e, real_model)
+    # Joints 1 and 2, viscous: more than chance alone moves one number in a hundred.
+    assert found.refresh.standard_errors[:2, 1].min() > 2.6
+    before, after = (
+        predict_torque([whole[372:]], ur10e, one, IdentificationConfig())[0].rmse
+        for one in (real_model, found.model)
+    )
+    assert after[1] < 0.65 * before[1]
+    assert (after < 1.1 * before).all()

@@ -1,0 +1,187 @@
+"""A robot.yaml from a URDF alone, of robots that nobody here wrote."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from wrenchsight.analyses.__main__ import app
+from wrenchsight.analyses.methods.robot.robot_draft import FILL_IN, draft_robot
+from wrenchsight.diagrams.distances.clearance import Clearance
+from wrenchsight.models.files.configuration import load_configuration
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot_config import RobotConfig
+
+
+@pytest.mark.parametrize(
+    ("urdf", "base", "flange", "num_joints"),
+    [
+        ("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", 6),
+        ("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp", 7),
+        ("z1_description/urdf/z1.urdf", "link00", "link06", 6),
+        ("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef", 7),
+        ("kinova_description/robots/kinova.urdf", "base", "j2s6s200_link_6", 6),
+        (
+            "talos_data/robots/talos_left_arm.urdf",
+            "arm_left_1_link",
+            "wrist_left_ft_tool_link",
+            6,
+        ),
+    ],
+)
+def test_the_arm_is_found_and_loads(
+    wheel_robots: Path, tmp_path: Path, urdf: str, base: str, flange: str, num_joints: int
+) -> None:
+    out = tmp_path / "robot.yaml"
+    robot, places = draft_robot(wheel_robots / urdf, out)
+    assert (robot.config.base_link, robot.config.flange) == (base, flange)
+    assert robot.num_joints == num_joints
+    assert places == ("tool_frame", "payload", "drives")
+    assert [file.name for file in tmp_path.iterdir()] == ["robot.yaml"]
+    text = out.read_text()
+    assert text.count(FILL_IN) >= 3 + num_joints  # the head, frame, payload and every drive
+    load_configuration(out, RobotConfig)  # every required key is there
+    # A posture to start from: within limits, free of contact, far from singular.
+    again = Robot.load(out)
+    np.testing.assert_array_equal(again.home, robot.home)
+    assert float(again.chain.condition_number(again.home)) < 30.0
+    floor = None if "talos" in urdf else 0.0  # its arm alone hangs below its base link
+    # The hulls of Talos' concave wrist always overlap; excite says that it does not check them.
+    wrist = {"arm_left_5_link and arm_left_7_link"}
+    assert set(Clearance(again, floor=floor).overlapping) <= (wrist if "talos" in urdf else set())
+
+
+def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> None:
+    urdf = wheel_robots / "z1_description/urdf/z1.urdf"
+    out = tmp_path / "robot.yaml"
+    robot, _ = draft_robot(urdf, out, base="link01", flange="gripperMover")
+    assert robot.joint_names == ("joint2", "joint3", "joint4", "joint5", "joint6", "jointGripper")
+    with pytest.raises(InputError, match="is there already"):
+        draft_robot(urdf, out)
+    other = tmp_path / "other.yaml"
+    with pytest.raises(InputError, match="linc: is no link of it; links: gripperMover"):
+        draft_robot(urdf, other, flange="linc")
+    with pytest.raises(InputError, match='does not hang on "link05"'):
+        draft_robot(urdf, other, base="link05", flange="link02")
+    assert not other.exists()
+
+
+def test_the_urdf_beside_it_is_named_relatively(tmp_path: Path, wheel_robots: Path) -> None:
+    urdf = tmp_path / "my arm.urdf"
+    urdf.write_text((wheel_robots / "ur_description/urdf/ur5_robot.urdf").read_text())
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert yaml.safe_load((tmp_path / "robot.yaml").read_text())["urdf"] == "my arm.urdf"
+    # Its meshes are elsewhere now: the links are named, and no clearance is claimed.
+    assert len(robot.unusable_collisions) == 7
+
+
+def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
+    urdf = wheel_robots / "talos_data/robots/talos_reduced.urdf"
+    with pytest.raises(InputError, match=r"carries several arms or legs.*--flange"):
+        draft_robot(urdf, tmp_path / "robot.yaml", base="torso_2_link")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.sdf", "<sdf/>", "holds 0 models, expected one"),
+        ("a.xml", "<mujoco/>", "<mujoco> is the root element"),
+        ("a.urdf", "<robot>", "no valid XML"),
+        ("robot.yaml", "name: a", "expected a URDF.*wrenchsight robot show .*robot.yaml$"),
+        ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links that hang on nothing"),
+    ],
+)
+def test_what_is_no_arm(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=words):
+        draft_robot(tmp_path / name, tmp_path / "robot.yaml")
+    with pytest.raises(InputError, match="no such file"):
+        draft_robot(tmp_path / "none.urdf", tmp_path / "robot.yaml")
+
+
+def arm_with_gripper(path: Path) -> Path:
+    """Writes a URDF as SO-101's: the wrist carries a link "gripper_link", which carries a jaw."""
+    names = ["base", "shoulder", "upper", "lower", "wrist", "gripper_link", "moving_jaw"]
+    joints = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+    mass = (
+        "<inertial><mass value='0.3'/><inertia ixx='1e-3' iyy='1e-3' izz='1e-3' "
+        "ixy='0' ixz='0' iyz='0'/></inertial>"
+    )
+    parts = [f"<link name='{name}'>{mass}</link>" for name in names]
+    for k, name in enumerate(joints):
+        axis = "0 1 0" if name in ("shoulder_lift", "elbow_flex", "wrist_flex") else "0 0 1"
+        parts.append(
+            f"<joint name='{name}' type='revolute'><parent link='{names[k]}'/>"
+            f"<child link='{names[k + 1]}'/><origin xyz='0.02 0 0.1'/><axis xyz='{axis}'/>"
+            "<limit lower='-1.9' upper='1.9' velocity='3' effort='10'/></joint>"
+        )
+    path.write_text(f"<robot name='arm'>{''.join(parts)}</robot>")
+    return path
+
+
+def test_a_joint_that_carries_the_gripper_is_the_arms(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    assert robot.joint_names[-1] == "wrist_roll"
+    assert robot.num_joints == 5
+    assert robot.config.flange == "gripper_link"
+
+
+def test_no_joint_is_held_still_without_a_line(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
+    said = " ".join(result.output.split())
+    assert "joints held still, rad or m: gripper at 0." in said
+    assert "--flange LINK" in said
+
+
+def test_a_xacro_files_arguments_are_given_and_kept(tmp_path: Path) -> None:
+    pytest.importorskip("xacro", reason="the package xacro is not installed")
+    urdf = arm_with_gripper(tmp_path / "arm.xacro")
+    text = urdf.read_text().replace("<mass value='0.3'/>", "<mass value='${mass}'/>")
+    head = (
+        "<robot name='arm' xmlns:xacro='http://www.ros.org/wiki/xacro'>"
+        "<xacro:arg name='mass' default='0.3'/><xacro:property name='mass' value='$(arg mass)'/>"
+    )
+    urdf.write_text(text.replace("<robot name='arm'>", head))
+    out = tmp_path / "robot.yaml"
+    words = ["robot", str(urdf), "--xacro-arg", "mass:=0.6", "--out", str(out)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    masses = Robot.load(out).chain.inertial_parameters[:, 0]
+    np.testing.assert_allclose(masses[:-1], 0.6)  # the last one carries the jaw
+    result = CliRunner().invoke(app, [*words[:3], "mass=1"])
+    assert result.exit_code == 2
+    assert "write NAME:=VALUE" in result.stderr
+
+
+def test_a_drafted_arm_has_friction_noise_and_steps_and_says_so(tmp_path: Path) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
+    said = " ".join(result.output.split())
+    assert "friction, noise and resolution of the simulated arm are assumed" in said
+    robot = Robot.load(tmp_path / "robot.yaml")
+    # Shoulder and lift carry .3 kg links .1 m apart: at most sum m g r, and no less than half.
+    truth = robot.config.simulated_truth.friction
+    reach = np.hypot(0.1, 0.02) * np.arange(1, 5)
+    assert 0.5 < truth.coulomb[1] / (0.05 * 0.3 * 9.81 * reach.sum()) < 1.5
+    assert (truth.stiction > truth.coulomb).all()
+    for drive in robot.config.drives:
+        assert drive.current_noise_sd > drive.current_resolution > 0.0
+    assert truth.coulomb.min() >= 0.099 * truth.coulomb.max()
+
+
+def test_a_collision_mesh_that_is_missing_is_named_with_the_place_it_was_looked_for(
+    tmp_path: Path,
+) -> None:
+    urdf = arm_with_gripper(tmp_path / "arm.urdf")
+    mesh = "<collision><geometry><mesh filename='package://arm/upper.stl'/></geometry></collision>"
+    text = urdf.read_text().replace("<link name='upper'>", "<link name='upper'>" + mesh)
+    urdf.write_text(text)
+    robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
+    [lost] = robot.unusable_collisions
+    place = tmp_path / "arm" / "upper.stl"
+    assert lost == f"upper (package://arm/upper.stl not found, searched for at {place} and above)"

@@ -1,0 +1,282 @@
+"""Mistakes that a stream's first seconds show."""
+
+import itertools
+import re
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sample_models import harmonic_motion
+
+from wrenchsight.analyses.methods.watch.sources import open_source
+from wrenchsight.analyses.methods.watch.start_checks import CHECK_TIME, StartChecks
+from wrenchsight.analyses.methods.watch.watch_config import WatchConfig
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.live.live_estimator import LiveEstimator
+from wrenchsight.models.live.reading import Reading
+from wrenchsight.models.live.samples import EventKind, Sample
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.recordings.recording_reader import read_recording
+from wrenchsight.models.recordings.recording_writer import write_recording
+
+H = 0.01
+g = 9.81
+
+
+pytestmark = pytest.mark.usefixtures("one_thread")  # samples come one by one
+
+
+@pytest.fixture(scope="module")
+def model(ur10e):
+    return replace(IdentifiedModel.nominal(ur10e), residual_covariance=0.3**2 * np.eye(6))
+
+
+def samples(robot, model, mass=0.0, gravity=None, more=None):
+    t = H * np.arange(round((CHECK_TIME + 1.5) / H))
+    q, v, vdot = harmonic_motion(np.random.default_rng(2), t, [0.9, 1.7], 0.35)
+    q += robot.home
+    chain = model.chain(robot)
+    if gravity is not None:
+        chain = replace(chain, gravity=np.array(gravity))
+    tau = chain.inverse_dynamics(q, v, vdot)
+    tau -= np.einsum("kaj,a->kj", chain.jacobian(q)[:, 3:], [0.0, 0.0, -mass * g])
+    tau += 0.2 * np.random.default_rng(1).normal(size=tau.shape)
+    current = robot.motor_current(tau)
+    return [
+        Sample(50.0 + t[k], float(t[k]), q[k], v[k], current[k], more=more or {})
+        for k in range(len(t))
+    ]
+
+
+def said(robot, model, stream, config=None, contradicted=False):
+    live = LiveEstimator(robot, model)
+    live.contradicted = contradicted
+    checks = StartChecks(robot, model, config or WatchConfig())
+    events = []
+    for s in stream:
+        event = checks.take(s, live)
+        events += [event] if event is not None else []
+        for item in live.take(s):
+            if isinstance(item, Reading):
+                checks.add(item)
+    return live, events
+
+
+def test_what_agrees_is_said_once(ur10e, model):
+    live, (event,) = said(ur10e, model, samples(ur10e, model))
+    assert event.kind is EventKind.CHECK
+    assert event.text.endswith("agree with the model")
+    assert not live.contradicted
+
+
+def changed(stream, change):
+    return [replace(s, **change(s)) for s in stream]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda s: {"effort": s.effort * 11.0}, "N m"),  # torque given as current
+        (lambda s: {"effort": -s.effort}, "turned sign"),
+        (lambda s: {"q": np.degrees(s.q)}, "rad"),
+        (lambda s: {"v": np.degrees(s.v)}, "deg"),
+        (lambda s: {"effort": s.effort[[0, 3, 2, 1, 4, 5]]}, "shoulder_lift_joint and wrist_1"),
+    ],
+)
+def test_a_contradiction_is_named_and_nothing_is_valid(ur10e, model, change, words):
+    live, events = said(ur10e, model, changed(samples(ur10e, model), change))
+    assert events[0].kind is EventKind.CONTRADICTION
+    assert words in events[0].text
+    assert "--no-check" in events[0].text
+    assert live.contradicted
+
+
+def test_a_tilted_base_is_named(ur10e, model):
+    tilt = np.radians(12.0)
+    gravity = [g * np.sin(tilt), 0.0, -g * np.cos(tilt)]
+    live, events = said(ur10e, model, samples(ur10e, model, gravity=gravity))
+    assert events[0].kind is EventKind.CONTRADICTION
+    assert "gravity" in events[0].text
+    assert live.contradicted
+
+
+def texts(events):
+    return [event.text for event in events]
+
+
+def test_a_load_that_nobody_told_is_said_with_its_error_and_read(ur10e, model):
+    stream = samples(ur10e, model, mass=2.0, more={"payload": np.array([2.0])})
+    live, events = said(ur10e, model, stream)
+    assert {event.kind for event in events} == {EventKind.CHECK}
+    agrees, payload, load = texts(events)
+    assert agrees.endswith("agree with the model")
+    assert payload.startswith("the controller states a payload of 2.00 kg, robot.yaml a tool of 0.")
+    pattern = r"unmodelled load at the tool: (\S+) \+- (\S+) kg; identify it with `wrenchsight payl"
+    mass, sd = map(float, re.match(pattern, load).groups())
+    assert abs(mass - 2.0) < 3.0 * sd < 1.0
+    assert not live.contradicted
+
+
+def test_no_load_is_looked_for_where_it_is_taken_off_or_the_model_is_none(ur10e, model):
+    stream = samples(ur10e, model, mass=2.0)
+    config = WatchConfig()
+    _, events = said(ur10e, model, stream, replace(config, live=replace(config.live, zero_s=1.0)))
+    assert not any("load" in text for text in texts(events))
+    _, events = said(ur10e, model, stream, contradicted=True)  # as without --model
+    assert not any("load" in text for text in texts(events))
+
+
+def test_a_look_in_the_background_says_the_same(ur10e, model):
+    stream = samples(ur10e, model, mass=2.0)
+    _, before = said(ur10e, model, stream)
+    live = LiveEstimator(ur10e, model)
+    checks = StartChecks(ur10e, model, WatchConfig(), in_background=True)
+    found = []
+    for sample in stream:
+        found.append(checks.take(sample, live))
+        for item in live.take(sample):
+            checks.add(item)
+    last = stream[-1]
+    for k in range(1, 600):  # until it is over: a look is said with the next second of samples
+        if any(event is not None and "load" in event.text for event in found):
+            break
+        time.sleep(0.1)
+        found.append(checks.take(replace(last, t=last.t + 1.0 * k), live))
+    assert [event.text for event in found if event is not None] == texts(before)
+
+
+def targets(robot, stream, ratio=1.0, friction=0.0):
+    """The stream of a controller whose torques per ampere are `ratio` times robot.yaml's, with its
+    targets; `friction` N m is in its target current while a joint moves."""
+    q = np.array([s.q for s in stream])
+    v = np.array([s.v for s in stream])
+    torque = robot.chain.gravity_torque(q)
+    current = (torque + friction * np.sign(v)) / (ratio * robot.torque_per_ampere)
+    return [
+        replace(s, more={"target_current": current[k], "target_moment": torque[k]})
+        for k, s in enumerate(stream)
+    ]
+
+
+def resting(robot, model, seconds):
+    """A stream whose joints rest for the last seconds, in a posture that loads joints 2 to 4."""
+    moving = samples(robot, model)
+    held = robot.home + np.array([0.0, -0.6, 0.9, 0.5, 0.0, 0.0])
+    tau = model.chain(robot).gravity_torque(held[None])[0]
+    effort = robot.motor_current(tau)
+    last = moving[-1].t
+    times = last + 5.0 + H * np.arange(round(seconds / H))  # it drives there unseen
+    still = [Sample(float(t), float(t), held, np.zeros(6), effort) for t in times]
+    return moving, still
+
+
+def test_torques_per_ampere_wait_for_a_rest_under_gravity(ur10e, model):
+    moving, still = resting(ur10e, model, 2.5)
+    ratio = [1.0, 1.0, 1.1, 1.0, 1.0, 1.0]
+    _, events = said(ur10e, model, targets(ur10e, moving, ratio, friction=9.0))
+    assert not any("torque per ampere" in text for text in texts(events))
+    _, events = said(ur10e, model, targets(ur10e, moving + still, ratio, friction=9.0))
+    (text,) = [text for text in texts(events) if "torque per ampere" in text]
+    stated = ur10e.torque_per_ampere[2]
+    assert text.startswith(
+        f"elbow_joint: the controller's torque per ampere is {1.1 * stated:.2f} +- 0.01 N m/A, "
+        f"robot.yaml has {stated:.2f} (10 % off); correct torque_per_ampere in robot.yaml"
+    )
+
+
+def test_a_rest_across_two_looks_is_judged(ur10e, model):
+    moving, still = resting(ur10e, model, 0.95)
+    begin = moving[-1].t + H - still[0].t  # half a second after a look
+    still = [replace(s, t=s.t + begin) for s in still]
+    again = still[-1].t + H - moving[0].t
+    stream = [*moving, *still, *(replace(s, t=s.t + again) for s in moving[:200])]
+    _, events = said(ur10e, model, targets(ur10e, stream, 1.1, friction=9.0))
+    assert any("torque per ampere" in text for text in texts(events))
+
+
+def test_gains_that_agree_are_not_spoken_of_nor_those_of_unloaded_joints(ur10e, model):
+    moving, still = resting(ur10e, model, 2.5)
+    for ratio in (1.0, [1.3, 1.0, 1.0, 1.0, 1.0, 1.3], 1.02):
+        _, events = said(ur10e, model, targets(ur10e, moving + still, ratio, friction=9.0))
+        assert not any("torque per ampere" in text for text in texts(events))
+
+
+def test_a_source_of_torques_has_no_gains(ur10e, model):
+    moving, still = resting(ur10e, model, 2.5)
+    stream = [
+        replace(s, effort=ur10e.joint_torque(s.effort), is_torque=True)
+        for s in targets(ur10e, moving + still, 1.2)
+    ]
+    _, events = said(ur10e, model, stream)
+    assert texts(events)[0].endswith("agree with the model")
+    assert not any("torque per ampere" in text for text in texts(events))
+
+
+@pytest.mark.parametrize(
+    ("log", "begins"),
+    [("ur-20_01_22-joint_3", (0.0, 20.0)), ("ur-20_01_22-joint_2", (33.0,))],
+)
+def test_gains_of_a_recorded_controller(ur10e, model, data, log, begins):
+    # From each of these seconds on a joint rests under gravity within 20 s.
+    recording = read_recording(data(f"ur10e/{log}.csv"), robot=ur10e)
+    current, torque = recording.extra["current_desired"], recording.extra["tau_desired"]
+    since = recording.t - recording.t[0]
+    for scale, begin in itertools.product((1.0, 1.1), begins):
+        checks, live = StartChecks(ur10e, model, WatchConfig()), LiveEstimator(ur10e, model)
+        events = []
+        for k in np.flatnonzero((since >= begin) & (since < begin + 20.0)):
+            more = {"target_current": current[k] / scale, "target_moment": torque[k]}
+            signals = recording.q[k], recording.v[k], recording.current[k]
+            events.append(checks.take(Sample(recording.t[k], 0.0, *signals, more=more), live))
+        gains = [e.text for e in events if e is not None and "torque per ampere" in e.text]
+        assert bool(gains) == (scale > 1.0)
+        assert all("(10 % off)" in text for text in gains)
+
+
+def test_a_replayed_log_hands_on_its_controllers_targets(ur10e, tmp_path):
+    t = H * np.arange(50)
+    q = np.tile(ur10e.home, (50, 1))
+    extra = {"current_desired": np.arange(300.0).reshape(50, 6), "tau_desired": 2.0 * q, "x": t}
+    log = Recording(t=t, q=q, v=0.0 * q, current=0.1 + 0.0 * q, source="", extra=extra)
+    write_recording(log, tmp_path / "log.csv")
+    source = open_source(f"replay://{tmp_path}/log.csv?rate=0", ur10e)
+    items = [item for item in source.read(0.1) if isinstance(item, Sample)]
+    assert len(items) == 50
+    for name, signal in (("target_current", "current_desired"), ("target_moment", "tau_desired")):
+        np.testing.assert_array_equal([item.more[name] for item in items], extra[signal])
+
+
+def test_without_a_model_that_is_said(ur10e, model):
+    _, events = said(ur10e, model, samples(ur10e, model)[:3], contradicted=True)
+    (text,) = texts(events)
+    assert text.startswith("no --model")
+
+
+def test_signs_may_be_accepted(ur10e, model):
+    # A joint's drive that counts the other way.
+    def change(s):
+        effort = s.effort.copy()
+        effort[1] = -effort[1]
+        return {"effort": effort}
+
+    stream = changed(samples(ur10e, model), change)
+    _, events = said(ur10e, model, stream)
+    assert events[0].kind is EventKind.CONTRADICTION
+    assert "shoulder_lift_joint" in events[0].text
+    _, events = said(ur10e, model, stream, WatchConfig(accept_signs=True))
+    assert not any("sign" in event.text for event in events)
+
+
+def test_nothing_breaks_on_samples_that_are_none(ur10e, model):
+    rng = np.random.default_rng(5)
+    stream = []
+    for s in samples(ur10e, model):
+        q = s.q.copy()
+        if rng.uniform() < 0.3:
+            q[rng.integers(6)] = np.nan
+        t = s.t if rng.uniform() < 0.9 else s.t - rng.uniform(0.0, 0.1)
+        stream.append(replace(s, q=q, t=float(t)))
+    live, events = said(ur10e, model, stream)
+    assert not live.contradicted
+    assert [event.kind for event in events] == [EventKind.CHECK]
