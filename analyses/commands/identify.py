@@ -91,8 +91,12 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
         refit = refit_logs(settings, out, progress)
     metrics = refit.metrics()
     table = new_table(
-        *("\njoint", "rows of\n50 ms", "Coulomb, was\n[N m]", "is\n[N m]"),
-        *("viscous, was\n[N m s/rad]", "is\n[N m s/rad]"),
+        "\njoint",
+        "rows of\n50 ms",
+        "Coulomb, was\n[N m]",
+        "is\n[N m]",
+        "viscous, was\n[N m s/rad]",
+        "is\n[N m s/rad]",
     )
     coulomb, viscous = metrics["coulomb"], metrics["viscous"]
     for j, name in enumerate(refit.model.joint_names):

@@ -105,8 +105,14 @@ class ResidualRows:
         parts = *dry_and_viscous(law, q, v, load), sliding_columns(law, q, v, load)
         columns = seen(np.dstack(parts))[at]
         return cls(
-            *(t[at], v[at], residual, columns[:, :, 0], columns[:, :, 1]),
-            *(stiction(law, load)[at], columns[:, :, 2:], sd),
+            t[at],
+            v[at],
+            residual,
+            columns[:, :, 0],
+            columns[:, :, 1],
+            stiction(law, load)[at],
+            columns[:, :, 2:],
+            sd,
         )
 
     @classmethod

@@ -254,8 +254,12 @@ class ContactDetector:
     def run(self, state: Array, batch: EstimateBatch) -> Detection:
         """Takes what the estimator read of N samples; `state` of `initial_state` is changed."""
         samples = ArmSamples(
-            *(batch.torque_error, batch.v, batch.transmitted, batch.momentum),
-            *(batch.tau_ext, batch.fresh),
+            batch.torque_error,
+            batch.v,
+            batch.transmitted,
+            batch.momentum,
+            batch.tau_ext,
+            batch.fresh,
         )
         return Detection.of(self.judge(state, samples))
 

@@ -126,7 +126,7 @@ def _white(
         J = chain.jacobian(own.q)
         errors = stage.run(stage.initial_state(), own.q, own.v, own.transmitted, J)
         samples = ArmSamples(
-            *(errors, own.v, own.transmitted, momentum, own.tau_ext), np.ones(len(own.v), bool)
+            errors, own.v, own.transmitted, momentum, own.tau_ext, np.ones(len(own.v), bool)
         )
         white, lengths = detector.whiten(detector.initial_state(), samples)
         for kept, part in zip(found, (*white, lengths), strict=True):

@@ -81,7 +81,7 @@ class TrackedEstimator:
         self._plain = WrenchEstimator(robot, model, config)
         self._detector = ContactDetector.of(self._plain, detection)
         self.tracker = FrictionTracker(
-            *(model, own.observer.pole, own.observer.time_step, force_sd), own.resolution
+            model, own.observer.pole, own.observer.time_step, force_sd, own.resolution
         )
         self.zero: ZeroedPayload | None = None
         self._zeroing: PayloadZero | None = None
@@ -104,8 +104,10 @@ class TrackedEstimator:
         assert error is not None
         self.zero = None
         self._zeroing = PayloadZero(
-            *(robot.payload, np.asarray(robot.gravity)),
-            *(own.observer.time_step, error.correlation_time),
+            robot.payload,
+            np.asarray(robot.gravity),
+            own.observer.time_step,
+            error.correlation_time,
         )
 
     def finish_zero(self) -> ZeroedPayload:
@@ -166,8 +168,13 @@ class TrackedEstimator:
                 self.tracker.learn(own.tau_ext - weight[rows], own.J_seen, free)
             if self._zeroing is not None:
                 self._zeroing.add(
-                    *(q[rows], v[rows], J_seen[rows], R_WE[rows]),
-                    *(better.tau_ext, own.torque_sd, read[rows]),
+                    q[rows],
+                    v[rows],
+                    J_seen[rows],
+                    R_WE[rows],
+                    better.tau_ext,
+                    own.torque_sd,
+                    read[rows],
                 )
         taught = Taught(correction, v, np.ones(len(q)))
         batch = self.estimator.run(self._state, q, v, current, taught=taught)

@@ -458,18 +458,43 @@ class WrenchEstimator:
             now = TorqueError(*(x[rows] for x in error))
             terms_log(self.packed, q[rows], v[rows], current[rows], known[rows], part, J[rows])
             memory_log(
-                *(self.choice, self.packed, state, known[rows], part, J[rows], now),
-                *(tau_ext[rows], counts[rows], own),
+                self.choice,
+                self.packed,
+                state,
+                known[rows],
+                part,
+                J[rows],
+                now,
+                tau_ext[rows],
+                counts[rows],
+                own,
             )
             transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
             momentum[rows], speed[rows] = part[:, MOMENTUM], part[:, V]
             F[rows], covariance[rows], condition[rows], valid[rows] = self.reading.run(
-                *(parts.reading, now, J[rows], tau_ext[rows], counts[rows]),
-                *(fault[rows] & BEYOND != 0, own, conditions),
+                parts.reading,
+                now,
+                J[rows],
+                tau_ext[rows],
+                counts[rows],
+                fault[rows] & BEYOND != 0,
+                own,
+                conditions,
             )
         return EstimateBatch(
-            *(tau_ext, F, covariance, condition, valid, J, error.sd, transmitted, counts, fault),
-            *(*error[1:], speed, momentum),
+            tau_ext,
+            F,
+            covariance,
+            condition,
+            valid,
+            J,
+            error.sd,
+            transmitted,
+            counts,
+            fault,
+            *error[1:],
+            speed,
+            momentum,
         )
 
     def _run_one(
@@ -515,8 +540,16 @@ class WrenchEstimator:
         error = TorqueError.empty(N, n)
         terms_log(self.packed, q, v, current, known, signals, J)
         memory_log(
-            *(self.choice, self.packed, self.initial_state(), known, signals, J, error),
-            *(tau_ext, fresh, np.empty((N, 0))),
+            self.choice,
+            self.packed,
+            self.initial_state(),
+            known,
+            signals,
+            J,
+            error,
+            tau_ext,
+            fresh,
+            np.empty((N, 0)),
         )
         tau_J, tau_f = signals[:, TAU_J].copy(), signals[:, TAU_F].copy()
         return Observation(tau_ext, tau_J, tau_f, fresh, J, error)

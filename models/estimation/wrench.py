@@ -327,6 +327,13 @@ def _settings(config: WrenchReconstructionConfig) -> list[float]:
         if config.max_phantom is None:
             phantom = PHANTOM_SHARE * valid_force
     return [
-        *(method, known_force, known_moment, config.damping, config.truncation, bound),
-        *(valid_force, valid_moment, phantom),
+        method,
+        known_force,
+        known_moment,
+        config.damping,
+        config.truncation,
+        bound,
+        valid_force,
+        valid_moment,
+        phantom,
     ]

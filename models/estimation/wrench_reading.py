@@ -152,8 +152,13 @@ class WrenchReading:
             same = np.array_equal(covariance, error.covariance)
             error = error if same else ConstantTorqueError.of(covariance)
         return WrenchReading(
-            *(error, config, K_0, self._time_step, self._force_bandwidth_hz),
-            *(self._usual_sd, self._torques),
+            error,
+            config,
+            K_0,
+            self._time_step,
+            self._force_bandwidth_hz,
+            self._usual_sd,
+            self._torques,
         )
 
     def initial_state(self) -> Array:

@@ -286,12 +286,21 @@ class TorqueErrorModel:
 
 
 _NUMBERS = {
-    *("rest_time", "reach", "drift", "beyond_speed", "beyond_load", "scale"),
-    *("read_load", "resting_only"),
+    "rest_time",
+    "reach",
+    "drift",
+    "beyond_speed",
+    "beyond_load",
+    "scale",
+    "read_load",
+    "resting_only",
 }
 PLAIN: dict[str, Any] = {
     **dict.fromkeys(("speed", "load", "acceleration", "reversal", "lasting", "resolution"), 0.0),
-    **{"fitted_speed": 0.0, "fitted_load": 0.0, "correlation_time": 1.0, "K_0": 1.0},
+    "fitted_speed": 0.0,
+    "fitted_load": 0.0,
+    "correlation_time": 1.0,
+    "K_0": 1.0,
 }
 """Attributes of an error that follows nothing of a motion, but for its size and correlation."""
 

@@ -94,8 +94,13 @@ class ExternalTorqueEstimator:
         valid = known and self._detector is not None and at_E and bool(estimate.valid[0])
         valid &= place is not None or not contact
         batch = EstimateBatch(
-            *(tau, estimate.wrench, estimate.covariance, estimate.condition_number),
-            *(np.array([valid]), J, self._sd[None]),
+            tau,
+            estimate.wrench,
+            estimate.covariance,
+            estimate.condition_number,
+            np.array([valid]),
+            J,
+            self._sd[None],
             fresh=np.array([known]),
             fault=np.zeros(1, np.int64),
         )

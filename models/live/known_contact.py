@@ -34,7 +34,10 @@ class KnownContactEstimator:
         self._inner.restart()
         own = self._estimator
         self._contact = ContactReader(
-            *(own.robot, own.observer.pole, own.observer.time_step, self._config),
+            own.robot,
+            own.observer.pole,
+            own.observer.time_step,
+            self._config,
             own.config.reconstruction.max_force_sd,
         )
         self._held: list[tuple[Array, Array, Array, EstimateBatch]] = []

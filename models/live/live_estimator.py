@@ -256,7 +256,10 @@ class LiveEstimator:
         self._reader = ContactEstimator(self._estimator, detection)
         if self._config.track or self._config.zero_s:
             self.tracked = TrackedEstimator(
-                *(self._robot, self._model, config, detection),
+                self._robot,
+                self._model,
+                config,
+                detection,
                 follows_friction=self._config.track,
             )
             self._reader = self.tracked
@@ -370,7 +373,9 @@ class LiveEstimator:
         fault = int(batch.fault[0]) | impossible
         known = not point.dropout and fault == 0
         self._reading = Reading.of(
-            *(batch.wrench[0], batch.covariance[0], batch.tau_ext[0]),
+            batch.wrench[0],
+            batch.covariance[0],
+            batch.tau_ext[0],
             np.nan_to_num(q) if point.dropout else q,
             t=point.t,
             received=sample.received,

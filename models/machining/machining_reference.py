@@ -124,8 +124,17 @@ class MachiningReference:
         limits = np.array([robot.position_lower, robot.position_upper])
         self.plan = joined(
             Plan(
-                *(config.table, chain.table, limits, path.t, path.q, path.v, path.vdot),
-                *(plan.s, plan.setpoint, plan.steady, np.array([pushes_on, time_step])),
+                config.table,
+                chain.table,
+                limits,
+                path.t,
+                path.q,
+                path.v,
+                path.vdot,
+                plan.s,
+                plan.setpoint,
+                plan.steady,
+                np.array([pushes_on, time_step]),
             )
         )
 

@@ -32,7 +32,10 @@ WORK: Final = 10_000_000  # units that a document may take, about a microsecond 
 _ELEMENT: Final = 300  # units that an element takes each time that it is gone through
 _LONGEST_PROBLEM: Final = 400  # characters
 _UNITS: Final = {"radians": 1.0, "degrees": 0.017453292519943295} | {
-    **{"meters": 1.0, "millimeters": 0.001, "foot": 0.3048, "inches": 0.0254},
+    "meters": 1.0,
+    "millimeters": 0.001,
+    "foot": 0.3048,
+    "inches": 0.0254,
 }
 # As xacro's own pattern, which takes exponential time where it does not fit.
 _MACRO_ARGUMENT: Final = re.compile(

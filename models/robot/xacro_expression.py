@@ -147,7 +147,11 @@ _MATH: Final[dict[str, Any]] = {
     "pow": _power,
 }
 _PYTHON: Final[dict[str, Any]] = {
-    **{"True": True, "False": False, "None": None, "range": _range, "round": _round},
+    "True": True,
+    "False": False,
+    "None": None,
+    "range": _range,
+    "round": _round,
     **{f.__name__: f for f in (abs, all, any, bool, dict, float, int, len, list, max, min)},
     **{f.__name__: f for f in (sorted, str, sum, tuple)},
 }
@@ -158,8 +162,10 @@ class Namespace(dict[str, Any]):
 
 
 FUNCTIONS: Final[Mapping[str, Any]] = {
-    **{**_MATH, **_PYTHON},
-    **{"math": Namespace(_MATH), "python": Namespace(_PYTHON)},
+    **_MATH,
+    **_PYTHON,
+    "math": Namespace(_MATH),
+    "python": Namespace(_PYTHON),
 }
 
 _STRING_METHODS: Final = frozenset(
@@ -168,16 +174,30 @@ _STRING_METHODS: Final = frozenset(
 )
 _DICT_METHODS: Final = frozenset({"get", "items", "keys", "values"})
 _BINARY: Final[dict[type[ast.operator], Callable[[Any, Any], Any]]] = {
-    **{ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: _product, ast.Pow: _power},
-    **{ast.Div: operator.truediv, ast.FloorDiv: operator.floordiv, ast.Mod: _remainder},
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: _product,
+    ast.Pow: _power,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: _remainder,
 }
 _UNARY: Final[dict[type[ast.unaryop], Callable[[Any], Any]]] = {
-    **{ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_},
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
 }
 _COMPARISON: Final[dict[type[ast.cmpop], Callable[[Any, Any], Any]]] = {
-    **{ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le},
-    **{ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Is: operator.is_, ast.IsNot: operator.is_not},
-    **{ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b},
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Is: operator.is_,
+    ast.IsNot: operator.is_not,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
 }
 
 

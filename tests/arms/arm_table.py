@@ -73,7 +73,7 @@ ARMS = (
     *(
         Arm(f"{name}", "wheel", f"ur_description/urdf/{name}.urdf")
         for name in (
-            *("ur3_robot", "ur3_gripper", "ur5_robot", "ur5_gripper", "ur10_robot"),
+            "ur3_robot", "ur3_gripper", "ur5_robot", "ur5_gripper", "ur10_robot",
             "ur10_joint_limited_robot",
         )
     ),

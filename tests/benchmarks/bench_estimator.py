@@ -231,7 +231,7 @@ def main() -> None:
         "the Drake diagram of stages": simulation(robot, model, samples, T, False),
         "the fused block": simulation(robot, model, samples, T, True),
         "the same, samples not checked, like the chain": simulation(
-            *(robot, model, samples, T, True, False)
+            robot, model, samples, T, True, False
         ),
         "the same, of a model with a torque error": simulation(robot, knowing, samples, T, True),
     }

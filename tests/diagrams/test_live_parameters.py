@@ -50,7 +50,10 @@ def test_a_gain_changed_live_is_that_of_a_block_built_with_it(
     """What the lag's slow wrench remembers fades as exp(-1.9 t) where a reading is not valid."""
     log = moving_log(sts, T, 8000)
     changed = played(
-        *(sts, model, config(20.0), log),
+        sts,
+        model,
+        config(20.0),
+        log,
         fused=fused,
         change=set_parameter(fused, "observer", "K_0", np.full(N, 60.0)),
     )
@@ -79,7 +82,10 @@ def test_friction_changed_live_is_the_stiction_that_is_stated(
     sampled = law.sampled(T).parameters["slip"].copy()
     sampled[:, :2] *= 3.0
     changed = played(
-        *(sts, model, config(20.0), log),
+        sts,
+        model,
+        config(20.0),
+        log,
         fused=fused,
         change=set_parameter(fused, "friction", "slip", sampled),
     )

@@ -109,7 +109,9 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
     taught = lesson(plan) if knows else None
     reads = knowing(hard) if knows is True else model
     loop = make_closed_loop(
-        *(scenario, hard, model),
+        scenario,
+        hard,
+        model,
         machining_path=plan,
         taught=taught,
         estimator_model=reads,

@@ -38,8 +38,14 @@ def estimate(run, clean):
     def estimate(*options, log=None, robot=None, expect=2):
         prior = () if "--prior" in options else ("--prior", "30,2")
         return run(
-            *("estimate", log or clean.log, "--robot", robot or clean.robot, *prior, *options),
-            *("--out", "out"),
+            "estimate",
+            log or clean.log,
+            "--robot",
+            robot or clean.robot,
+            *prior,
+            *options,
+            "--out",
+            "out",
             expect=expect,
         )
 
@@ -127,8 +133,12 @@ def test_a_column_with_a_large_number(estimate, file, clean, name):
 @pytest.mark.parametrize(
     "columns",
     [
-        *("q{1..1000000000}", "q{1..60000}{1..60000}", "1-1000000000"),
-        *("q{1..9}" + "{1..9}" * 30, "9" * 5000, "1-" + "9" * 5000),
+        "q{1..1000000000}",
+        "q{1..60000}{1..60000}",
+        "1-1000000000",
+        "q{1..9}" + "{1..9}" * 30,
+        "9" * 5000,
+        "1-" + "9" * 5000,
     ],
 )
 def test_a_series_of_many_columns(estimate, file, columns):
@@ -309,8 +319,12 @@ ODD_ROBOTS = {
     "rotor_inertia: 2.6e-5": ("rotor_inertia: 1e308", "rotor_inertia: -1"),
     "torque_constant: 0.47": ("torque_constant: 1e308", "torque_constant: 1e-308"),
     "current_resolution: 0.0026": (
-        *("current_sign: 7", "current_resolution: 1e308", "current_noise_sd: 1e308"),
-        *("current_bandwidth: 1e-308", "effort_limit: 1e308", "effort_limit: 1e-308"),
+        "current_sign: 7",
+        "current_resolution: 1e308",
+        "current_noise_sd: 1e308",
+        "current_bandwidth: 1e-308",
+        "effort_limit: 1e308",
+        "effort_limit: 1e-308",
     ),
     "home: [0.0, -0.26, -0.567, 0.0, 0.827, 0.0]": ("home: []", "home: [1e308, 0, 0, 0, 0, 0]"),
 }
@@ -393,12 +407,23 @@ MESHES = (
     ("half.dae", "<COLLADA"),
 )
 SHAPES = (
-    *('<box size="0 0 0"/>', '<box size="1 2"/>', '<box size="inf 1 1"/>', "<box/>"),
-    *('<box size="-1 1 1"/>', '<sphere radius="nan"/>', '<sphere radius="-1"/>', "<sphere/>"),
-    *('<cylinder radius="1"/>', '<capsule radius="0" length="1"/>', "<ellipsoid/>", "<mesh/>"),
-    *('<mesh filename="solid.obj" scale="0 0 0"/>', '<mesh filename="solid.obj" scale="x"/>'),
+    '<box size="0 0 0"/>',
+    '<box size="1 2"/>',
+    '<box size="inf 1 1"/>',
+    "<box/>",
+    '<box size="-1 1 1"/>',
+    '<sphere radius="nan"/>',
+    '<sphere radius="-1"/>',
+    "<sphere/>",
+    '<cylinder radius="1"/>',
+    '<capsule radius="0" length="1"/>',
+    "<ellipsoid/>",
+    "<mesh/>",
+    '<mesh filename="solid.obj" scale="0 0 0"/>',
+    '<mesh filename="solid.obj" scale="x"/>',
     *(f'<mesh filename="{name}"/>' for name, _ in MESHES),
-    *('<mesh filename="/dev/zero.obj"/>', '<mesh filename="../../../etc/passwd"/>'),
+    '<mesh filename="/dev/zero.obj"/>',
+    '<mesh filename="../../../etc/passwd"/>',
 )
 
 
@@ -478,13 +503,30 @@ def test_lines_that_end_with_both(estimate, file, clean):
 @pytest.mark.parametrize(
     "arguments",
     [
-        *(("nope",), ("estimate",), ("estimate", "--nope"), ("estimate", "x.csv"), ("--nope",)),
-        *(("estimate", "x.csv", "--robot"), ("study", "--jobs", "0"), ("study", "--seed", "x")),
-        *(("simulate", "--duration", "abc"), ("jcn-map", "--samples", "-1"), ("robot",)),
-        *(("robot", "show"), ("robot", "a", "b", "c"), ("payload", "x.csv"), ("identify",)),
-        *(("estimate", "x.csv", "--robot", "ur10e", "extra"), ("study", "--quick=3")),
-        *(("redundancy",), ("place",), ("place", "--task", "nope"), ("simulate", "--scenario", "")),
-        *(("estimate", "", "--robot", "ur10e"), ("robot", ""), ("estimate", "\x1b[31m", "--x")),
+        ("nope",),
+        ("estimate",),
+        ("estimate", "--nope"),
+        ("estimate", "x.csv"),
+        ("--nope",),
+        ("estimate", "x.csv", "--robot"),
+        ("study", "--jobs", "0"),
+        ("study", "--seed", "x"),
+        ("simulate", "--duration", "abc"),
+        ("jcn-map", "--samples", "-1"),
+        ("robot",),
+        ("robot", "show"),
+        ("robot", "a", "b", "c"),
+        ("payload", "x.csv"),
+        ("identify",),
+        ("estimate", "x.csv", "--robot", "ur10e", "extra"),
+        ("study", "--quick=3"),
+        ("redundancy",),
+        ("place",),
+        ("place", "--task", "nope"),
+        ("simulate", "--scenario", ""),
+        ("estimate", "", "--robot", "ur10e"),
+        ("robot", ""),
+        ("estimate", "\x1b[31m", "--x"),
     ],
 )
 def test_a_usage_error_is_one_line(run, arguments):

@@ -61,7 +61,10 @@ def played(
     builder = DiagramBuilder()
     ports = add_log(builder, log, T)
     estimator = add_estimator(
-        *(builder, robot, model, config),
+        builder,
+        robot,
+        model,
+        config,
         **ports,
         fused=fused,
         detection=detection,

@@ -109,8 +109,15 @@ def test_ports(sts, model):
     system = ContactDetection(ContactDetector.of(WrenchEstimator(sts, model, config("inverse"))))
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
     assert names == [
-        *("v", "terms", "torque_error", "tau_ext", "tau_ext_valid", "tau_J", "tau_f"),
-        *("pole", "law"),
+        "v",
+        "terms",
+        "torque_error",
+        "tau_ext",
+        "tau_ext_valid",
+        "tau_J",
+        "tau_f",
+        "pole",
+        "law",
     ]
     for late in ("tau_J", "tau_f"):
         port = system.GetInputPort(late).get_index()

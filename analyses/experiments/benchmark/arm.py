@@ -141,7 +141,9 @@ class Ur10eArm:
             "plain_tools": lambda log: by_estimator(log, robot, self.plain_model(), "damped"),
             "article": lambda log: by_estimator(log, robot, self.article_model(), "inverse"),
             "kalman": lambda log: by_estimator(
-                *(log, robot, self.models["ours"]),
+                log,
+                robot,
+                self.models["ours"],
                 observer=KalmanObserverConfig(
                     time_step=log.time_step, torque_samples="trapezoidal"
                 ),

@@ -97,7 +97,7 @@ class ContactTask:
             ),
             "article": lambda run: read_article(run, law, torque_sd),
             "kalman": lambda run: _estimated(
-                *(run, kalman[run.run.name.controller], KalmanObserverConfig(), "force_only")
+                run, kalman[run.run.name.controller], KalmanObserverConfig(), "force_only"
             ),
             "network": self._network,
             "ours": self._ours,

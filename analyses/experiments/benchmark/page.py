@@ -200,7 +200,11 @@ def comparison(metrics: Mapping[str, Any], own: Sequence[str]) -> list[Compariso
             more = task == "link"
             rows.append(
                 ComparisonRow(
-                    *(f"{words}{who}", f"{task}.{method}.{key}", stated, "", source),
+                    f"{words}{who}",
+                    f"{task}.{method}.{key}",
+                    stated,
+                    "",
+                    source,
                     more_is_better=more,
                 )
             )

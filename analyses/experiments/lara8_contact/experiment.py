@@ -131,7 +131,9 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
         "bias_nm": by_joint(np.mean, rows, error),
         "torque_inside_95_pct": by_joint(
             lambda e, sd: 100.0 * np.mean(np.abs(e) <= SIGMA_95 * sd),
-            *(rows, error, reading.batch.torque_sd),
+            rows,
+            error,
+            reading.batch.torque_sd,
         ),
         **{
             key: [one.get(key) for one in figures[:3]]

@@ -141,15 +141,18 @@ def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
     models = identify_arm(robot, context.seed, context.quick, context.part(0.3, 0.55))
     recording = models.held_out[0]
     other = simulate_excitation(
-        *(robot, mirrored(stored_excitation(robot, 1)), 1 if context.quick else PERIODS),
-        *(2 * context.seed, "excitation_1_mirrored"),
+        robot,
+        mirrored(stored_excitation(robot, 1)),
+        1 if context.quick else PERIODS,
+        2 * context.seed,
+        "excitation_1_mirrored",
         context.part(0.55, 0.6),
     ).recording
     model = _with_torque_error(models.models[LAW], robot, other)
     step = position_resolution(recording.q)
     N = recording.num_samples
     forces = push_forces(
-        *(N, recording.time_step, PUSH, PUSH_TIME, PAUSE), np.random.default_rng(context.seed)
+        N, recording.time_step, PUSH, PUSH_TIME, PAUSE, np.random.default_rng(context.seed)
     )
     there = pushed(recording, robot, forces)
     return {

@@ -42,7 +42,13 @@ from wrenchsight.analyses.methods.reference_sensor.judged_force import (
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 
 METHODS: Final = (
-    *("no_sensor", "command", "calibrated", "article", "by_hand", "two_joints", "gravity"),
+    "no_sensor",
+    "command",
+    "calibrated",
+    "article",
+    "by_hand",
+    "two_joints",
+    "gravity",
     "carried_over",
 )
 SPEEDS: Final = ("v10", "v25", "v90")

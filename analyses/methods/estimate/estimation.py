@@ -121,14 +121,12 @@ def estimate_log(
 
         def opened(path: Path) -> RecordingReader:
             reader = RecordingReader(
-                *(
-                    path,
-                    log_format,
-                    robot,
-                    config.check,
-                    reference_columns(config.reference),
-                    "estimate",
-                ),
+                path,
+                log_format,
+                robot,
+                config.check,
+                reference_columns(config.reference),
+                "estimate",
                 accept_signs=config.accept_signs,
             )
             reader.require_joint_signals()
@@ -172,7 +170,10 @@ def estimate(
     asked = settings.estimate.estimator
     reader, screen = read(), screen_of(robot, asked)
     chunks = uniform_chunks(
-        *(reader, screen, asked, settings.estimate.max_gap),
+        reader,
+        screen,
+        asked,
+        settings.estimate.max_gap,
         Part(progress, before.passes, 1.0, "estimating"),
     )
     first = next(chunks)
@@ -224,7 +225,10 @@ def estimate(
         warnings += tracked.tracker.advice(model.joint_names)
     if before.watch is not None:
         warnings += before.watch.sentences(
-            *(settings.log, settings.robot, settings.model, before.drift_shown),
+            settings.log,
+            settings.robot,
+            settings.model,
+            before.drift_shown,
             _fitted_on(model, settings.log),
         )
     reads_moments = config.reconstruction.method != "force_only"

@@ -99,7 +99,7 @@ class FrictionWatch:
         log, sd = (t, q, v, self._chain.gravity_torque(q)), self._model.residual_covariance
         self._rows.append(
             ResidualRows.of_law(
-                *(self._model.friction, log, -tau_ext[at], np.sqrt(np.diag(sd)), at, self._seen)
+                self._model.friction, log, -tau_ext[at], np.sqrt(np.diag(sd)), at, self._seen
             )
         )
 

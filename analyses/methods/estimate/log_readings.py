@@ -87,8 +87,15 @@ class LogReadings:
             batch = batch._replace(valid=batch.valid & trusted)
         sd, valid = batch.standard_deviation, self.summary.judge(chunk, batch, self._config)
         table.write(
-            *(chunk.t, batch.wrench, sd, batch.condition_number, valid, batch.tau_ext),
-            *(found.statistic, {**found._asdict(), "fault": fault}, batch.covariance),
+            chunk.t,
+            batch.wrench,
+            sd,
+            batch.condition_number,
+            valid,
+            batch.tau_ext,
+            found.statistic,
+            {**found._asdict(), "fault": fault},
+            batch.covariance,
         )
         if bag is not None:
             _, p_WE = self._robot.chain.pose(np.nan_to_num(chunk.q))
@@ -111,7 +118,11 @@ class LogReadings:
         chunk, batch, found, tau_ext = part
         alone, error = of_contacts(found.contact, chunk.t, tau_ext), self._model.torque_error
         found, odds, trusted = judge_places(
-            *(found, chunk.t, batch.J, alone, batch.torque_sd),
+            found,
+            chunk.t,
+            batch.J,
+            alone,
+            batch.torque_sd,
             None if error is None else error.correlation,
         )
         if error is not None and self._config.reconstruction.method == "force_only":

@@ -148,7 +148,7 @@ def estimate_torque_logs(
             estimate=config,
         )
         sources = [
-            TorqueLog(*(log, log_format, robot, config.check, config.reference, config.torque_sign))
+            TorqueLog(log, log_format, robot, config.check, config.reference, config.torque_sign)
             for log in logs
         ]
         result = _estimate(sources, robot, folder, settings, progress)
@@ -368,8 +368,13 @@ def _read(
             sd = batch.standard_deviation
             valid = run.summary.judge(chunk, batch, run.config.estimator)
             table.write(
-                *(chunk.t, batch.wrench, sd, batch.condition_number, valid),
-                *(np.nan_to_num(tau_ext), found.statistic),
+                chunk.t,
+                batch.wrench,
+                sd,
+                batch.condition_number,
+                valid,
+                np.nan_to_num(tau_ext),
+                found.statistic,
                 {**found._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
                 batch.covariance,
             )
@@ -381,9 +386,12 @@ def _read(
             if run.beside is not None and run.rows is not None:
                 R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
                 run.beside.add(
-                    *(chunk.t, batch.wrench[:, FORCE_FIRST], sd[:, FORCE_FIRST]),
+                    chunk.t,
+                    batch.wrench[:, FORCE_FIRST],
+                    sd[:, FORCE_FIRST],
                     np.asarray(valid, float),
-                    *(R_WE, chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))),
+                    R_WE,
+                    chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1)),
                     sensor,
                 )
                 run.rows.add(chunk.t, batch, R_WE, sensor)

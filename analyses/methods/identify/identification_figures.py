@@ -26,7 +26,8 @@ def torque_figure(fit: TorqueFit, joint_names: Sequence[str], kind: str) -> Figu
         axis.plot(t, fit.residual[:, j], color=COLOUR["before"], lw=0.8, label="residual")
         mean, sd = float(fit.bias[j]), float(fit.residual_sd[j])
         axis.axhspan(
-            *(mean - sd, mean + sd),
+            mean - sd,
+            mean + sd,
             color=COLOUR["before"],
             alpha=BAND_ALPHA,
             lw=0.0,

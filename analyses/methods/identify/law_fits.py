@@ -98,8 +98,14 @@ class LawFits:
             extrapolated = self._extrapolated(WITH_NETWORK.get(law, law), fit)
         predicted = tuple(run.predict(chain, friction) for run in runs)
         return LawFit(
-            *(law, fit.weights, fit.solution, chain, friction),
-            *(predicted, cross_validation, extrapolated),
+            law,
+            fit.weights,
+            fit.solution,
+            chain,
+            friction,
+            predicted,
+            cross_validation,
+            extrapolated,
         )
 
     def held_out_models(self, law: str) -> list[HeldOutModel]:

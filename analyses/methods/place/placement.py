@@ -327,8 +327,13 @@ def _initial_profile(
     if path is None or task.initial is None:
         return None
     found, reached, _ = on_all_branches(
-        *(robot, path.n_W[np.newaxis], path.p_WM[np.newaxis], path.R_WE[np.newaxis]),
-        *(path.path_length, path.num_segments, math.pi / 2),
+        robot,
+        path.n_W[np.newaxis],
+        path.p_WM[np.newaxis],
+        path.R_WE[np.newaxis],
+        path.path_length,
+        path.num_segments,
+        math.pi / 2,
     )
     q = found.q
     bounds = task.bounds(robot)

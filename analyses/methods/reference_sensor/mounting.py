@@ -151,7 +151,9 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
     sensor, known = recording.extra[REFERENCE], np.asarray(np.isfinite(recording.q).all(axis=1))
     q = np.where(known[:, None], recording.q, 0.0)
     mounting = Mounting(
-        *(config.frame, _stated_axes(config), 1 if config.sign == "robot" else -1),
+        config.frame,
+        _stated_axes(config),
+        1 if config.sign == "robot" else -1,
         tare_of(recording.t, sensor, config),
         0.0 if config.delay == FOUND else float(config.delay),
     )

@@ -198,9 +198,15 @@ def learn_error(
     log = held_out.log
     N = min(len(log.t), len(reference.log.t))
     reading = HeldOutReading(
-        *(second.tau_ext[:N] - first.tau_ext[:N], log.q[:N], log.v[:N], second.transmitted[:N]),
-        *(log.t[:N] - log.t[0] >= LEAD, estimator.friction, log.time_step),
-        *(np.asarray(K_0, float), position_resolution(log.q)),
+        second.tau_ext[:N] - first.tau_ext[:N],
+        log.q[:N],
+        log.v[:N],
+        second.transmitted[:N],
+        log.t[:N] - log.t[0] >= LEAD,
+        estimator.friction,
+        log.time_step,
+        np.asarray(K_0, float),
+        position_resolution(log.q),
     )
     return replace(fit_torque_error([reading], rest=REST), read_load=BEYOND_LOAD)
 

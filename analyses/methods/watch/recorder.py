@@ -147,7 +147,9 @@ class Recorder:
             }
             with WrenchTableWriter(path, self._robot.num_joints) as table:
                 table.write(
-                    *(t, wrench, np.array([reading.sd for reading in readings])),
+                    t,
+                    wrench,
+                    np.array([reading.sd for reading in readings]),
                     np.array([reading.condition_number for reading in readings]),
                     np.array([reading.valid for reading in readings]),
                     np.array([reading.tau_ext for reading in readings]),

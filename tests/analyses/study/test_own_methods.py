@@ -89,7 +89,7 @@ def test_a_changed_method_runs_anew_what_measures_it_and_nothing_else(folder):
 
     def fingerprints():
         settings = StudySettings(
-            *((), (), folder, 0, False, "1"), methods=named_methods(["changing_method:make"])
+            (), (), folder, 0, False, "1", methods=named_methods(["changing_method:make"])
         )
         own = "wrenchsight.analyses.study.own_methods"
         return [settings.fingerprint(own, (), takes) for takes in (False, True)]

@@ -60,8 +60,10 @@ def test_rest_in_stiction_hides_no_change():
     still = np.zeros((more, 2))
     rested = ResidualRows(
         np.concatenate([log.t, log.t[-1] + 0.1 * np.arange(1, more + 1)]),
-        *(np.vstack([log.v, still]), np.vstack([log.residual, np.tile([8.0, 1.5], (more, 1))])),
-        *(np.vstack([log.dry, still]), np.vstack([log.viscous, still])),
+        np.vstack([log.v, still]),
+        np.vstack([log.residual, np.tile([8.0, 1.5], (more, 1))]),
+        np.vstack([log.dry, still]),
+        np.vstack([log.viscous, still]),
         np.broadcast_to(LAW.coulomb, (4 * len(log.t), 2)),
         np.concatenate([log.sliding, np.stack([still, still, still + 1.0], axis=2)]),
         log.sd,

@@ -144,7 +144,7 @@ def test_an_action_is_torque_error_and_integral(presses, in_E, valid):
     pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
     action = np.empty(n + 7)
     impedance_action(
-        *(controller, arm, pose, reference, presses, valid, setpoint, wrench, integral, action)
+        controller, arm, pose, reference, presses, valid, setpoint, wrench, integral, action
     )
     d_W = R_WE @ direction
     free, blind = np.empty(6), np.empty(6)

@@ -252,8 +252,17 @@ def with_torque_error(model):
     own = {
         key: rng.uniform(0.1, 1.0, n)
         for key in (
-            *("constant", "speed", "load", "acceleration", "reversal", "correlation_time"),
-            *("lasting", "fitted_speed", "fitted_load", "K_0", "resolution"),
+            "constant",
+            "speed",
+            "load",
+            "acceleration",
+            "reversal",
+            "correlation_time",
+            "lasting",
+            "fitted_speed",
+            "fitted_load",
+            "K_0",
+            "resolution",
         )
     }
     correlation = np.full((n, n), 0.1) + 0.9 * np.eye(n)

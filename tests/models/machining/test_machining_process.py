@@ -89,8 +89,11 @@ def test_a_varying_process_is_the_steady_one_varied():
     process, T, t = varying(), 1e-3, 0.1234
     variations = process.variations
     parts = (
-        *(variations.table, variations.waviness, variations.patches),
-        *(variations.pose, variations.ends),
+        variations.table,
+        variations.waviness,
+        variations.patches,
+        variations.pose,
+        variations.ends,
     )
     contact, p_WE = np.array([31.0, 0.0, 0.6, 0.8]), np.array([0.2, 0.1, 0.0])
     V_WE = np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0])

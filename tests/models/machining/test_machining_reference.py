@@ -39,7 +39,13 @@ def plan(robot, path, pushes_on):
         PHASES.table,
         np.ascontiguousarray(robot.chain.table),
         np.array([robot.position_lower, robot.position_upper]),
-        *(trajectory.t, trajectory.q, trajectory.v, trajectory.vdot, place, force, TRUSTED),
+        trajectory.t,
+        trajectory.q,
+        trajectory.v,
+        trajectory.vdot,
+        place,
+        force,
+        TRUSTED,
         np.array([pushes_on, T]),
     )
 

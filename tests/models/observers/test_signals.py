@@ -31,9 +31,16 @@ def test_every_signal_has_its_row(sts, knows):
     np.testing.assert_array_equal(out[: 6 * n].reshape(6, n), terms.J)
     signals = out[6 * n :].reshape(NUM_SIGNALS, n)
     expected = {
-        **{Q: terms.q, V: terms.v, MOMENTUM: terms.momentum, CTV: terms.CTv, GRAVITY: terms.G},
-        **{TAU_F: tau_f, TAU_J: 0.0, TAU_EXT: 0.0},
-        **{TORQUE_SD: error[:n] * knows, STICTION: error[n : 2 * n] * knows},
+        Q: terms.q,
+        V: terms.v,
+        MOMENTUM: terms.momentum,
+        CTV: terms.CTv,
+        GRAVITY: terms.G,
+        TAU_F: tau_f,
+        TAU_J: 0.0,
+        TAU_EXT: 0.0,
+        TORQUE_SD: error[:n] * knows,
+        STICTION: error[n : 2 * n] * knows,
         DRIFT: error[2 * n : 3 * n] * knows,
     }
     assert len(expected) == NUM_SIGNALS

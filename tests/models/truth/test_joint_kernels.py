@@ -39,8 +39,18 @@ from wrenchsight.models.truth.true_joints import TrueJoints
 
 H = 1e-3
 KEYS = (
-    *("stiction", "coulomb", "speed", "viscous", "inverse_saturation", "temperature_share"),
-    *("heating", "inverse_time", "forwards", "backwards", "motoring", "generating"),
+    "stiction",
+    "coulomb",
+    "speed",
+    "viscous",
+    "inverse_saturation",
+    "temperature_share",
+    "heating",
+    "inverse_time",
+    "forwards",
+    "backwards",
+    "motoring",
+    "generating",
 )
 
 

@@ -123,8 +123,16 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         tau_ext = push * np.sin(2.0 * np.pi * k * 1e-3)  # 1 Hz, for three seconds
         after = np.empty_like(state)
         joint_tick(
-            *(joints.table, 1e-3, Links(M, zero, zero, q, v), zero, tau_ext),
-            *(np.zeros(2 * n), state, after, signals, tick_work(state)),
+            joints.table,
+            1e-3,
+            Links(M, zero, zero, q, v),
+            zero,
+            tau_ext,
+            np.zeros(2 * n),
+            state,
+            after,
+            signals,
+            tick_work(state),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after

@@ -117,8 +117,16 @@ def by_kernel(joints, terms, state, tau_ext, tick=0):
     after, signals, noise = np.empty_like(state), np.empty((SIGNALS, 6)), np.empty(12)
     gaussian_noise(SEED + WANDER_STREAM, tick, noise)
     joint_tick(
-        *(joints.table, T, Links(terms.M, terms.Cv, terms.G, terms.q, terms.v), COMMAND),
-        *(tau_ext, noise, state, after, signals, tick_work(state)),
+        joints.table,
+        T,
+        Links(terms.M, terms.Cv, terms.G, terms.q, terms.v),
+        COMMAND,
+        tau_ext,
+        noise,
+        state,
+        after,
+        signals,
+        tick_work(state),
     )
     return after, signals
 
@@ -180,8 +188,16 @@ def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
         work.context.SetTime(tick * T)
         q, v = np.empty(6), np.empty(6)
         encoder_reading(
-            *(joints.table, joints.initial_state(), work.terms.G, robot.home, V, True),
-            *(SEED + VELOCITY_STREAM, tick, q, v),
+            joints.table,
+            joints.initial_state(),
+            work.terms.G,
+            robot.home,
+            V,
+            True,
+            SEED + VELOCITY_STREAM,
+            tick,
+            q,
+            v,
         )
         np.testing.assert_array_equal(work.motion["q_read"], q)
         np.testing.assert_array_equal(work.motion["v_read"], v)
@@ -264,8 +280,18 @@ def test_a_varying_process_is_told_time_and_place(robot, joints):
     assert touch[0] > 1.0
     expected, varied = process.initial_state, process.variations
     advance_varying_process(
-        *(process.table, varied.table, varied.waviness, varied.patches, varied.pose, varied.ends),
-        *(T, 0.0123, touch, work.terms.V_WE, work.terms.p_WE, expected),
+        process.table,
+        varied.table,
+        varied.waviness,
+        varied.patches,
+        varied.pose,
+        varied.ends,
+        T,
+        0.0123,
+        touch,
+        work.terms.V_WE,
+        work.terms.p_WE,
+        expected,
     )
     np.testing.assert_array_equal(work.after()[first : first + expected.size], expected)
     assert not work.after()[VIBRATION * 6 : VIBRATION * 6 + 6].any()

@@ -135,9 +135,15 @@ def read_contact_free(
     """What an observer (K_0, 1/s) reads where nothing touches the arm; `used` (N,) samples."""
     seen = estimator.observe(log.q, log.v, log.current)
     return HeldOutReading(
-        *(seen.tau_ext, log.q, log.v, seen.tau_J - seen.tau_f),
-        *(seen.fresh & used, estimator.friction, log.time_step),
-        *(np.full(log.num_joints, K_0), position_resolution(log.q)),
+        seen.tau_ext,
+        log.q,
+        log.v,
+        seen.tau_J - seen.tau_f,
+        seen.fresh & used,
+        estimator.friction,
+        log.time_step,
+        np.full(log.num_joints, K_0),
+        position_resolution(log.q),
     )
 
 

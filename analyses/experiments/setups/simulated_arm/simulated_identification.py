@@ -48,8 +48,11 @@ def identify_simulated_arm(
     def identified() -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
         first, second = (
             simulate_excitation(
-                *(robot, stored_excitation(robot, k + 1), periods),
-                *(2 * seed + k, f"excitation_{k + 1}"),
+                robot,
+                stored_excitation(robot, k + 1),
+                periods,
+                2 * seed + k,
+                f"excitation_{k + 1}",
             )
             for k in range(2)
         )

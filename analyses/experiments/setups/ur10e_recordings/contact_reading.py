@@ -118,7 +118,13 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
         slide = (run.t >= first) & (run.t <= last) & ~run.corners
     model, external = with_tool_of(identified, robot), normal * run.sensor_force[:, None]
     return PreparedRun(
-        *(run, robot, published, normal, R_WE, J, excess),
+        run,
+        robot,
+        published,
+        normal,
+        R_WE,
+        J,
+        excess,
         air=LogRows.of(run.log, run.is_free, robot, model),
         measured=LogRows.of(run.log, run.is_free | slide, robot, model, external),
         truth=block_mean(run.sensor_force),

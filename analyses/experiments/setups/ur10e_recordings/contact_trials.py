@@ -112,7 +112,7 @@ class TrialLog:
             current = np.asarray(current - self.robot.motor_current(tau_ext))
         seen = self.estimator.observe(self.q, self.v, current)
         samples = ArmSamples(
-            *(seen.torque_error, self.v, seen.transmitted, self.momentum, seen.tau_ext, seen.fresh)
+            seen.torque_error, self.v, seen.transmitted, self.momentum, seen.tau_ext, seen.fresh
         )
         return Detection.of(detector.judge(detector.initial_state(), samples))
 

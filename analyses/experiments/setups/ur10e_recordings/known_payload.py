@@ -177,7 +177,10 @@ def read_at_load(
     learnt, test = slice(LEARNING.start, LEARNING.stop), slice(LEARNING.stop, -LEARNING.start)
     R_WE, _ = robot.chain.pose(loaded.q)
     result = find_point_of_action(
-        *(batch.J[LEARNING], R_WE[LEARNING], batch.tau_ext[LEARNING], Sigma_tau),
+        batch.J[LEARNING],
+        R_WE[LEARNING],
+        batch.tau_ext[LEARNING],
+        Sigma_tau,
         with_mean,
         free_noise,
     )

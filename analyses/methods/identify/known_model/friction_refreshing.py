@@ -170,7 +170,9 @@ def refresh_log(
         model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
         progress(0.0, "reading")
         given = logs_of(
-            *(settings.logs, "identify", "--refresh"),
+            settings.logs,
+            "identify",
+            "--refresh",
             lambda path: read_log(path, settings, robot),
         )
         progress(0.4, "finding friction")

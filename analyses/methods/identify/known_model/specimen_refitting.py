@@ -301,7 +301,9 @@ def refit_logs(
         model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
         progress(0.0, "reading")
         given = logs_of(
-            *(settings.logs, "identify", "--other-specimen"),
+            settings.logs,
+            "identify",
+            "--other-specimen",
             lambda path: read_log(path, settings, robot),
         )
         logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in given]

@@ -78,9 +78,14 @@ def test_a_long_rest_neither_hides_a_change_nor_adds_to_it(sts, model):
     alone = watched(model, sts, t, q, v, tau_ext, free).drifts()
     chatter = 1e-4 * np.random.default_rng(1).choice([-1.0, 1.0], (2 * ROWS, 6))
     log = watched(
-        *(model, sts, T * np.arange(3 * ROWS), np.vstack([q, np.tile(q[-1], (2 * ROWS, 1))])),
-        *(np.vstack([v, chatter]), np.vstack([tau_ext, np.full((2 * ROWS, 6), 2.0)])),
-        *(np.ones(3 * ROWS, bool), (3 * ROWS,)),
+        model,
+        sts,
+        T * np.arange(3 * ROWS),
+        np.vstack([q, np.tile(q[-1], (2 * ROWS, 1))]),
+        np.vstack([v, chatter]),
+        np.vstack([tau_ext, np.full((2 * ROWS, 6), 2.0)]),
+        np.ones(3 * ROWS, bool),
+        (3 * ROWS,),
     )
     (found,) = log.disagreements()
     assert found.joint == 2

@@ -44,7 +44,10 @@ def test_touches_are_found_and_their_link_is_named(data, tmp_path, name, link, s
     description = tmp_path / "sensors.yaml"
     description.write_text(SENSORS)
     result = estimate_torque_logs(
-        *([log], "panda", tmp_path / "out", description if sensed else None),
+        [log],
+        "panda",
+        tmp_path / "out",
+        description if sensed else None,
         config=EstimateConfig(torque="external"),
     )
     rows = pa_csv.read_csv(log)

@@ -155,7 +155,7 @@ def test_friction_that_remembers_counts_through_the_turn(sts_reversed, model, pa
     law = model.friction.velocity_law.coulomb_viscous
     viscous = SemiParametricFriction(CoulombViscous(zero, law.viscous, zero))
     remembers = PreslidingFriction(
-        *(viscous, law.coulomb, zero, one, zero, zero), np.ones((6, 1)), np.full((6, 1), 2e-5)
+        viscous, law.coulomb, zero, one, zero, zero, np.ones((6, 1)), np.full((6, 1), 2e-5)
     )
     own = replace(model, friction=remembers)
     taught = teach(recording, motion, plan, sts_reversed, own, scenario.estimator)

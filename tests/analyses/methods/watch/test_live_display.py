@@ -16,7 +16,10 @@ def rows(count, valid=1.0, link=0.0):
     for k in range(count):
         zero = np.zeros(6)
         reading = Reading.of(
-            *(np.arange(1.0, 7.0), np.diag(np.arange(1.0, 7.0) ** 2), zero, zero),
+            np.arange(1.0, 7.0),
+            np.diag(np.arange(1.0, 7.0) ** 2),
+            zero,
+            zero,
             t=5.0 + 0.002 * k,
             received=1.0,
             valid=valid,

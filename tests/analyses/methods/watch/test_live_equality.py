@@ -35,7 +35,11 @@ def test_a_replayed_log_reads_as_estimate_reads_it(
     model.save(tmp_path / "model.yaml")
     # The step, the prior and the encoders' resolution that `estimate` found are stated to both.
     result = estimate_log(
-        *(log, ur10e.source, tmp_path / "model.yaml", tmp_path / "out", log_format),
+        log,
+        ur10e.source,
+        tmp_path / "model.yaml",
+        tmp_path / "out",
+        log_format,
         EstimateConfig(prior="live", check=False, track=track),
     )
     table = np.genfromtxt(result.table, delimiter=",", names=True)

@@ -22,7 +22,10 @@ def rows(robot, count, start=0.0, step=0.002):
     for k in range(count):
         root = rng.normal(size=(6, 6))
         reading = Reading.of(
-            *(rng.normal(size=6), root @ root.T, rng.normal(size=6), robot.home),
+            rng.normal(size=6),
+            root @ root.T,
+            rng.normal(size=6),
+            robot.home,
             t=start + k * step,
             valid=1.0,
         )

@@ -245,9 +245,12 @@ def _mcap(path: Path, chunks: Sequence[tuple[int, str, bytes]]) -> Path:
 @pytest.mark.parametrize(
     "chunk",
     [
-        *((100 << 24, "zstd", 100 * _ZEROS), (1 << 20, "zstd", _ZEROS), (1 << 60, "zstd", _ZEROS)),
+        (100 << 24, "zstd", 100 * _ZEROS),
+        (1 << 20, "zstd", _ZEROS),
+        (1 << 60, "zstd", _ZEROS),
         (1 << 20, "zstd", 100 * _ZEROS),
-        *((1 << 30, "lz4", lz4.frame.compress(bytes(1 << 24))), (1 << 62, "", b"")),
+        (1 << 30, "lz4", lz4.frame.compress(bytes(1 << 24))),
+        (1 << 62, "", b""),
     ],
 )
 def test_a_chunk_that_unpacks_without_end(tmp_path: Path, chunk: tuple[int, str, bytes]) -> None:

@@ -114,7 +114,9 @@ def test_the_push_reaches_the_reading(sts):
     current = torque / (sts.current_sign * sts.torque_per_ampere)
     log = TrialLog(
         Recording(t=t, q=q, v=v, current=current, source="free"),
-        *(sts, IdentifiedModel.nominal(sts), T),
+        sts,
+        IdentifiedModel.nominal(sts),
+        T,
     )
     tau = put_in([(150, 250)], log.J[:, 3:], 30.0, np.random.default_rng(1))
     gain = sts.current_sign * sts.torque_per_ampere
