@@ -1,8 +1,8 @@
 """A machining pass over a surface, planned: the joints' motion, its time law and its forces.
 
 The tool's tip E is led over the points of a surface path with its z axis into the surface; the
-posture at each sample is given (models.planning.motion.redundancy chooses it). Whatever can be known
-to fail before anything moves is refused here, with one line.
+posture at each sample is given (models.planning.motion.redundancy chooses it). Whatever can be
+known to fail before anything moves is refused here, with one line.
 """
 
 import math

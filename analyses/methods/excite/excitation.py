@@ -2,9 +2,9 @@
 
 Several random motions within all limits are drawn; the best of them starts the program of
 `models.planning.excitation.excitation_program`. Its result is checked between the samples: torque
-at the controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`). Where a
-check fails, the program is solved again with more in reserve; where that fails, too, motions on the
-way back to the random one are tried until all checks pass.
+at the controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`).
+Where a check fails, the program is solved again with more in reserve; where that fails, too,
+motions on the way back to the random one are tried until all checks pass.
 """
 
 from collections.abc import Callable, Iterator

@@ -4,9 +4,9 @@ Counted are all links, their tool and what stands there; the tool alone may touc
 both ends of the path E also comes and goes along the normal, `approach` far.
 
 The best free way is found on the grid of `models.planning.motion.redundancy`: a coarse part of its
-postures is looked at, those around one that collides are left out, and of the best way through the others
-each posture is looked at again, until one is free from end to end. Then it is refined; where the
-refined one is not free any more, that of the grid stands.
+postures is looked at, those around one that collides are left out, and of the best way through the
+others each posture is looked at again, until one is free from end to end. Then it is refined; where
+the refined one is not free any more, that of the grid stands.
 """
 
 from collections.abc import Callable
