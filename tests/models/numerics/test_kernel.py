@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wrenchsight.models import kernel as kernel_module
+from wrenchsight.models.numerics import kernel as kernel_module
 from wrenchsight.models.numerics.kernel import kernel_stamp
 
 CHAIN = """
