@@ -160,61 +160,63 @@ class _Resuming:
         import requests
 
         size = self._file.num_bytes
-        have = self._part.stat().st_size if self._part.is_file() else 0
-        if have < size:
+        received = self._part.stat().st_size if self._part.is_file() else 0
+        if received < size:
             # A connection that is cut has brought what is in the part.
             with self._part.open("ab") as part, suppress(requests.exceptions.ChunkedEncodingError):
-                for count in _pieces(url, part, have):
+                for count in _pieces(url, part, received):
                     self._report(count)
                     if count > size:
                         break
-            have = self._part.stat().st_size
-        if have < size:
-            raise requests.ConnectionError(f"ended after {have} of {size} bytes")
+            received = self._part.stat().st_size
+        if received < size:
+            raise requests.ConnectionError(f"ended after {received} of {size} bytes")
         # Whole, or not the file: in either case the next attempt begins anew.
         self._part.replace(str(output_file))
 
 
-def _pieces(url: str, part: IO[bytes], have: int) -> Iterator[int]:
-    """Writes what is at an address behind the `have` bytes of a part; yields its size."""
+def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
+    """Writes what is at an address behind the `received` bytes of a part; yields its size."""
     parts = urlsplit(url)
     if parts.scheme == "file":
-        yield from _copied(Path(unquote(parts.path)), part, have)
+        yield from _copied(Path(unquote(parts.path)), part, received)
         return
     import requests
 
     # Not compressed: a range would count compressed bytes.
-    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={have}-"} if have else {})
+    headers = {"Accept-Encoding": "identity"} | (
+        {"Range": f"bytes={received}-"} if received else {}
+    )
     with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
         if response.status_code == requests.codes.requested_range_not_satisfiable:
             part.truncate(0)
             raise requests.ConnectionError("the host has less of the file than came before")
         response.raise_for_status()
-        if have and not _continues(response, have):
+        if received and not _continues(response, received):
             part.truncate(0)
-            have = 0
+            received = 0
         for piece in response.iter_content(_PIECE):
             part.write(piece)
-            have += len(piece)
-            yield have
+            received += len(piece)
+            yield received
 
 
-def _continues(response: "requests.Response", have: int) -> bool:
-    """Whether a host sends the rest behind `have` bytes, as it was asked to."""
-    sent = response.headers.get("Content-Range", "")
-    return response.status_code == 206 and sent.replace(" ", "").startswith(f"bytes{have}-")
+def _continues(response: "requests.Response", received: int) -> bool:
+    """Whether a host sends the rest behind `received` bytes, as it was asked to."""
+    content_range = response.headers.get("Content-Range", "")
+    return response.status_code == 206 and content_range.startswith(f"bytes {received}-")
 
 
-def _copied(path: Path, part: IO[bytes], have: int) -> Iterator[int]:
+def _copied(path: Path, part: IO[bytes], received: int) -> Iterator[int]:
     import requests
 
     try:
         with path.open("rb") as source:
-            source.seek(have)
+            source.seek(received)
             while piece := source.read(_PIECE):
                 part.write(piece)
-                have += len(piece)
-                yield have
+                received += len(piece)
+                yield received
     except OSError as error:
         if error.filename != str(path):
             raise

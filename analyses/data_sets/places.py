@@ -3,7 +3,8 @@
 The first place that holds the set counts:
 
     given       its folder below `data`: `--data DIR`, or DATA= of make;
-                where that is not given, below ../shared/data, from the working directory
+                where that is not given, below ../shared/data, from the working directory;
+                a set that is a part of another may lie in that one's folder
     fetched     its folder in the user's cache, all files as they were published
     bundled     its folder in `examples/recordings` of the repository that this software runs from
 """
@@ -47,11 +48,11 @@ def find_data_set(name: str, data: Path | None = None) -> Place | None:
     if given is not None and (given / name).is_dir():
         return Place("given", given / name)
     files = DATA_SETS[name].files if name in DATA_SETS else ()
-    whole = DATA_SETS[name].part_of if name in DATA_SETS else ""
-    if given is not None and whole:
-        named = (given / whole / file.name for file in DATA_SETS[name].converted)
-        if all(path.is_file() for path in named):
-            return Place("given", given / whole)
+    parent = DATA_SETS[name].part_of if name in DATA_SETS else ""
+    if given is not None and parent:
+        paths = (given / parent / file.name for file in DATA_SETS[name].converted)
+        if all(path.is_file() for path in paths):
+            return Place("given", given / parent)
     fetched = cache_folder() / name
     if files and all(is_whole(fetched / file.name, file) for file in files):
         return Place("fetched", fetched)

@@ -31,13 +31,13 @@ from wrenchsight.models.files.input_error import InputError
 files = tuple(registry.PublishedFile(**one) for one in json.loads(sys.argv[1]))
 registry.DATA_SETS["toy"] = registry.DataSet("toy", "r", "w", "MIT", "s", "", 1.0)
 registry._published = lambda: {"toy": files}
-said = []
+messages = []
 try:
-    (result,) = fetch_data_sets(["toy"], sys.argv[2], lambda *step: said.append(step[2]))
+    (result,) = fetch_data_sets(["toy"], sys.argv[2], lambda *step: messages.append(step[2]))
 except InputError as error:
     print(error)
     sys.exit(2)
-print(result.num_files, result.problem, "waiting" in " ".join(said))
+print(result.num_files, result.problem, "waiting" in " ".join(messages))
 """
 
 
@@ -87,13 +87,13 @@ def host() -> Iterator[Host]:
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            asked = self.headers.get("Range")
-            served.requests.append((self.path, asked))
+            range_header = self.headers.get("Range")
+            served.requests.append((self.path, range_header))
             content = served.files.get(self.path)
             if content is None:
                 self.send_error(404)
                 return
-            begin = int(asked[len("bytes=") : -1]) if asked and served.ranges else 0
+            begin = int(range_header[len("bytes=") : -1]) if range_header and served.ranges else 0
             if begin >= len(content):
                 self.send_error(416)
                 return
@@ -143,9 +143,9 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def fetching_process(cache: Path) -> Callable[..., subprocess.Popen[str]]:
     """Starts a process that fetches SET from an address; it prints what became of it."""
 
-    def start(url: str, *before: str) -> subprocess.Popen[str]:
+    def start(url: str, *prefix: str) -> subprocess.Popen[str]:
         files = json.dumps([vars(file) for file in FILES])
-        command = [*before, sys.executable, "-c", PROGRAM, files, url]
+        command = [*prefix, sys.executable, "-c", PROGRAM, files, url]
         return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
     return start

@@ -97,7 +97,7 @@ def test_a_part_of_another_content_is_fetched_anew(host, cache):
     (cache / "toy").mkdir(parents=True)
     (cache / "toy" / ".a.csv.part").write_bytes(b"y" * 1000)
     assert fetched(host.url).problem == ""
-    assert [asked for path, asked in host.requests if path == A] == ["bytes=1000-", None]
+    assert [header for path, header in host.requests if path == A] == ["bytes=1000-", None]
     assert is_whole(cache / "toy", host)
 
 
@@ -177,9 +177,9 @@ def test_a_whole_set_needs_no_writing(host, cache, monkeypatch):
 def test_a_full_disk_is_one_line_and_the_rest_comes_later(host, cache, fetching_process):
     """A limit on a file's size stands for it: the system refuses to write more."""
     process = fetching_process(host.url, "prlimit", "--fsize=100000")
-    said, _ = process.communicate(timeout=60)
+    printed, _ = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert said.startswith(f"{cache / 'toy'}: cannot be written (File too large); free space")
+    assert printed.startswith(f"{cache / 'toy'}: cannot be written (File too large); free space")
     assert not (cache / "toy" / "a.csv").exists()
     assert fetched(host.url).num_files == 2
     assert is_whole(cache / "toy", host)
@@ -213,9 +213,9 @@ def test_two_processes_take_turns(host, cache, fetching_process):
     with pytest.raises(subprocess.TimeoutExpired):
         second.communicate(timeout=3)  # it waits for the first
     host.hold.set()
-    said = [process.communicate(timeout=60)[0].split() for process in (first, second)]
-    assert said[0] == ["2", "False"]
-    assert said[1] in (["0", "True"], ["0", "False"])  # slow to start, it need not wait
+    printed = [process.communicate(timeout=60)[0].split() for process in (first, second)]
+    assert printed[0] == ["2", "False"]
+    assert printed[1] in (["0", "True"], ["0", "False"])  # slow to start, it need not wait
     assert [path for path, _ in host.requests] == [A, B]
     assert is_whole(cache / "toy", host)
 

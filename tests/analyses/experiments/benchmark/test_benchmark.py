@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wrenchsight.analyses.data_sets import places
 from wrenchsight.analyses.experiments.benchmark.experiment import EXPERIMENT
 from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import NUM_POSES
 from wrenchsight.analyses.study.own_methods import MethodEntry
@@ -108,7 +109,10 @@ def test_a_study_measures_a_method_that_is_named(some_data, theirs, tmp_path, mo
     assert "broken" not in without.metrics["benchmark"]["wrench"]
 
 
-def test_without_any_recordings_it_says_so_and_measures_nothing(run_experiment, tmp_path):
+def test_without_any_recordings_it_says_so_and_measures_nothing(
+    run_experiment, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(places, "BUNDLED", tmp_path)
     ran = run_experiment(EXPERIMENT, tmp_path)
     assert ran.metrics == {}
     stored = json.loads((ran.out / "result.json").read_text(encoding="utf-8"))
