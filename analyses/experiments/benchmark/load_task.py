@@ -19,7 +19,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import 
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import LOADED_LOGS
 from wrenchsight.analyses.methods.learning.torque_fit import rms
-from wrenchsight.models.arrays import Array
+from wrenchsight.models.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
 
 MARGIN: Final = 1.0  # s left out at a log's ends, as in `observers`
@@ -85,7 +85,7 @@ class LoadTask:
         return {**spread("rmse_n", pieces), "inside_95_pct": share, "logs": logs}
 
 
-def _pieces(error: Array, judged: Array) -> list[float]:
+def _pieces(error: Array, judged: Flags) -> list[float]:
     """RMS length of the error (N, 3) over successive pieces."""
     rows = np.flatnonzero(judged)
     count = max(1, len(rows) // round(PIECE / TIME_STEP))
