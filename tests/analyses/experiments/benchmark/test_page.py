@@ -45,7 +45,7 @@ def test_ours_and_others_stand_beside_a_plain_method():
         ("wrench.ours.rmse_n_mean", 0.9),
         ("wrench.good.rmse_n_mean", 0.9),
     ]
-    assert rows[0].source == "article, measured here"
+    assert (rows[0].source, rows[0].unit) == ("eq. 22, measured here", "N")
 
 
 def test_the_committed_page_shows_the_committed_metrics_and_nothing_else():
