@@ -261,6 +261,7 @@ def test_options_reach_the_study(monkeypatch, tmp_path):
     expected = {"names": ["bandwidth"], "out": tmp_path, "data": Path("d")}
     assert seen == expected | {
         "seed": 4,
+        "methods": [],
         "quick": True,
         "jobs": 3,
         "fresh": True,
