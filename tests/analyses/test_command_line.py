@@ -211,6 +211,41 @@ def test_absent_recordings_are_said_in_a_line(experiments, tmp_path):
     assert line.startswith(f"{missing}; to get them: {command}; staubli_tx40: ask")
 
 
+def test_data_lists_the_sets_and_says_where_each_is(tmp_path):
+    result = invoke("data", "--data", tmp_path)
+    assert result.exit_code == 0
+    kinds = {line.split()[0]: line for line in result.stdout.splitlines() if line}
+    assert " bundled " in kinds["panda_ati_gamma"]
+    assert " missing " in kinds["ur10e_contact"]
+    assert "GPL-3.0" in kinds["ur10e_contact"]
+    (about,) = [line for line in result.stdout.splitlines() if line.startswith("ur10e:")]
+    assert about.endswith("`wrenchsight data fetch ur10e`")
+    result = invoke("data", "path", "panda_ati_gamma", "--data", tmp_path)
+    assert (Path(result.stdout.strip()) / "SOURCE.md").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (
+            ("path", "ur10e"),
+            "ur10e: these recordings are not there; `wrenchsight data fetch ur10e`",
+        ),
+        (("get",), "data: cannot 'get'; known are list, fetch, path"),
+        (("fetch", "ur11e"), "data: no set of recordings is named 'ur11e'; known are"),
+        (("fetch", "staubli_tx40"), "staubli_tx40: cannot be fetched; ask"),
+        (("fetch", "ur10e", "--mirror", "here"), "--mirror: is 'here', expected an address"),
+        (("fetch", "ur10e_pushes", "--mirror", "file:///none"), "No such file or directory"),
+    ],
+)
+def test_data_refuses_in_one_line(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    result = invoke("data", *arguments, "--data", tmp_path)
+    assert result.exit_code == 2
+    (line,) = [line for line in result.stderr.splitlines() if words in line]
+    assert line == result.stderr.splitlines()[-1]
+
+
 def test_options_reach_the_study(monkeypatch, tmp_path):
     seen = {}
 
@@ -226,6 +261,7 @@ def test_options_reach_the_study(monkeypatch, tmp_path):
     expected = {"names": ["bandwidth"], "out": tmp_path, "data": Path("d")}
     assert seen == expected | {
         "seed": 4,
+        "methods": [],
         "quick": True,
         "jobs": 3,
         "fresh": True,
