@@ -83,6 +83,11 @@ class MethodEntry:
         """MODULE:FUNCTION."""
         return f"{self.module}:{self.function}"
 
+    @property
+    def option(self) -> str:
+        """How a command line names it; empty where an installed package does."""
+        return f" {_OPTION} {self.name}={self.place}" if self.origin == _OPTION else ""
+
     def load(self) -> Callable[[MethodSetting], Any]:
         """The function.
 

@@ -270,7 +270,8 @@ def _command(settings: StudySettings) -> str:
     names = "" if everything else " " + " ".join(settings.asked)
     quick = " --quick" if settings.quick else ""
     truth = "" if settings.truth == "own" else f" --truth {settings.truth}"
-    return f"wrenchsight study{names} --seed {settings.seed}{quick}{truth}"
+    methods = "".join(one.option for one in settings.methods)
+    return f"wrenchsight study{names} --seed {settings.seed}{quick}{truth}{methods}"
 
 
 def _prose(text: str) -> "Markup":

@@ -11,6 +11,7 @@ from wrenchsight.analyses.output.figures import new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder, plain
 from wrenchsight.analyses.study.experiment import ComparisonRow, ResultTable
 from wrenchsight.analyses.study.outcome import Outcome, StudySettings, look_up
+from wrenchsight.analyses.study.own_methods import MethodEntry
 from wrenchsight.analyses.study.report import comparisons, number, write_report
 from wrenchsight.analyses.study.stored_result import filled_table
 
@@ -301,6 +302,15 @@ def test_tables_and_failures_of_an_experiment_are_shown_as_text(outcome, render)
     page = render(outcome("one", stored={"tables": [table], "failures": ["method x failed: <y>"]}))
     for text in ("A <table>", "their_method", "0.60 (0.30 to 0.90)", "<b>", "method x failed: <y>"):
         assert text in page.text
+
+
+def test_the_command_to_repeat_names_the_methods_of_its_option(outcome, render):
+    methods = (
+        MethodEntry("theirs", "a.b", "make"),
+        MethodEntry("installed", "c", "make", "package c"),
+    )
+    text = render(outcome("one"), methods=methods).text
+    assert "wrenchsight study --seed 5 --method theirs=a.b:make\n" in text
 
 
 def test_cells_have_their_figures_in_their_places_and_a_dash_for_none():
