@@ -23,9 +23,9 @@ MEMORY seconds. They count while the tool is led along its path, at the first st
 an air pass taught does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band
 counts that, from the touch on, but the torques of the touch are no evidence: joints creep under a
 load that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
-itself, and half of the readings of a start lay outside the band). Before, p = 0 is as likely as all others
-together. What is taken off tau_ext is the mean over the grid. What an air pass taught of friction
-is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
+itself, and half of the readings of a start lay outside the band). Before, p = 0 is as likely as all
+others together. What is taken off tau_ext is the mean over the grid. What an air pass taught of
+friction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
 GRID_STEPS off, whatever M is. That many are left where the joint moves as it was planned to, so
 that the torques have shown what is freed at its speed. Where it does not, at a turn for instance,
 the law extrapolates to another speed, by a joint's amplitude that may be DEPARTED_STEPS off
