@@ -19,10 +19,13 @@ amplitudes p
 is as likely as N(0, Sigma_tau + D_p^2 + J^T P J) says, LP being the observer's low-pass, P a wide
 prior of forces, Sigma_tau the torque error and D_p what the shares' own sd makes of the second
 term; log-likelihoods are summed with one independent sample in CORRELATION seconds and forgotten in
-MEMORY seconds. They count from the touch on: joints at rest say little (Sigma_tau holds their
-stiction), yet more than nothing at the first start. Before, p = 0 is as likely as all others
-together. What is taken off tau_ext is the mean over the grid. What an air pass taught of friction
-is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
+MEMORY seconds. They count while the tool is led along its path, at the first start too, where what
+an air pass taught does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band
+counts that, from the touch on, but the torques of the touch are no evidence: joints creep under a
+load that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
+itself, and half of the readings of a start lay outside the band). Before, p = 0 is as likely as all
+others together. What is taken off tau_ext is the mean over the grid. What an air pass taught of
+friction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
 GRID_STEPS off, whatever M is. That many are left where the joint moves as it was planned to, so
 that the torques have shown what is freed at its speed. Where it does not, at a turn for instance,
 the law extrapolates to another speed, by a joint's amplitude that may be DEPARTED_STEPS off
@@ -322,12 +325,14 @@ class WorkTick(NamedTuple):
         v_planned: (n,) rad/s.
         shares: (2n,) of `expected_shares`.
         touches: whether the tool touches the workpiece; else nothing is freed.
+        works: whether it is led along its path; else a reading is no evidence.
     """
 
     lesson: LessonTick
     v_planned: Array
     shares: Array
     touches: bool
+    works: bool
 
 
 @kernel
@@ -346,7 +351,7 @@ def track_vibration(
         state: changed.
     """
     amplitudes, viscous, poles, prior, _, rates = constants
-    lesson, v_planned, shares, touches = work
+    lesson, v_planned, shares, touches, works = work
     m, n = amplitudes.shape[0], viscous.shape[0]
     tick = tick_of(reading, n)
     evidence, freed, sd, departed, lesson_sd = _tracked(state, m, n)
@@ -367,7 +372,7 @@ def track_vibration(
         departed[i] = poles[i] * departed[i] + (1.0 - poles[i]) * apart
         lesson_sd[i] = poles[i] * lesson_sd[i] + (1.0 - poles[i]) * apart * lesson.spread[i]
     counts = tick.flags[COUNTS] == 1.0 or lesson.counts[0] != 1.0
-    if not (touches and counts and tick.flags[FAULT] == 0.0):
+    if not (works and counts and tick.flags[FAULT] == 0.0):
         return
     covariance, factor, y = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     for i in range(n):

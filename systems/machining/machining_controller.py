@@ -238,10 +238,15 @@ class MachiningController(LeafSystem):
         )
         if self._taught is not None and self._tracker is not None:
             n, reference = self._n, action[self._reference_from : self._reference_to]
-            taught_tick(self._taught, action.item(self._plan_to - 2), self._lesson)
-            phase = action.item(self._phase_at)
-            touches = Phase.TOUCH <= phase <= Phase.RELEASE
-            work = WorkTick(self._lesson, reference[n : 2 * n], action[self._shares_at], touches)
+            feed_time = action.item(self._plan_to - 2)
+            taught_tick(self._taught, feed_time, self._lesson)
+            work = WorkTick(
+                lesson=self._lesson,
+                v_planned=reference[n : 2 * n],
+                shares=action[self._shares_at],
+                touches=Phase.TOUCH <= action.item(self._phase_at) <= Phase.RELEASE,
+                works=feed_time >= 0.0,
+            )
             track_vibration(
                 self._tracker.constants,
                 action[self._reading_at],

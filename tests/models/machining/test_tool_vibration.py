@@ -42,12 +42,11 @@ POSTURE = np.array([0.1, -0.95, -0.2, 3.1, 1.3, 1.3])  # rad, of work on the bla
 NOTHING = np.zeros(N)
 
 
-def work_of(shares, sd=NOTHING, touches=True, counts=1.0, v_planned=SPEED, **lesson):
+def work_of(shares, sd=NOTHING, touches=True, works=True, counts=1.0, v_planned=SPEED, **lesson):
     """What is known of the work: shares with their sd, and what an air pass taught."""
     nothing = {"correction": NOTHING, "spread": NOTHING, "counts": np.array([counts])}
-    return WorkTick(
-        LessonTick(**nothing | lesson), v_planned, np.concatenate([shares, sd]), touches
-    )
+    shares = np.concatenate([shares, sd])
+    return WorkTick(LessonTick(**nothing | lesson), v_planned, shares, touches, works and touches)
 
 
 @pytest.fixture(scope="module")
@@ -380,6 +379,21 @@ def test_a_joint_off_its_plan_may_have_another_lesson_and_amplitude(tracker, sts
     assert sd[1.0][1] < 0.1
     assert sd[0.1][1] == pytest.approx(0.9 * 5.0, rel=0.05)
     assert sd[0.1][2] > 1.3 * sd[1.0][2] > 0.0
+
+
+def test_a_touch_frees_friction_but_is_no_evidence_of_how_much(tracker, sts):
+    reading, state = np.zeros(sum(tick_sizes(N).values())), tracker.initial_state.copy()
+    tick = tick_of(reading, N)
+    tick.flags[COUNTS], tick.error.sd[:] = 1.0, 0.3
+    tick.J[:], tick.signals[V] = sts.chain.jacobian(POSTURE), SPEED
+    tick.signals[TAU_F], tick.tau_ext[:] = DRY, 0.5 * DRY
+    taken = np.zeros(2 * N + 1)
+    for _ in range(100):
+        work = work_of(SHARES, works=False)
+        track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
+    np.testing.assert_array_equal(state[: len(AMPLITUDES)], 0.0)
+    freed_friction(AMPLITUDES, state, taken)
+    assert taken[N + 2] > 0.1 * DRY[2]
 
 
 def test_a_tool_that_does_not_touch_frees_nothing(tracker, sts):
