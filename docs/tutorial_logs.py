@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight import Recording, Robot, write_recording
+from wrenchsight.analyses.data_sets.places import find_data_set
 from wrenchsight.analyses.methods.simulate.simulated_logs import simulate_excitation
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.robot.robot_config import PoseConfig, ToolConfig
 
 ROOT = Path(__file__).resolve().parent.parent
-RECORDINGS = ROOT.parent / "shared" / "data" / "ur10e"
 FITTED = (
     "ur-20_02_10-30sec_12harm.csv",
     "ur-20_02_12-40sec_12harm.csv",
@@ -37,8 +37,10 @@ _SIMULATED = (
 
 def ur10e_logs(folder: Path) -> tuple[Path, str]:
     """The folder that holds the logs, and the words that say what they are."""
-    if all((RECORDINGS / name).is_file() for name in (*FITTED, FREE, LOADED)):
-        return RECORDINGS, _REAL
+    beside = ROOT.parent / "shared" / "data"
+    recordings = find_data_set("ur10e", beside if beside.is_dir() else None)
+    if recordings is not None:
+        return recordings.folder, _REAL
     simulate_logs(folder)
     return folder, _SIMULATED
 

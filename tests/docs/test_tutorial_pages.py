@@ -93,7 +93,7 @@ def test_a_command_shows_its_progress_only_where_it_fails(pages, tmp_path, code,
 
 def test_without_recordings_a_simulated_arm_takes_their_place(pages, monkeypatch, tmp_path):
     logs = sys.modules["tutorial_logs"]
-    monkeypatch.setattr(logs, "RECORDINGS", tmp_path / "nowhere")
+    monkeypatch.setattr(logs, "find_data_set", lambda name, data: None)
     folder, words = logs.ur10e_logs(tmp_path / "logs")
     assert folder == tmp_path / "logs"
     assert "simulated" in words
