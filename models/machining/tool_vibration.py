@@ -25,12 +25,12 @@ counts that, from the touch on, but the torques of the touch are no evidence: jo
 load that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
 itself, and half of the readings of a start lay outside the band). Before, p = 0 is as likely as all
 others together. What is taken off tau_ext is the mean over the grid. What an air pass taught of
-friction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own amplitude is
-GRID_STEPS off, whatever M is. That many are left where the joint moves as it was planned to, so
-that the torques have shown what is freed at its speed. Where it does not, at a turn for instance,
-the law extrapolates to another speed, by a joint's amplitude that may be DEPARTED_STEPS off
-(`wrenchsight.models.machining.air_pass.departure` tells in between). The sd of what was taught
-itself is added.
+friction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own
+amplitude is GRID_STEPS off, whatever M is. That many are left where the joint moves as it was
+planned to, so that the torques have shown what is freed at its speed. Where it does not, at a turn
+for instance, the law extrapolates to another speed, by a joint's amplitude that may be
+DEPARTED_STEPS off (`wrenchsight.models.machining.air_pass.departure` tells in between). The sd of
+what was taught itself is added.
 
 An identified M is the weak part: its error may be as large as the inertia of a wrist's joint, and
 M^-1 then shakes joints that hardly move. So an entry beside the diagonal that is not well above
