@@ -97,7 +97,8 @@ class TaughtTorque:
             uniform_filter1d(signal, samples, axis=0, mode="nearest")
             for signal in (centred, centred**2)
         )
-        return np.sqrt(np.maximum(square - 2.0 * centred * mean + centred**2, 0.0))
+        variance = square - 2.0 * centred * mean + centred**2
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def at(self, feed_time: ArrayLike) -> Array:
         """The torque (..., n) in N m at these times since the feed started (...), s.

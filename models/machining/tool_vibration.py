@@ -29,7 +29,8 @@ friction is freed with it. Its sd is that over the grid, with D_p, and with a jo
 amplitude is GRID_STEPS off, whatever M is. That many are left where the joint moves as it was
 planned to, so that the torques have shown what is freed at its speed. Where it does not, at a turn
 for instance, the law extrapolates to another speed, by a joint's amplitude that may be
-DEPARTED_STEPS off (`wrenchsight.models.machining.air_pass.departure` tells in between). The sd of
+DEPARTED_STEPS off (`wrenchsight.models.machining.air_pass.departure` tells in between), and so
+it may before the first steady feed and after the last one. The sd of
 what was taught itself is added.
 
 An identified M is the weak part: its error may be as large as the inertia of a wrist's joint, and
@@ -50,20 +51,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import tick_of
 from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.air_pass import LessonTick, departure
-from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
+from wrenchsight.models.machining.air_pass import LessonTick, departure
+from wrenchsight.models.observers.observer import TAU_F, V
 from wrenchsight.models.numerics.small_matrices import (
     factorise_in_place,
     solve_factorised,
     solve_lower,
 )
-from wrenchsight.models.observers.observer import TAU_F, V
 
 AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
 """m/s, the grid; 10 m/s^2 at 100 Hz are 0.016 m/s."""
@@ -368,7 +369,7 @@ def track_vibration(
                 loose, off = loose_share(v, shares[i], shares[n + i], amplitudes[k])
             freed[k, i] = poles[i] * freed[k, i] + (1.0 - poles[i]) * dry * loose
             sd[k, i] = poles[i] * sd[k, i] + (1.0 - poles[i]) * dry * off
-        apart = departure(v, v_planned[i])
+        apart = departure(v, v_planned[i]) if lesson.counts[0] == 1.0 else 1.0
         departed[i] = poles[i] * departed[i] + (1.0 - poles[i]) * apart
         lesson_sd[i] = poles[i] * lesson_sd[i] + (1.0 - poles[i]) * apart * lesson.spread[i]
     counts = tick.flags[COUNTS] == 1.0 or lesson.counts[0] != 1.0

@@ -368,17 +368,20 @@ def test_a_joint_off_its_plan_may_have_another_lesson_and_amplitude(tracker, sts
     tick.signals[V], tick.signals[TAU_F] = SPEED, np.sign(SPEED) * DRY
     spread, sd = np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), {}
     m = len(AMPLITUDES)
-    for planned in (1.0, 0.1):
+    for planned, counts in ((1.0, 1.0), (0.1, 1.0), (1.0, 0.0)):
         state = tracker.initial_state.copy()
-        work = work_of(SHARES, v_planned=planned * SPEED, spread=spread)
+        work = work_of(SHARES, v_planned=planned * SPEED, spread=spread, counts=counts)
         for _ in range(200):
             track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
         state[:m] = np.where(np.abs(AMPLITUDES - 0.0125) < 0.003, 0.0, -np.inf)
         freed_friction(AMPLITUDES, state, taken)
-        sd[planned] = taken[N : 2 * N].copy()
-    assert sd[1.0][1] < 0.1
-    assert sd[0.1][1] == pytest.approx(0.9 * 5.0, rel=0.05)
-    assert sd[0.1][2] > 1.3 * sd[1.0][2] > 0.0
+        sd[planned, counts] = taken[N : 2 * N].copy()
+    as_planned, departed, at_an_end = sd.values()
+    assert as_planned[1] < 0.1
+    assert departed[1] == pytest.approx(0.9 * 5.0, rel=0.05)
+    assert at_an_end[1] == pytest.approx(5.0, rel=0.05)  # no lesson counts there
+    assert departed[2] > 1.3 * as_planned[2] > 0.0
+    assert at_an_end[2] > 1.3 * as_planned[2]
 
 
 def test_a_touch_frees_friction_but_is_no_evidence_of_how_much(tracker, sts):
