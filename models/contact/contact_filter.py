@@ -19,11 +19,26 @@ says nothing about it, and errors elsewhere would corrupt it. Where the sd of e 
 falls with it: what a joint at rest held is gone once it slides.
 
 The force along the axis wanders. Across it a tool that slides carries little; one that stands is
-held by friction. The wrench of a block is read `lag` later, when the torque of the blocks after it
-is known too: the filter carries the wrenches of that time along as states.
+held by friction, the more the harder it presses (`held_across`). The wrench of a block is read
+`lag` later, when the torque of the blocks after it is known too: the filter carries the wrenches of
+that time along as states.
 
-The stated covariance is that of the filter, larger where the recent innovations were larger than
-they should be (their normalised square above 1).
+Where the rigid body's torque changes from block to block, w grows by a share of that change, and
+fades: the drive's current and the joint's speed are not of one instant, and the arm rings
+afterwards (`drive_error`). At the corners of a path this is most of the error.
+
+The stated covariance is that of the filter, larger where the recent innovations z were larger than
+they should be: by the mean of z^T S^-1 z / n over `misfit_time`, or by that of their part along the
+force,
+
+    (h^T S^-1 z)^2 / (h^T S^-1 h),    h = H_1
+
+whichever is larger and above 1; both are 1 in the mean where all is as stated. The second one says
+whether the force moves faster than it wanders, or the joints otherwise than the log says, which
+reads as a force. From `largest_misfit` on the filter does not explain what it reads.
+
+A force that changes fast is read late, as by every filter with a stated rate: the reader adds a
+share of the change over the last `late_time` to the sd (`contact_reading`).
 """
 
 from dataclasses import dataclass, field
@@ -54,6 +69,7 @@ class ContactConfig:
     across_sd: float = 2.5  # N, across the axis, of a tool that moves along the workpiece
     across_time: float = 0.1  # s
     standing_across_sd: float = 4.0  # N, of a tool that stands
+    held_across: float = 0.15  # sd across, of a tool that stands, per newton with which it presses
     standing_across_time: float = 0.3  # s
     standing_speed: float = 0.005  # m/s, below which it stands
     moment_sd: float = 1.0  # N m about the contact: a tool touches anywhere along its width
@@ -62,9 +78,14 @@ class ContactConfig:
     offset_sd: float = 1.5  # N m, of a joint's constant error
     vibration: float = 0.5  # sd of a block's mean, as a share of the sd within it
     vibration_time: float = 0.1  # s, over which a large one is remembered
+    drive_error: float = 0.3  # sd of a block's mean, as a share of the rigid torque's change
+    drive_time: float = 0.1  # s, over which a large one is remembered
     block: float = 0.02  # s, over which torque is averaged
     lag: float = 0.06  # s after which a block is read
+    late_share: float = 0.4  # sd of a force that changes, as a share of its change
+    late_time: float = 0.06  # s, over which that change is taken
     misfit_time: float = 0.3  # s, over which innovations are judged
+    largest_misfit: float = 2.0  # along the force, above which a reading is not valid
     gap: float = 0.05  # s without a known motion, after which the force may be any
 
 
@@ -138,6 +159,7 @@ class Block(NamedTuple):
         tool_speed: m/s.
         spread: (n,) N m, sd of tau_ext within the block.
         known: whether the motion is known all through the block.
+        rigid: (n,) N m, torque of the rigid body, mean.
     """
 
     tau_ext: Array
@@ -146,6 +168,21 @@ class Block(NamedTuple):
     tool_speed: float
     spread: Array
     known: bool
+    rigid: Array
+
+
+class Reading(NamedTuple):
+    """What the filter says of one block.
+
+    Attributes:
+        F: (6,) wrench at the contact, as in the module's description.
+        covariance: (6, 6).
+        is_explained: whether recent innovations along the force agree with the filter.
+    """
+
+    F: Array
+    covariance: Array
+    is_explained: bool
 
 
 class ContactFilter:
@@ -177,22 +214,27 @@ class ContactFilter:
         self._P: Array = np.diag(np.square(sd))
         self._variance: Array | None = None  # of the errors of the last block
         self._vibration = np.zeros(n)  # N m
-        self._misfit = 1.0
+        self._drive_error = np.zeros(n)  # N m
+        self._rigid: Array | None = None  # N m, of the last block
+        self._misfit, self._force_misfit = 1.0, 1.0
         self._unknown = 0.0  # s since the motion was known
 
-    def read(self, past: int) -> tuple[Array, Array]:
-        """F (6,) that many blocks ago, at most `lag`, and its covariance (6, 6)."""
+    def read(self, past: int) -> Reading:
+        """The wrench that many blocks ago, at most `lag`."""
         first = 0 if past == 0 else self._offsets.stop + WRENCH * (past - 1)
         own = slice(first, first + WRENCH)
-        return self._x[own].copy(), self._P[own, own] * max(self._misfit, 1.0)
+        scale = max(self._misfit, self._force_misfit, 1.0)
+        is_explained = self._force_misfit <= self._config.largest_misfit
+        return Reading(self._x[own].copy(), self._P[own, own] * scale, is_explained)
 
     def take(self, block: Block) -> None:
         """Takes the next block."""
         self._predict(block)
         if block.known:
             self._update(block)
-            self._unknown = 0.0
+            self._unknown, self._rigid = 0.0, block.rigid
             return
+        self._rigid = None
         config = self._config
         was_gap = self._unknown > config.gap
         self._unknown += self._period
@@ -205,7 +247,9 @@ class ContactFilter:
         across_time = config.standing_across_time if stands else config.across_time
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
         decay[1:WRENCH] = np.exp(-T / across_time)
-        variance[_ACROSS] = (config.standing_across_sd if stands else config.across_sd) ** 2
+        held = config.held_across * max(float(self._x[_ALONG]), 0.0)
+        standing = np.hypot(config.standing_across_sd, held)
+        variance[_ACROSS] = (standing if stands else config.across_sd) ** 2
         variance[_MOMENTS] = config.moment_sd**2
         errors = block.sd**2
         before = errors if self._variance is None else self._variance
@@ -227,14 +271,23 @@ class ContactFilter:
         self._vibration = np.maximum(
             config.vibration * block.spread, self._vibration * np.exp(-T / config.vibration_time)
         )
-        R = self._vibration**2 + (0.1 * block.sd) ** 2
+        change = 0.0 if self._rigid is None else np.abs(block.rigid - self._rigid)
+        self._drive_error = np.maximum(
+            config.drive_error * change, self._drive_error * np.exp(-T / config.drive_time)
+        )
+        R = self._vibration**2 + self._drive_error**2 + (0.1 * block.sd) ** 2
         H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH * self.lag))])
         innovation = block.tau_ext - H @ self._x
         S = H @ self._P @ H.T + np.diag(R)
-        gain = np.linalg.solve(S, H @ self._P).T
-        misfit = float(innovation @ np.linalg.solve(S, innovation)) / n
+        solved = np.linalg.solve(S, np.column_stack([H @ self._P, innovation, H[:, _ALONG]]))
+        gain, weighed, force = solved[:, :-2].T, solved[:, -2], solved[:, -1]
         share = np.exp(-T / config.misfit_time)
-        self._misfit = share * self._misfit + (1.0 - share) * min(misfit, _HIGHEST_MISFIT)
+        misfit = min(float(innovation @ weighed) / n, _HIGHEST_MISFIT)
+        self._misfit = share * self._misfit + (1.0 - share) * misfit
+        information = float(H[:, _ALONG] @ force)  # zero where no joint feels the force
+        along = float(H[:, _ALONG] @ weighed) ** 2 / max(information, 1e-12)
+        self._force_misfit *= share
+        self._force_misfit += (1.0 - share) * min(along, _HIGHEST_MISFIT)
         gain[self._offsets] = 0.0
         self._x = self._x + gain @ innovation
         A = np.eye(len(self._x)) - gain @ H

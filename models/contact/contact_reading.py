@@ -4,6 +4,10 @@ The observer's reading is the external torque through K_0 / (s + K_0), exactly i
 (`models.observers.momentum_observer`). Undone, it is the mean of the external torque over each
 period; means of these over blocks go to the filter of `models.contact.contact_filter`, with the sd
 that the model states of each joint's torque.
+
+A joint at rest may carry any friction; a share of what it had as it last moved is expected. Its
+torque is read with the torque per ampere that it shows at rest: where a calibration in motion found
+another one, that has no say here.
 """
 
 from typing import Any, NamedTuple
@@ -17,6 +21,7 @@ from wrenchsight.models.contact.contact_filter import (
     ContactConfig,
     ContactFilter,
     ContactFrame,
+    Reading,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
@@ -35,6 +40,7 @@ class _Samples(NamedTuple):
         J: (N, 6, n).
         speed: (N,) m/s, of E.
         known: (N,) whether the sample and the one before were measured.
+        rigid: (N, n) N m, torque of the rigid body.
     """
 
     batch: EstimateBatch
@@ -43,6 +49,7 @@ class _Samples(NamedTuple):
     J: Array
     speed: Array
     known: Flags
+    rigid: Array
 
     def block(self, rows: slice) -> Block:
         """These samples as one block."""
@@ -55,6 +62,7 @@ class _Samples(NamedTuple):
             tool_speed=float(self.speed[rows].mean()),
             spread=tau_ext.std(axis=0),
             known=bool(self.known[rows].all()),
+            rigid=self.rigid[rows].mean(axis=0),
         )
 
     def rows(self, rows: slice) -> "_Samples":
@@ -77,8 +85,8 @@ class ContactReader:
         rest = reader.finish()
 
     together are the log's samples, one by one. Of what a batch holds, wrench, covariance and valid
-    are those at the contact; a reading counts as valid where the motion is known and the sd along
-    the axis is at most `largest_sd`.
+    are those at the contact; a reading counts as valid where the motion is known, the sd along the
+    axis is at most `largest_sd` and the filter explains what it reads.
 
     Args:
         robot: with E, its payload and the friction that its joints keep at rest.
@@ -106,11 +114,15 @@ class ContactReader:
         self._pole = np.exp(-np.asarray(K_0, float) * time_step)
         self._rest_speed, self._kept = config.rest_speed, robot.rest_friction_share
         self._friction = np.zeros(robot.num_joints)  # N m, as each joint last moved; 0: not known
+        self._rest_scale = robot.rest_torque_per_ampere / robot.torque_per_ampere
         self._size = max(round(config.block / time_step), 1)
         period = self._size * time_step
         force_sd, _ = live_prior(robot.payload)
         self._filter = ContactFilter(config, force_sd, len(self._pole), period)
         self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
+        self._late_share = config.late_share
+        # N, of the last blocks that were read; the newest last
+        self._earlier = np.full(max(round(config.late_time / period), 1), np.nan)
         self._last: tuple[Array, bool] = (np.zeros(len(self._pole)), False)
         self._waiting: _Samples | None = None  # samples that are not read yet
         self._filtered = 0  # of them, how many the filter has
@@ -145,27 +157,34 @@ class ContactReader:
         )
         raw, pair = raw[1:], both[1:]
         self._last = (tau_ext[-1], bool(known[-1])) if len(known) else self._last
-        # A joint at rest may carry any friction: a share of what it had as it moved is expected.
+        rigid = np.where(pair[:, None], raw + batch.transmitted, 0.0)
         moves = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted
         expected = self._kept * self._friction_before_rest(tau_f, moves, known)
-        raw = raw + np.where(pair[:, None] & ~moves, expected - tau_f, 0.0)
+        at_rest = self._rest_scale * (raw + expected - tau_f)
+        raw = np.where(pair[:, None] & ~moves, at_rest, raw)
         R_WE, _ = self._chain.pose(np.where(finite[:, None], q, 0.0))
         J = np.where(pair[:, None, None], batch.J, 0.0)
         speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(finite[:, None], v, 0.0))
         new = _Samples(
-            batch, self._frame.wrench_map(R_WE), raw, J, np.linalg.norm(speed, axis=1), pair
+            batch,
+            self._frame.wrench_map(R_WE),
+            raw,
+            J,
+            np.linalg.norm(speed, axis=1),
+            pair,
+            rigid,
         )
         self._waiting = new if self._waiting is None else self._waiting.joined(new)
 
     def _friction_before_rest(self, tau_f: Array, moves: Flags, known: Flags) -> Array:
         """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
         tau_f = np.where(known[:, None], tau_f, 0.0)
-        told = np.concatenate([self._friction[None], tau_f])
-        rows = np.arange(len(told))[:, None]
+        forces = np.concatenate([self._friction[None], tau_f])
+        rows = np.arange(len(forces))[:, None]
         own = np.concatenate([np.ones_like(moves[:1]), moves | ~known[:, None]])
         latest = np.maximum.accumulate(np.where(own, rows, 0), axis=0)
-        friction = np.take_along_axis(told, latest, axis=0)
+        friction = np.take_along_axis(forces, latest, axis=0)
         self._friction = friction[-1]
         return np.asarray(friction[1:])
 
@@ -176,7 +195,7 @@ class ContactReader:
         N = len(samples.known)
         stop = N if last else N - (N - self._filtered) % size
         starts = np.arange(self._filtered, stop, size)
-        read: list[tuple[Array, Array]] = []
+        read: list[Reading] = []
         for start in starts:
             self._filter.take(samples.block(slice(start, min(start + size, stop))))
             if start // size >= lag:
@@ -192,15 +211,24 @@ class ContactReader:
         return self._wrenches(ready, read, blocks)
 
     def _wrenches(
-        self, samples: "_Samples", read: list[tuple[Array, Array]], blocks: NDArray[np.intp]
+        self, samples: "_Samples", read: list[Reading], blocks: NDArray[np.intp]
     ) -> EstimateBatch:
-        F = np.array([x for x, _ in read]).reshape(-1, 6)[blocks]
-        P = np.array([P for _, P in read]).reshape(-1, 6, 6)[blocks]
+        F = np.array([reading.F for reading in read]).reshape(-1, 6)[blocks]
+        P = np.array([reading.covariance for reading in read]).reshape(-1, 6, 6)[blocks]
+        P[:, 0, 0] += self._lateness(np.array([reading.F[0] for reading in read]))[blocks] ** 2
+        explained = np.array([reading.is_explained for reading in read], np.bool_)[blocks]
         A = samples.wrench_map
         covariance = A @ P @ A.transpose(0, 2, 1)
         sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
         return samples.batch._replace(
             wrench=np.einsum("kij,kj->ki", A, F),
             covariance=covariance,
-            valid=samples.known & sure,
+            valid=samples.known & sure & explained,
         )
+
+    def _lateness(self, force: Array) -> Array:
+        """(M,) N, sd of what the filter's own lag does to the forces (M,) that are read next."""
+        forces = np.concatenate([self._earlier, force])
+        change = forces[len(self._earlier) :] - forces[: len(force)]
+        self._earlier = forces[len(force) :]
+        return np.asarray(self._late_share * np.nan_to_num(np.abs(change)))
