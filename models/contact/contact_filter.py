@@ -37,6 +37,9 @@ whichever is larger and above 1; both are 1 in the mean where all is as stated. 
 whether the force moves faster than it wanders, or the joints otherwise than the log says, which
 reads as a force. From `largest_misfit` on the filter does not explain what it reads.
 
+What the model states of a joint at rest is all of its stiction band. The share that is expected of
+it is taken off before, and the force across has states of its own: less is left (`rest_share`).
+
 A force that changes fast is read late, as by every filter with a stated rate: the reader adds a
 share of the change over the last `late_time` to the sd (`contact_reading`).
 """
@@ -82,6 +85,7 @@ class ContactConfig:
     drive_time: float = 0.1  # s, over which a large one is remembered
     block: float = 0.02  # s, over which torque is averaged
     lag: float = 0.06  # s after which a block is read
+    rest_share: float = 0.85  # of the stated sd that is left where no joint moves
     late_share: float = 0.4  # sd of a force that changes, as a share of its change
     late_time: float = 0.06  # s, over which that change is taken
     misfit_time: float = 0.3  # s, over which innovations are judged
@@ -160,6 +164,7 @@ class Block(NamedTuple):
         spread: (n,) N m, sd of tau_ext within the block.
         known: whether the motion is known all through the block.
         rigid: (n,) N m, torque of the rigid body, mean.
+        rests: whether no joint moves all through the block.
     """
 
     tau_ext: Array
@@ -169,6 +174,7 @@ class Block(NamedTuple):
     spread: Array
     known: bool
     rigid: Array
+    rests: bool = False
 
 
 class Reading(NamedTuple):
@@ -217,18 +223,23 @@ class ContactFilter:
         self._drive_error = np.zeros(n)  # N m
         self._rigid: Array | None = None  # N m, of the last block
         self._misfit, self._force_misfit = 1.0, 1.0
+        self._resting = 0  # blocks since a joint moved
         self._unknown = 0.0  # s since the motion was known
 
     def read(self, past: int) -> Reading:
         """The wrench that many blocks ago, at most `lag`."""
         first = 0 if past == 0 else self._offsets.stop + WRENCH * (past - 1)
         own = slice(first, first + WRENCH)
+        config = self._config
         scale = max(self._misfit, self._force_misfit, 1.0)
-        is_explained = self._force_misfit <= self._config.largest_misfit
+        if self._resting > past:
+            scale *= config.rest_share**2
+        is_explained = self._force_misfit <= config.largest_misfit
         return Reading(self._x[own].copy(), self._P[own, own] * scale, is_explained)
 
     def take(self, block: Block) -> None:
         """Takes the next block."""
+        self._resting = self._resting + 1 if block.rests else 0
         self._predict(block)
         if block.known:
             self._update(block)

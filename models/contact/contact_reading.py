@@ -41,6 +41,7 @@ class _Samples(NamedTuple):
         speed: (N,) m/s, of E.
         known: (N,) whether the sample and the one before were measured.
         rigid: (N, n) N m, torque of the rigid body.
+        rests: (N,) whether no joint moves.
     """
 
     batch: EstimateBatch
@@ -50,6 +51,7 @@ class _Samples(NamedTuple):
     speed: Array
     known: Flags
     rigid: Array
+    rests: Flags
 
     def block(self, rows: slice) -> Block:
         """These samples as one block."""
@@ -63,6 +65,7 @@ class _Samples(NamedTuple):
             spread=tau_ext.std(axis=0),
             known=bool(self.known[rows].all()),
             rigid=self.rigid[rows].mean(axis=0),
+            rests=bool(self.rests[rows].all()),
         )
 
     def rows(self, rows: slice) -> "_Samples":
@@ -174,17 +177,18 @@ class ContactReader:
             np.linalg.norm(speed, axis=1),
             pair,
             rigid,
+            pair & ~moves.any(axis=1),
         )
         self._waiting = new if self._waiting is None else self._waiting.joined(new)
 
     def _friction_before_rest(self, tau_f: Array, moves: Flags, known: Flags) -> Array:
         """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
         tau_f = np.where(known[:, None], tau_f, 0.0)
-        forces = np.concatenate([self._friction[None], tau_f])
-        rows = np.arange(len(forces))[:, None]
+        told = np.concatenate([self._friction[None], tau_f])
+        rows = np.arange(len(told))[:, None]
         own = np.concatenate([np.ones_like(moves[:1]), moves | ~known[:, None]])
         latest = np.maximum.accumulate(np.where(own, rows, 0), axis=0)
-        friction = np.take_along_axis(forces, latest, axis=0)
+        friction = np.take_along_axis(told, latest, axis=0)
         self._friction = friction[-1]
         return np.asarray(friction[1:])
 
