@@ -25,7 +25,10 @@ that time along as states.
 
 Where the rigid body's torque changes from block to block, w grows by a share of that change, and
 fades: the drive's current and the joint's speed are not of one instant, and the arm rings
-afterwards (`drive_error`). At the corners of a path this is most of the error.
+afterwards (`drive_error`). At the corners of a path this is most of the error. Blocks whose torque
+tells the force hardly better than its prior count as unread (`blind_share`): in force control the
+force wanders at such moments as nothing here expects, and for `misfit_time` after them no reading
+is explained.
 
 The stated covariance is that of the filter, larger where the recent innovations z were larger than
 they should be: by the mean of z^T S^-1 z / n over `misfit_time`, or by that of their part along the
@@ -90,7 +93,8 @@ class ContactConfig:
     late_time: float = 0.06  # s, over which that change is taken
     misfit_time: float = 0.3  # s, over which innovations are judged
     largest_misfit: float = 2.0  # along the force, above which a reading is not valid
-    gap: float = 0.05  # s without a known motion, after which the force may be any
+    blind_share: float = 0.25  # of the prior's force sd: a block with a larger one tells no force
+    gap: float = 0.05  # s without a block that tells the force, after which it may be any
 
 
 class ContactFrame(NamedTuple):
@@ -183,7 +187,8 @@ class Reading(NamedTuple):
     Attributes:
         F: (6,) wrench at the contact, as in the module's description.
         covariance: (6, 6).
-        is_explained: whether recent innovations along the force agree with the filter.
+        is_explained: whether recent innovations along the force agree with the filter, and no
+            recent motion hid it.
     """
 
     F: Array
@@ -224,7 +229,8 @@ class ContactFilter:
         self._rigid: Array | None = None  # N m, of the last block
         self._misfit, self._force_misfit = 1.0, 1.0
         self._resting = 0  # blocks since a joint moved
-        self._unknown = 0.0  # s since the motion was known
+        self._unknown = 0.0  # s since a block told the force
+        self._seeing = np.inf  # s since a known motion hid the force
 
     def read(self, past: int) -> Reading:
         """The wrench that many blocks ago, at most `lag`."""
@@ -234,18 +240,20 @@ class ContactFilter:
         scale = max(self._misfit, self._force_misfit, 1.0)
         if self._resting > past:
             scale *= config.rest_share**2
-        is_explained = self._force_misfit <= config.largest_misfit
+        sees = self._seeing >= config.misfit_time
+        is_explained = sees and self._force_misfit <= config.largest_misfit
         return Reading(self._x[own].copy(), self._P[own, own] * scale, is_explained)
 
     def take(self, block: Block) -> None:
         """Takes the next block."""
         self._resting = self._resting + 1 if block.rests else 0
         self._predict(block)
-        if block.known:
-            self._update(block)
-            self._unknown, self._rigid = 0.0, block.rigid
+        is_blind = block.known and not self._update(block)
+        self._rigid = block.rigid if block.known else None
+        self._seeing = 0.0 if is_blind else self._seeing + self._period
+        if block.known and not is_blind:
+            self._unknown = 0.0
             return
-        self._rigid = None
         config = self._config
         was_gap = self._unknown > config.gap
         self._unknown += self._period
@@ -277,7 +285,8 @@ class ContactFilter:
         noise[_ALONG] = config.force_rate**2 * T
         self._P[np.diag_indices_from(self._P)] += noise
 
-    def _update(self, block: Block) -> None:
+    def _update(self, block: Block) -> bool:
+        """Returns whether the block tells the force; see `blind_share`."""
         config, T, n = self._config, self._period, self._n
         self._vibration = np.maximum(
             config.vibration * block.spread, self._vibration * np.exp(-T / config.vibration_time)
@@ -303,3 +312,5 @@ class ContactFilter:
         self._x = self._x + gain @ innovation
         A = np.eye(len(self._x)) - gain @ H
         self._P = A @ self._P @ A.T + (gain * R) @ gain.T
+        least = 1.0 / (config.blind_share * self._force_sd) ** 2
+        return bool(np.sum(block.H[:, _ALONG] ** 2 / R) >= least)
