@@ -232,7 +232,10 @@ class Robot:
             at_rest: (n,) N m/A that the joints show at rest; None: the same.
         """
         moving = dict(zip(self.joint_names, values, strict=True))
-        resting = dict(zip(self.joint_names, at_rest or [None] * self.num_joints, strict=True))
+        same: list[float | None] = [None] * self.num_joints
+        resting = dict(
+            zip(self.joint_names, same if at_rest is None else list(at_rest), strict=True)
+        )
         drives = [
             replace(
                 drive,

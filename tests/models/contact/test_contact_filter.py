@@ -187,7 +187,7 @@ def test_a_gap_is_no_change_of_the_rigid_torque() -> None:
     contact, plain = _filter(), _filter()
     for one, rigid in ((contact, 100.0), (plain, 0.0)):
         one.take(_block(_H * 20.0))
-        one.take(_block(np.zeros(2), known=False, rigid=50.0))
+        one.take(_block(np.zeros(2), known=False))
         one.take(_block(_H * 20.0, rigid=rigid))
     np.testing.assert_array_equal(contact.read(0).covariance, plain.read(0).covariance)
 
