@@ -19,11 +19,34 @@ says nothing about it, and errors elsewhere would corrupt it. Where the sd of e 
 falls with it: what a joint at rest held is gone once it slides.
 
 The force along the axis wanders. Across it a tool that slides carries little; one that stands is
-held by friction. The wrench of a block is read `lag` later, when the torque of the blocks after it
-is known too: the filter carries the wrenches of that time along as states.
+held by friction, the more the harder it presses (`held_across`). The wrench of a block is read
+`lag` later, when the torque of the blocks after it is known too: the filter carries the wrenches of
+that time along as states.
 
-The stated covariance is that of the filter, larger where the recent innovations were larger than
-they should be (their normalised square above 1).
+Where the rigid body's torque changes from block to block, w grows by a share of that change, and
+fades: the drive's current and the joint's speed are not of one instant, and the arm rings
+afterwards (`drive_error`). At the corners of a path this is most of the error. Blocks whose torque
+tells the force hardly better than its prior count as unread (`blind_share`): in force control the
+force wanders at such moments as nothing here expects, and for `misfit_time` after them no reading
+is explained.
+
+The stated covariance is that of the filter, larger where the recent innovations z were larger than
+they should be: by the mean of z^T S^-1 z / n over `misfit_time`, or by that of their part along the
+force,
+
+    (h^T S^-1 z)^2 / (h^T S^-1 h),    h = H_1
+
+whichever is larger and above 1; both are 1 in the mean where all is as stated. The second one is
+large where the force changes faster than it wanders, or where the joints move otherwise than the
+log says, which reads as a force. From `largest_misfit` on the filter does not explain what it
+reads.
+
+The model states a joint's whole stiction band as its sd at rest. The expected share of that
+friction is taken off beforehand, and the force across has its own states: a smaller sd is left
+(`rest_share`).
+
+A force that changes fast is read late, as by every filter with a stated rate: the reader adds a
+share of the change over the last `late_time` to the sd (`contact_reading`).
 """
 
 from dataclasses import dataclass, field
@@ -43,7 +66,7 @@ _LEAST_LENGTH = 1e-6  # of an axis given by numbers
 
 @dataclass
 class ContactConfig:
-    """A contact whose direction is known: its expected forces, and the error of the torque."""
+    """A contact whose direction is known: what is expected of it, and how the torque errs."""
 
     axis: str = ""
     """Direction in which the tool presses: tool_x, tool_y or tool_z of E, with a minus sign for the
@@ -54,6 +77,7 @@ class ContactConfig:
     across_sd: float = 2.5  # N, across the axis, of a tool that moves along the workpiece
     across_time: float = 0.1  # s
     standing_across_sd: float = 4.0  # N, of a tool that stands
+    held_across: float = 0.15  # sd across, of a tool that stands, per newton with which it presses
     standing_across_time: float = 0.3  # s
     standing_speed: float = 0.005  # m/s, below which it stands
     moment_sd: float = 1.0  # N m about the contact: a tool touches anywhere along its width
@@ -62,10 +86,17 @@ class ContactConfig:
     offset_sd: float = 1.5  # N m, of a joint's constant error
     vibration: float = 0.5  # sd of a block's mean, as a share of the sd within it
     vibration_time: float = 0.1  # s, over which a large one is remembered
+    drive_error: float = 0.3  # sd of a block's mean, as a share of the rigid torque's change
+    drive_time: float = 0.1  # s, over which a large one is remembered
     block: float = 0.02  # s, over which torque is averaged
     lag: float = 0.06  # s after which a block is read
+    rest_share: float = 0.85  # of the stated sd that is left where no joint moves
+    late_share: float = 0.4  # sd of a force that changes, as a share of its change
+    late_time: float = 0.06  # s, over which that change is taken
     misfit_time: float = 0.3  # s, over which innovations are judged
-    gap: float = 0.05  # s without a known motion, after which the force may be any
+    largest_misfit: float = 2.0  # along the force, above which a reading is not valid
+    blind_share: float = 0.25  # of the prior's force sd: a block with a larger one tells no force
+    gap: float = 0.05  # s without a block that tells the force, after which it may be any
 
 
 class ContactFrame(NamedTuple):
@@ -73,17 +104,17 @@ class ContactFrame(NamedTuple):
 
     Attributes:
         R: (3, 3) columns: the direction in which the tool presses, and two across it.
-        turns: whether R is in axes of E; else of W.
+        is_tool_frame: whether R is given in axes of E; else in axes of W.
         point: (3,) m, the contact in axes of E.
     """
 
     R: Array
-    turns: bool
+    is_tool_frame: bool
     point: Array
 
     @classmethod
     def of(cls, config: ContactConfig) -> "ContactFrame":
-        """The frame of a configuration.
+        """The frame that the configuration states.
 
         Raises:
             InputError: an axis or a point that is none.
@@ -108,24 +139,24 @@ class ContactFrame(NamedTuple):
             remedy = "give the direction in which the tool presses, such as tool_z or 0,0,-1"
             raise InputError("estimate", "--contact-axis", problem, remedy)
         axis = axis / length
-        across_axis = np.eye(3)[np.argmin(np.abs(axis))]
-        across_axis = across_axis - axis * float(axis @ across_axis)
-        across_axis = across_axis / np.linalg.norm(across_axis)
-        return cls(np.stack([axis, across_axis, np.cross(axis, across_axis)], axis=1), False, point)
+        across = np.eye(3)[np.argmin(np.abs(axis))]
+        across = across - axis * float(axis @ across)
+        across = across / np.linalg.norm(across)
+        return cls(np.stack([axis, across, np.cross(axis, across)], axis=1), False, point)
 
     def wrench_map(self, R_WE: Array) -> Array:
-        """(N, 6, 6) maps from F to the wrench F_E_W, rotation first.
+        """(N, 6, 6): the wrench F_E_W, rotation first, of a unit of each component of F.
 
         Args:
             R_WE: (N, 3, 3).
         """
-        R_WC = R_WE @ self.R if self.turns else np.broadcast_to(self.R, R_WE.shape)
+        R_WC = R_WE @ self.R if self.is_tool_frame else np.broadcast_to(self.R, R_WE.shape)
         force = R_WC * np.array([-1.0, 1.0, 1.0])  # the workpiece pushes against the tool
         lever = np.einsum("kij,j->ki", R_WE, self.point)
         moment = np.cross(lever[:, :, None], force, axis=1)
-        moment_rows = np.concatenate([moment, R_WC], axis=2)
-        force_rows = np.concatenate([force, np.zeros_like(R_WC)], axis=2)
-        return np.concatenate([moment_rows, force_rows], axis=1)
+        moments = np.concatenate([moment, R_WC], axis=2)
+        forces = np.concatenate([force, np.zeros_like(R_WC)], axis=2)
+        return np.concatenate([moments, forces], axis=1)
 
 
 class Block(NamedTuple):
@@ -137,7 +168,9 @@ class Block(NamedTuple):
         sd: (n,) N m, of the torque's error.
         tool_speed: m/s.
         spread: (n,) N m, sd of tau_ext within the block.
-        known: whether the motion is known all through the block.
+        is_known: whether the motion is known all through the block.
+        rigid: (n,) N m, torque of the rigid body, mean.
+        is_resting: whether no joint moves all through the block.
     """
 
     tau_ext: Array
@@ -145,14 +178,31 @@ class Block(NamedTuple):
     sd: Array
     tool_speed: float
     spread: Array
-    known: bool
+    is_known: bool
+    rigid: Array
+    is_resting: bool = False
+
+
+class Reading(NamedTuple):
+    """The wrench of one block.
+
+    Attributes:
+        F: (6,) wrench at the contact, as in the module's description.
+        covariance: (6, 6).
+        is_explained: whether recent innovations along the force agree with the filter, and no
+            recent motion hid it.
+    """
+
+    F: Array
+    covariance: Array
+    is_explained: bool
 
 
 class ContactFilter:
-    """The filter of this module: state x = [F, e, o, past F] and covariance P; o is considered.
+    """State x = [F, e, o, past F] and its covariance P; o is considered only.
 
     Args:
-        config: of the contact.
+        config: what is known beforehand.
         force_sd: N, of a force along the axis of which nothing is known.
         num_joints: n.
         period: s between blocks.
@@ -166,8 +216,8 @@ class ContactFilter:
         self.lag = round(config.lag / period)
         self._errors = slice(WRENCH, WRENCH + n)
         self._offsets = slice(WRENCH + n, WRENCH + 2 * n)
-        across_sds, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
-        F = [force_sd, *across_sds, *moments]
+        across, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
+        F = [force_sd, *across, *moments]
         sd = [*F, *np.zeros(n), *[config.offset_sd] * n, *F * self.lag]
         self._order = np.arange(len(sd))
         if self.lag:
@@ -177,30 +227,43 @@ class ContactFilter:
         self._P: Array = np.diag(np.square(sd))
         self._variance: Array | None = None  # of the errors of the last block
         self._vibration = np.zeros(n)  # N m
-        self._misfit = 1.0
-        self._unknown = 0.0  # s since the motion was known
+        self._drive_error = np.zeros(n)  # N m
+        self._rigid: Array | None = None  # N m, of the last block
+        self._misfit, self._force_misfit = 1.0, 1.0
+        self._resting_blocks = 0  # blocks since a joint moved
+        self._unknown_time = 0.0  # s since a block told the force
+        self._visible_time = np.inf  # s since a known motion hid the force
 
-    def read(self, blocks_ago: int) -> tuple[Array, Array]:
-        """F (6,) of an earlier block and its covariance (6, 6).
+    def read(self, blocks_ago: int) -> Reading:
+        """Returns the wrench of an earlier block.
 
         Args:
             blocks_ago: 0 to `lag`.
         """
         first = 0 if blocks_ago == 0 else self._offsets.stop + WRENCH * (blocks_ago - 1)
         columns = slice(first, first + WRENCH)
-        return self._x[columns].copy(), self._P[columns, columns] * max(self._misfit, 1.0)
+        config = self._config
+        scale = max(self._misfit, self._force_misfit, 1.0)
+        if self._resting_blocks > blocks_ago:
+            scale *= config.rest_share**2
+        is_visible = self._visible_time >= config.misfit_time
+        is_explained = is_visible and self._force_misfit <= config.largest_misfit
+        return Reading(self._x[columns].copy(), self._P[columns, columns] * scale, is_explained)
 
     def take(self, block: Block) -> None:
         """Takes the next block."""
+        self._resting_blocks = self._resting_blocks + 1 if block.is_resting else 0
         self._predict(block)
-        if block.known:
-            self._update(block)
-            self._unknown = 0.0
+        is_blind = block.is_known and not self._update(block)
+        self._rigid = block.rigid if block.is_known else None
+        self._visible_time = 0.0 if is_blind else self._visible_time + self._period
+        if block.is_known and not is_blind:
+            self._unknown_time = 0.0
             return
         config = self._config
-        was_gap = self._unknown > config.gap
-        self._unknown += self._period
-        if self._unknown > config.gap and not was_gap:
+        was_gap = self._unknown_time > config.gap
+        self._unknown_time += self._period
+        if self._unknown_time > config.gap and not was_gap:
             self._P[_ALONG, _ALONG] += self._force_sd**2
 
     def _predict(self, block: Block) -> None:
@@ -209,7 +272,9 @@ class ContactFilter:
         across_time = config.standing_across_time if is_standing else config.across_time
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
         decay[1:WRENCH] = np.exp(-T / across_time)
-        variance[_ACROSS] = (config.standing_across_sd if is_standing else config.across_sd) ** 2
+        held = config.held_across * max(float(self._x[_ALONG]), 0.0)
+        standing_sd = np.hypot(config.standing_across_sd, held)
+        variance[_ACROSS] = (standing_sd if is_standing else config.across_sd) ** 2
         variance[_MOMENTS] = config.moment_sd**2
         errors = block.sd**2
         previous_errors = errors if self._variance is None else self._variance
@@ -226,20 +291,32 @@ class ContactFilter:
         noise[_ALONG] = config.force_rate**2 * T
         self._P[np.diag_indices_from(self._P)] += noise
 
-    def _update(self, block: Block) -> None:
+    def _update(self, block: Block) -> bool:
+        """Returns whether the block tells the force; see `blind_share`."""
         config, T, n = self._config, self._period, self._n
         self._vibration = np.maximum(
             config.vibration * block.spread, self._vibration * np.exp(-T / config.vibration_time)
         )
-        R = self._vibration**2 + (0.1 * block.sd) ** 2
+        change = 0.0 if self._rigid is None else np.abs(block.rigid - self._rigid)
+        self._drive_error = np.maximum(
+            config.drive_error * change, self._drive_error * np.exp(-T / config.drive_time)
+        )
+        R = self._vibration**2 + self._drive_error**2 + (0.1 * block.sd) ** 2
         H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH * self.lag))])
         innovation = block.tau_ext - H @ self._x
         S = H @ self._P @ H.T + np.diag(R)
-        gain = np.linalg.solve(S, H @ self._P).T
-        misfit = float(innovation @ np.linalg.solve(S, innovation)) / n
-        share = np.exp(-T / config.misfit_time)
-        self._misfit = share * self._misfit + (1.0 - share) * min(misfit, _HIGHEST_MISFIT)
+        solved = np.linalg.solve(S, np.column_stack([H @ self._P, innovation, H[:, _ALONG]]))
+        gain, weighted_innovation, weighted_force = solved[:, :-2].T, solved[:, -2], solved[:, -1]
+        memory = np.exp(-T / config.misfit_time)
+        misfit = min(float(innovation @ weighted_innovation) / n, _HIGHEST_MISFIT)
+        self._misfit = memory * self._misfit + (1.0 - memory) * misfit
+        information = float(H[:, _ALONG] @ weighted_force)  # zero where no joint feels the force
+        misfit_along = float(H[:, _ALONG] @ weighted_innovation) ** 2 / max(information, 1e-12)
+        self._force_misfit *= memory
+        self._force_misfit += (1.0 - memory) * min(misfit_along, _HIGHEST_MISFIT)
         gain[self._offsets] = 0.0
         self._x = self._x + gain @ innovation
         A = np.eye(len(self._x)) - gain @ H
         self._P = A @ self._P @ A.T + (gain * R) @ gain.T
+        least_information = 1.0 / (config.blind_share * self._force_sd) ** 2
+        return bool(np.sum(block.H[:, _ALONG] ** 2 / R) >= least_information)

@@ -1,12 +1,16 @@
-"""The wrench at a contact of known direction, from the estimator's reading of a log.
+"""The wrench at a contact of known direction, from what the estimator's observer reads.
 
 The observer's reading is the external torque through K_0 / (s + K_0), exactly in discrete time
 (`models.observers.momentum_observer`). Undone, it is the mean of the external torque over each
 period; means of these over blocks go to the filter of `models.estimation.contact_filter`, with the
 sd that the model states of each joint's torque.
+
+A joint at rest may carry any friction; a share of what it had as it last moved is expected. Its
+torque is read with the torque per ampere at rest: one that a calibration found in motion does not
+count there.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +20,7 @@ from wrenchsight.models.estimation.contact_filter import (
     ContactConfig,
     ContactFilter,
     ContactFrame,
+    Reading,
 )
 from wrenchsight.models.estimation.estimator import EstimateBatch
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior
@@ -26,15 +31,17 @@ from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
 class _Samples(NamedTuple):
-    """N samples that wait for the filter, or for the blocks after them.
+    """N samples that wait for the filter, or for what comes after them.
 
     Attributes:
-        batch: of the estimator.
+        batch: what the estimator read.
         wrench_map: (N, 6, 6) as `ContactFrame.wrench_map`.
         tau_ext: (N, n) N m, mean over the period before each sample.
         J: (N, 6, n).
         speed: (N,) m/s, of E.
-        known: (N,) whether the sample and the one before were measured.
+        is_known: (N,) whether the sample and the one before were measured.
+        rigid: (N, n) N m, torque of the rigid body.
+        is_resting: (N,) whether no joint moves.
     """
 
     batch: EstimateBatch
@@ -42,7 +49,9 @@ class _Samples(NamedTuple):
     tau_ext: Array
     J: Array
     speed: Array
-    known: Flags
+    is_known: Flags
+    rigid: Array
+    is_resting: Flags
 
     def block(self, rows: slice) -> Block:
         """These samples as one block."""
@@ -54,43 +63,33 @@ class _Samples(NamedTuple):
             sd=np.sqrt(np.mean(self.batch.torque_sd[rows] ** 2, axis=0)),
             tool_speed=float(self.speed[rows].mean()),
             spread=tau_ext.std(axis=0),
-            known=bool(self.known[rows].all()),
+            is_known=bool(self.is_known[rows].all()),
+            rigid=self.rigid[rows].mean(axis=0),
+            is_resting=bool(self.is_resting[rows].all()),
         )
 
     def rows(self, rows: slice) -> "_Samples":
-        """Some of the samples."""
-        return _Samples(
-            batch=self.batch.rows(rows),
-            wrench_map=self.wrench_map[rows],
-            tau_ext=self.tau_ext[rows],
-            J=self.J[rows],
-            speed=self.speed[rows],
-            known=self.known[rows],
-        )
+        """These rows alone."""
+        signals: Any = [signal[rows] for signal in self[1:]]
+        return _Samples(self.batch.rows(rows), *signals)
 
     def joined(self, later: "_Samples") -> "_Samples":
-        """These samples, then the later ones."""
-        return _Samples(
-            batch=EstimateBatch.joined([self.batch, later.batch]),
-            wrench_map=np.concatenate([self.wrench_map, later.wrench_map]),
-            tau_ext=np.concatenate([self.tau_ext, later.tau_ext]),
-            J=np.concatenate([self.J, later.J]),
-            speed=np.concatenate([self.speed, later.speed]),
-            known=np.concatenate([self.known, later.known]),
-        )
+        """These samples, followed by later ones."""
+        signals: Any = [np.concatenate(pair) for pair in zip(self[1:], later[1:], strict=True)]
+        return _Samples(EstimateBatch.joined([self.batch, later.batch]), *signals)
 
 
 class ContactReader:
-    """Estimates the wrench at the contact from a log in parts; each sample some blocks later.
+    """Reads a log that comes in parts; each sample some blocks later.
 
         reader = ContactReader(robot, K_0, time_step, config)
         for part in log:
-            batch = reader.take(q, v, tau_J, is_measured, batch)   # earlier samples; may be none
-        last_batch = reader.finish()
+            ready = reader.take(q, v, tau_J, is_measured, batch)  # earlier samples; may be empty
+        last = reader.finish()
 
     These batches together are the log's samples, one by one. Their wrench, covariance and valid are
-    those at the contact. A reading is valid where the motion is known and the sd along the axis is
-    at most `largest_sd`.
+    those at the contact. A reading is valid where the motion is known, the sd along the axis is at
+    most `largest_sd`, and the filter explains the torque.
 
     Args:
         robot: with E, its payload and the friction that its joints keep at rest.
@@ -118,11 +117,15 @@ class ContactReader:
         self._pole = np.exp(-np.asarray(K_0, float) * time_step)
         self._rest_speed, self._rest_share = config.rest_speed, robot.rest_friction_share
         self._friction = np.zeros(robot.num_joints)  # N m, as each joint last moved; 0: not known
+        self._rest_scale = robot.rest_torque_per_ampere / robot.torque_per_ampere
         self._size = max(round(config.block / time_step), 1)
         period = self._size * time_step
         force_sd, _ = live_prior(robot.payload)
         self._filter = ContactFilter(config, force_sd, len(self._pole), period)
         self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
+        self._late_share = config.late_share
+        # N, of the last blocks that were read; the newest last
+        self._earlier_forces = np.full(max(round(config.late_time / period), 1), np.nan)
         self._last_tau_ext, self._last_is_measured = np.zeros(len(self._pole)), False
         self._waiting: _Samples | None = None  # samples that are not read yet
         self._filtered = 0  # number of waiting samples that the filter has taken
@@ -160,11 +163,12 @@ class ContactReader:
         tau_mean, is_period = tau_mean[1:], is_pair[1:]
         if len(is_measured):
             self._last_tau_ext, self._last_is_measured = tau_ext[-1], bool(is_measured[-1])
-        # A joint at rest may carry any friction: a share of what it had as it moved is expected.
+        rigid = np.where(is_period[:, None], tau_mean + batch.transmitted, 0.0)
         is_moving = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted
         expected = self._rest_share * self._friction_before_rest(tau_f, is_moving, is_measured)
-        tau_mean = tau_mean + np.where(is_period[:, None] & ~is_moving, expected - tau_f, 0.0)
+        tau_at_rest = self._rest_scale * (tau_mean + expected - tau_f)
+        tau_mean = np.where(is_period[:, None] & ~is_moving, tau_at_rest, tau_mean)
         R_WE, _ = self._chain.pose(np.where(is_finite[:, None], q, 0.0))
         J = np.where(is_period[:, None, None], batch.J, 0.0)
         speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(is_finite[:, None], v, 0.0))
@@ -174,58 +178,66 @@ class ContactReader:
             tau_ext=tau_mean,
             J=J,
             speed=np.linalg.norm(speed, axis=1),
-            known=is_period,
+            is_known=is_period,
+            rigid=rigid,
+            is_resting=is_period & ~is_moving.any(axis=1),
         )
         self._waiting = samples if self._waiting is None else self._waiting.joined(samples)
 
     def _friction_before_rest(self, tau_f: Array, is_moving: Flags, is_measured: Flags) -> Array:
         """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
         tau_f = np.where(is_measured[:, None], tau_f, 0.0)
-        torques = np.concatenate([self._friction[None], tau_f])
-        rows = np.arange(len(torques))[:, None]
-        counts_here = np.concatenate(
-            [np.ones_like(is_moving[:1]), is_moving | ~is_measured[:, None]]
-        )
-        latest = np.maximum.accumulate(np.where(counts_here, rows, 0), axis=0)
-        friction = np.take_along_axis(torques, latest, axis=0)
+        candidates = np.concatenate([self._friction[None], tau_f])
+        rows = np.arange(len(candidates))[:, None]
+        replaces = is_moving | ~is_measured[:, None]
+        replaces = np.concatenate([np.ones_like(is_moving[:1]), replaces])
+        latest = np.maximum.accumulate(np.where(replaces, rows, 0), axis=0)
+        friction = np.take_along_axis(candidates, latest, axis=0)
         self._friction = friction[-1]
         return np.asarray(friction[1:])
 
     def _read(self, is_end: bool) -> EstimateBatch:
-        """Filters all whole blocks, at the end a shorter one too; returns the finished samples."""
+        """Filters all whole blocks, at the end a shorter one too; returns the samples read."""
         samples, size, lag = self._waiting, self._size, self._filter.lag
         assert samples is not None
-        N = len(samples.known)
+        N = len(samples.is_known)
         stop = N if is_end else N - (N - self._filtered) % size
         starts = np.arange(self._filtered, stop, size)
-        readings: list[tuple[Array, Array]] = []
+        readings: list[Reading] = []
         for start in starts:
             self._filter.take(samples.block(slice(start, min(start + size, stop))))
             if start // size >= lag:
                 readings.append(self._filter.read(lag))
         if is_end:
-            total = -(-N // size)
-            readings += [
-                self._filter.read(blocks_ago) for blocks_ago in range(min(lag, total) - 1, -1, -1)
-            ]
+            num_blocks = -(-N // size)
+            ages = range(min(lag, num_blocks) - 1, -1, -1)
+            readings += [self._filter.read(blocks_ago) for blocks_ago in ages]
         self._filtered = int(stop)
         count = min(len(readings) * size, N)
         blocks = np.minimum(np.arange(count) // size, max(len(readings) - 1, 0))
-        finished, remaining = samples.rows(slice(0, count)), samples.rows(slice(count, None))
-        self._waiting, self._filtered = remaining, self._filtered - count
-        return self._wrenches(finished, readings, blocks)
+        ready, waiting = samples.rows(slice(0, count)), samples.rows(slice(count, None))
+        self._waiting, self._filtered = waiting, self._filtered - count
+        return self._wrenches(ready, readings, blocks)
 
     def _wrenches(
-        self, samples: "_Samples", readings: list[tuple[Array, Array]], blocks: NDArray[np.intp]
+        self, samples: _Samples, readings: list[Reading], blocks: NDArray[np.intp]
     ) -> EstimateBatch:
-        """The batch of samples with the reading (F and its covariance) of each one's block."""
-        F = np.array([x for x, _ in readings]).reshape(-1, 6)[blocks]
-        P = np.array([P for _, P in readings]).reshape(-1, 6, 6)[blocks]
+        F = np.array([reading.F for reading in readings]).reshape(-1, 6)[blocks]
+        P = np.array([reading.covariance for reading in readings]).reshape(-1, 6, 6)[blocks]
+        P[:, 0, 0] += self._lateness(np.array([reading.F[0] for reading in readings]))[blocks] ** 2
+        is_explained = np.array([reading.is_explained for reading in readings], np.bool_)[blocks]
         A = samples.wrench_map
         covariance = A @ P @ A.transpose(0, 2, 1)
         is_sure = np.sqrt(P[:, 0, 0]) <= self._largest_sd
         return samples.batch._replace(
             wrench=np.einsum("kij,kj->ki", A, F),
             covariance=covariance,
-            valid=samples.known & is_sure,
+            valid=samples.is_known & is_sure & is_explained,
         )
+
+    def _lateness(self, force: Array) -> Array:
+        """(M,) N, sd of the error that the filter's lag causes in the next forces (M,)."""
+        forces = np.concatenate([self._earlier_forces, force])
+        change = forces[len(self._earlier_forces) :] - forces[: len(force)]
+        self._earlier_forces = forces[len(force) :]
+        return np.asarray(self._late_share * np.nan_to_num(np.abs(change)))

@@ -30,6 +30,7 @@ ALIKE = 0.3  # of the speed, by which velocities that show the same differ
 PRIOR = 1.0  # sample of `PERIOD`: its noise is about as large as the residual that repeats (4 N m)
 PERIOD = 0.01  # s that a sample averages
 _FAR = 9.0  # exponent beyond which a weight is taken as zero
+_FAR_APART = 2.0 * _FAR * (1.0 + 1e-9) * REACH**2  # rad^2, beyond which the exponent is
 _SAME_SPEED = 1.25  # ratio of speeds that are averaged
 _DIGITS = 6  # after the point, of stored numbers
 _COLUMNS = 4  # of a place: q, v, torque, samples
@@ -164,6 +165,8 @@ def add_place_torque(table: Array, first: int, q: Array, v: Array, tau_f: Array)
         distance = 0.0
         for i in range(n):
             distance += (q[i] - table[i, column]) ** 2
+            if not distance < _FAR_APART:
+                break
         exponent = 0.5 * distance / REACH**2
         if not exponent < _FAR:
             continue

@@ -51,20 +51,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import tick_of
 from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.machining.air_pass import LessonTick, departure
-from wrenchsight.models.observers.observer import TAU_F, V
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import (
     factorise_in_place,
     solve_factorised,
     solve_lower,
 )
+from wrenchsight.models.observers.observer import TAU_F, V
 
 AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
 """m/s, the grid; 10 m/s^2 at 100 Hz are 0.016 m/s."""

@@ -52,7 +52,7 @@ _LIMITS = {
     "position_resolution": (0.0, 0.1),  # rad (m)
     "gear_ratio": (1e-3, 1e5),
     "current_bandwidth": (1e-3, LARGEST),  # Hz
-    "effort_limit": (_WEAK, _STRONG),
+    **dict.fromkeys(("effort_limit", "rest_torque_per_ampere"), (_WEAK, _STRONG)),
 }
 
 
@@ -98,6 +98,11 @@ class Robot:
         self.current_resolution = _frozen([d.current_resolution for d in drives])
         self.current_noise_sd = _frozen([d.current_noise_sd for d in drives])
         self.rest_friction_share = _frozen([d.rest_friction_share for d in drives])
+        at_rest = [d.rest_torque_per_ampere for d in drives]
+        moving = self.torque_per_ampere.tolist()
+        self.rest_torque_per_ampere = _frozen(
+            [k if r is None else r for k, r in zip(moving, at_rest, strict=True)]
+        )
         self.position_resolution = _frozen(  # nan: not known
             [math.nan if d.position_resolution is None else d.position_resolution for d in drives]
         )
@@ -224,11 +229,27 @@ class Robot:
         urdf = _urdf_path(self.config, self.source).resolve()
         save_configuration(replace(self.config, urdf=urdf), path)
 
-    def with_torque_per_ampere(self, values: Sequence[float]) -> "Robot":
-        """Returns the same robot with other torques per ampere (n,), N m/A on the joint side."""
-        by_joint = dict(zip(self.joint_names, values, strict=True))
+    def with_torque_per_ampere(
+        self, values: Sequence[float], at_rest: Sequence[float] | None = None
+    ) -> "Robot":
+        """Returns the same robot with other torques per ampere.
+
+        Args:
+            values: (n,) N m/A on the joint side.
+            at_rest: (n,) N m/A that the joints show at rest; None: the same.
+        """
+        moving = dict(zip(self.joint_names, values, strict=True))
+        same: list[float | None] = [None] * self.num_joints
+        resting = dict(
+            zip(self.joint_names, same if at_rest is None else list(at_rest), strict=True)
+        )
         drives = [
-            replace(drive, torque_per_ampere=float(by_joint[drive.joint]), torque_constant=None)
+            replace(
+                drive,
+                torque_per_ampere=float(moving[drive.joint]),
+                torque_constant=None,
+                rest_torque_per_ampere=resting[drive.joint],
+            )
             for drive in self.config.drives
         ]
         return self.with_drives(drives)

@@ -61,6 +61,8 @@ class DriveConfig:
     current_bandwidth: float | None = None  # Hz, of the measurement; without it: not limited
     effort_limit: float | None = None  # N m; without it: the URDF's
     rest_friction_share: float = 0.25  # of its friction that a joint keeps once it rests
+    rest_torque_per_ampere: float | None = None
+    # N m/A that the joint shows at rest, where a calibration found another one in motion
 
 
 @dataclass

@@ -158,6 +158,7 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
             if interval in JUDGED:
                 kind = "slide" if interval == "slide" else "rest"
                 paths += [("summary", method, kind), (half, kind, method)]
+                paths.append((name.group, name.speed_key, "all", method))
             if interval == "slide":
                 paths.append(("summary", method, f"{name.scene}_slide_{name.speed_key}"))
             for path in paths:
@@ -173,7 +174,7 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
 
 def _paths() -> list[tuple[str, ...]]:
     """Of the metrics that are there also where no run is of their kind."""
-    kinds = product(SCENES, CONTROLLERS, SPEEDS, INTERVALS, METHODS)
+    kinds = product(SCENES, CONTROLLERS, SPEEDS, (*INTERVALS, "all"), METHODS)
     slides = [f"{scene}_slide_{speed}" for scene in ("straight", "ramp") for speed in SPEEDS]
     return [
         *((f"{scene}_{controller}", *rest) for scene, controller, *rest in kinds),

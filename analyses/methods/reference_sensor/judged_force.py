@@ -46,6 +46,8 @@ class Judgement:
         bias, sd, rmse: of the error, N.
         inside_95: share of the truth in the 95 % band; None without one.
         share_valid: None for a method that does not say.
+        rmse_valid, inside_95_valid: as rmse, N, and inside_95, of the valid averages alone; None
+            where there are none.
         stated_sd: mean of the stated sd, N; None without one.
         force: mean of the truth, N.
         correlation: of reading and truth; None where one of them does not vary.
@@ -61,6 +63,8 @@ class Judgement:
     force: float
     correlation: float | None
     count: int
+    rmse_valid: float | None = None
+    inside_95_valid: float | None = None
 
     @classmethod
     def of(cls, reading: ForceReading, truth: Array) -> "Judgement | None":
@@ -74,13 +78,17 @@ class Judgement:
         if not there.any():
             return None
         error = (reading.force - truth)[there]
-        inside = valid = stated = None
+        inside = valid = stated = rmse_valid = inside_valid = None
+        is_valid = np.zeros(len(error), np.bool_)
+        if reading.valid is not None:
+            is_valid = reading.valid[there]
+            valid = float(np.mean(is_valid))
+            rmse_valid = float(np.sqrt(np.mean(error[is_valid] ** 2))) if is_valid.any() else None
         if reading.sd is not None:
             sd = reading.sd[there]
-            inside = float(np.mean(np.abs(error) <= SIGMA_95 * sd))
-            stated = float(np.mean(sd))
-        if reading.valid is not None:
-            valid = float(np.mean(reading.valid[there]))
+            is_inside = np.abs(error) <= SIGMA_95 * sd
+            inside, stated = float(np.mean(is_inside)), float(np.mean(sd))
+            inside_valid = float(np.mean(is_inside[is_valid])) if is_valid.any() else None
         return cls(
             bias=float(np.mean(error)),
             sd=float(np.std(error)),
@@ -91,15 +99,22 @@ class Judgement:
             force=float(np.mean(truth[there])),
             correlation=correlation(reading.force[there], truth[there]),
             count=len(error),
+            rmse_valid=rmse_valid,
+            inside_95_valid=inside_valid,
         )
 
     def metrics(self, unit: str = "n") -> dict[str, Any]:
         """Under the keys of a study's metrics; `unit` is that of what is judged: n or nm."""
-        share = {"inside_95_pct": self.inside_95, "share_valid_pct": self.share_valid}
+        share = {
+            "inside_95_pct": self.inside_95,
+            "share_valid_pct": self.share_valid,
+            "inside_95_valid_pct": self.inside_95_valid,
+        }
         return {
             f"bias_{unit}": self.bias,
             f"sd_{unit}": self.sd,
             f"rmse_{unit}": self.rmse,
+            f"rmse_valid_{unit}": self.rmse_valid,
             **{key: None if value is None else 100.0 * value for key, value in share.items()},
             f"stated_sd_{unit}": self.stated_sd,
             f"mean_{unit}": self.force,
@@ -128,6 +143,8 @@ def pooled_judgement(judgements: Sequence[Judgement]) -> dict[str, Any]:
         "rmse_n": mean([j.rmse for j in judgements]),
         "inside_95_pct": mean([j.inside_95 for j in judgements], 100.0),
         "share_valid_pct": mean([j.share_valid for j in judgements], 100.0),
+        "rmse_valid_n": mean([j.rmse_valid for j in judgements]),
+        "inside_95_valid_pct": mean([j.inside_95_valid for j in judgements], 100.0),
         "stated_sd_n": mean([j.stated_sd for j in judgements]),
         "force_n": mean([j.force for j in judgements]),
         "correlation": mean([j.correlation for j in judgements]),

@@ -18,10 +18,13 @@ _SD = 1.5  # N m, of the joints' error
 _WHITE = 0.1 * _SD  # N m, the filter's least noise of a block
 
 
-def _block(tau_ext: np.ndarray, known: bool = True, sd: float = _SD) -> Block:
+def _block(
+    tau_ext: np.ndarray, known: bool = True, sd: float = _SD, rigid: np.ndarray | float = 0.0
+) -> Block:
     H = np.zeros((2, 6))
     H[:, 0] = _H
-    return Block(tau_ext, H, np.full(2, sd), 0.1, np.zeros(2), known)
+    torque = np.broadcast_to(rigid, (2,))
+    return Block(tau_ext, H, np.full(2, sd), 0.1, np.zeros(2), known, torque)
 
 
 def _filter(lag: float = 0.0, **changes: float) -> ContactFilter:
@@ -52,7 +55,7 @@ def test_the_reading_is_the_conditional_mean(lag: float) -> None:
         contact.take(_block(y[until]))
         if until < late:
             continue
-        F, P = contact.read(late)
+        F, P, _ = contact.read(late)
         mean, sd = _conditioned(y, until, until - late)
         assert F[0] == pytest.approx(mean, rel=1e-9)
         assert np.sqrt(P[0, 0]) >= sd * (1.0 - 1e-9)  # larger where innovations are
@@ -67,7 +70,7 @@ def test_the_band_holds_what_comes_from_its_model() -> None:
             force += rng.normal(0.0, 18.0 * np.sqrt(_PERIOD))
             error = decay * error + np.sqrt(1.0 - decay**2) * rng.normal(0.0, _SD, 2)
             contact.take(_block(_H * force + error + rng.normal(0.0, _WHITE, 2)))
-            F, P = contact.read(0)
+            F, P, _ = contact.read(0)
             inside.append(abs(F[0] - force) <= 1.96 * np.sqrt(P[0, 0]))
     # The band is wider where innovations are large by chance: a little above 95 %.
     assert 0.93 < np.mean(inside) < 0.995
@@ -77,14 +80,14 @@ def test_after_a_gap_the_force_may_be_any() -> None:
     contact = _filter()
     for _ in range(20):
         contact.take(_block(_H * 30.0))
-    before = contact.read(0)[1][0, 0]
+    before = contact.read(0).covariance[0, 0]
     for _ in range(4):
         contact.take(_block(np.zeros(2), known=False))
-    F, P = contact.read(0)
+    F, P, _ = contact.read(0)
     assert F[0] == pytest.approx(30.0, abs=3.0)  # nothing was read
     assert P[0, 0] > before + 61.0**2
     contact.take(_block(_H * 80.0))
-    assert contact.read(0)[0][0] == pytest.approx(80.0, abs=8.0)
+    assert contact.read(0).F[0] == pytest.approx(80.0, abs=8.0)
 
 
 def test_what_a_joint_at_rest_held_is_gone_once_it_slides() -> None:
@@ -93,9 +96,120 @@ def test_what_a_joint_at_rest_held_is_gone_once_it_slides() -> None:
     for _ in range(30):
         contact.take(_block(_H * 20.0 + np.array([4.0, -3.0]), sd=5.0))
     contact.take(_block(_H * 20.0, sd=0.2))
-    F, P = contact.read(0)
+    F, P, _ = contact.read(0)
     assert F[0] == pytest.approx(20.0, abs=0.3)
     assert np.sqrt(P[0, 0]) < 0.5  # the band of a sliding joint, not of one at rest
+
+
+def test_a_force_that_moves_faster_than_it_wanders_is_not_explained() -> None:
+    """Its innovations lie along the force; as large ones across it are the joints' noise."""
+    for direction, is_explained in ((_H, False), (np.array([_H[1], -_H[0]]), True)):
+        contact = _filter()
+        for k in range(60):
+            swing = 40.0 * np.sign(np.sin(2.0 * np.pi * k / 8.0))
+            contact.take(_block(_H * 60.0 + direction * swing))
+            if k == 0:
+                assert contact.read(0).is_explained  # one block says nothing yet
+        assert contact.read(0).is_explained == is_explained
+        for _ in range(60):  # and it is explained again once it stands for four times misfit_time
+            contact.take(_block(_H * 60.0))
+        assert contact.read(0).is_explained
+
+
+def test_the_band_grows_with_the_innovations_along_the_force() -> None:
+    """A block of them moves their mean by its share of misfit_time, and so the covariance."""
+    jump, misfit_time = 12.0, ContactConfig().misfit_time
+    plain, jumped, predicted = _filter(), _filter(), _filter()
+    for contact in (plain, jumped, predicted):
+        for _ in range(40):
+            contact.take(_block(_H * 60.0))
+    plain.take(_block(_H * 60.0))
+    jumped.take(_block(_H * (60.0 + jump)))
+    predicted._predict(_block(_H * 60.0))
+    H = np.hstack([np.outer(_H, np.eye(6)[0]), np.eye(2), np.eye(2)])
+    S = H @ predicted._P @ H.T + _WHITE**2 * np.eye(2)
+    square = jump**2 * _H @ np.linalg.solve(S, _H)  # of the innovation along the force
+    assert square > 10.0
+    share = 1.0 - np.exp(-_PERIOD / misfit_time)
+    mean = np.exp(-41 * _PERIOD / misfit_time) + share * square  # begins at 1
+    grown = jumped.read(0).covariance[0, 0] / plain.read(0).covariance[0, 0]
+    assert grown == pytest.approx(mean, rel=0.05)  # the other innovations are nearly zero
+
+
+def test_a_change_of_the_rigid_torque_is_no_force() -> None:
+    """At a corner the drive errs by a share of the torque's change, and for as long as it rings."""
+    read = {}
+    for rigid in (0.0, 40.0):
+        contact = _filter()
+        for _ in range(40):
+            contact.take(_block(_H * 20.0))
+        contact.take(_block(_H * 20.0 + np.array([20.0, 15.0]), rigid=rigid))
+        contact.take(_block(_H * 20.0 - np.array([8.0, 6.0]), rigid=rigid))
+        read[rigid] = contact.read(0)
+    known, plain = (abs(read[rigid].F[0] - 20.0) for rigid in (40.0, 0.0))
+    assert known < 0.3 * plain
+    assert read[40.0].is_explained and not read[0.0].is_explained
+
+
+def test_a_motion_that_hides_the_force_leaves_it_open() -> None:
+    """A jump of the rigid torque by 1000 N m: 0.3 of it is 300 N on a lever of 0.86 m."""
+    contact = _filter()
+    for _ in range(40):
+        contact.take(_block(_H * 20.0))
+    for _ in range(4):  # the gap lasts 0.05 s
+        contact.take(_block(_H * 80.0, rigid=1000.0))
+    F, P, is_explained = contact.read(0)
+    assert abs(F[0] - 80.0) < 1.96 * np.sqrt(P[0, 0]) and np.sqrt(P[0, 0]) > 61.0 / 4.0
+    assert not is_explained
+    read = []
+    for _ in range(60):
+        contact.take(_block(_H * 80.0, rigid=1000.0))
+        read.append(contact.read(0))
+    # 300 N fade to 61 N / 4 within 0.31 s, of which 0.08 s are over; then come misfit_time.
+    first = next(k for k, reading in enumerate(read) if reading.is_explained)
+    assert first * _PERIOD == pytest.approx(0.24 + 0.3, abs=0.06)
+    assert read[first].F[0] == pytest.approx(80.0, abs=3.0)
+
+
+def test_the_band_of_an_arm_at_rest_is_narrower_from_its_first_resting_block_on() -> None:
+    moving, resting = _filter(0.06), _filter(0.06)
+    share = ContactConfig().rest_share ** 2
+    for k in range(12):
+        block = _block(_H * 20.0)
+        moving.take(block)
+        resting.take(block._replace(is_resting=k >= 10))
+    for past in range(4):
+        ratio = resting.read(past).covariance[0, 0] / moving.read(past).covariance[0, 0]
+        assert ratio == pytest.approx(share if past < 2 else 1.0, rel=1e-12)
+
+
+def test_a_gap_is_no_change_of_the_rigid_torque() -> None:
+    contact, plain = _filter(), _filter()
+    for one, rigid in ((contact, 100.0), (plain, 0.0)):
+        one.take(_block(_H * 20.0))
+        one.take(_block(np.zeros(2), known=False))
+        one.take(_block(_H * 20.0, rigid=rigid))
+    np.testing.assert_array_equal(contact.read(0).covariance, plain.read(0).covariance)
+
+
+def test_a_standing_tool_is_held_across_the_more_the_harder_it_presses() -> None:
+    """A third joint, which the force across loads: its torque is not taken for an error."""
+    H = np.zeros((3, 6))
+    H[:, 0], H[:, 1] = (-0.7, -0.6, -0.2), (-0.1, -0.6, -0.35)
+    errs = {}
+    for held in (0.0, 0.15):
+        config = ContactConfig(lag=0.0, offset_sd=0.0, held_across=held)
+        contact = ContactFilter(config, 61.0, 3, _PERIOD)
+        for _ in range(100):
+            tau_ext = H[:, 0] * 60.0 + H[:, 1] * 15.0
+            contact.take(
+                Block(tau_ext, H, np.array([3.0, 3.0, 1.0]), 0.0, np.zeros(3), True, np.zeros(3))
+            )
+        F, P, _ = contact.read(0)
+        errs[held] = abs(F[0] - 60.0)
+        if held:
+            assert errs[held] < 1.96 * np.sqrt(P[0, 0])
+    assert errs[0.15] < 0.6 * errs[0.0]
 
 
 @pytest.mark.parametrize("axis", ["tool_z", "-tool_z", "tool_x", "0,0,-2", "1,-1,0.5"])

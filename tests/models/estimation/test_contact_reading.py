@@ -102,7 +102,10 @@ def test_a_pressing_force_is_read_without_the_observer_s_lag(ur10e: Robot) -> No
     gap = np.zeros(len(force), bool)
     gap[_GAP] = True
     assert not batch.valid[gap].any() and not batch.valid[0]
-    assert batch.valid[(t > 0.2) & (t < 1.0)].all() and batch.valid[-1]
+    assert batch.valid[(t > 0.2) & (t < 0.9)].all() and batch.valid[-1]
+    # A step of the force is no wander: what is read about it is not valid.
+    step = (t > 0.96) & (t < 1.1)
+    assert not batch.valid[step].any() and batch.valid[(t > 1.4) & ~gap][20:].all()
     assert np.linalg.eigvalsh(batch.covariance)[:, 0].min() > 0.0
 
 
@@ -138,6 +141,54 @@ def test_after_an_unknown_motion_a_joint_is_expected_to_keep_nothing(ur10e: Robo
 def test_a_reading_that_is_too_uncertain_is_not_valid(ur10e: Robot) -> None:
     config = ContactConfig(axis="tool_z", offset_sd=500.0)
     assert not _read(ur10e, 1, config)[0].valid.any()
+
+
+def test_a_force_that_changes_has_a_wider_band(ur10e: Robot) -> None:
+    """Its reading is late: by a share of what has changed within 60 ms."""
+    bands = []
+    for share in (0.0, 0.5):
+        batch, force = _read(ur10e, 1, ContactConfig(axis="tool_z", late_share=share))
+        z = ur10e.chain.pose(_log(ur10e)[0])[0][:, :, 2]
+        bands.append(np.einsum("ki,kij,kj->k", z, batch.covariance[:, 3:, 3:], z))
+    block, late = 10, 30  # samples of a block, of 60 ms
+    change = np.abs(force[late::block] - force[:-late:block])
+    np.testing.assert_allclose(
+        (bands[1] - bands[0])[late::block], (0.5 * change) ** 2, rtol=1e-6, atol=1e-9
+    )
+    assert change.max() > 20.0
+
+
+@pytest.mark.parametrize("moving", [1.0, 1.1])
+def test_at_rest_a_joint_shows_its_torque_per_ampere_of_rest(ur10e: Robot, moving: float) -> None:
+    """A robot whose drives look stronger in motion, read from the torque they show there."""
+    resting = ur10e.torque_per_ampere
+    robot = ur10e.with_torque_per_ampere((moving * resting).tolist(), at_rest=resting.tolist())
+    q, v, tau_J = _log(ur10e, stop=2.0)
+    observer = MomentumObserverConfig([_K_0], _STEP, "trapezoidal")
+    model = replace(IdentifiedModel.nominal(robot), residual_covariance=_SD**2 * np.eye(6))
+    model = replace(
+        model,
+        friction=_friction(0.0),
+        inertial_parameters=moving * model.inertial_parameters,
+        reflected_inertia=moving * model.reflected_inertia,
+    )
+    config = WrenchEstimatorConfig(observer, check_samples=False)
+    estimator = WrenchEstimator(robot, model, config)
+    current = ur10e.motor_current(tau_J)  # of drives as they are at rest
+    batch = estimator.run(estimator.initial_state(), q, v, current)
+    K_0 = np.full(robot.num_joints, _K_0)
+    reader = ContactReader(robot, K_0, _STEP, ContactConfig(axis="tool_z"))
+    whole = EstimateBatch.joined(
+        [
+            reader.take(q, v, robot.joint_torque(current), np.ones(len(q), bool), batch),
+            reader.finish(),
+        ]
+    )
+    R_WE, _ = robot.chain.pose(q)
+    force = -np.einsum("ki,ki->k", whole.wrench[:, 3:], R_WE[:, :, 2])
+    t = _STEP * np.arange(len(force))
+    assert np.abs(force[(t > 1.8) & (t < 1.9)] - moving * _FORCE).max() < 0.5
+    assert np.abs(force[t > 2.5] - _FORCE).max() < 0.5
 
 
 def test_an_observer_without_a_gain_is_one_line(ur10e: Robot) -> None:

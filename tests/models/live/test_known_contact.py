@@ -65,10 +65,10 @@ def test_the_reading_is_the_filter_s_of_the_last_whole_block(ur10e, pressed):
 def test_a_stream_that_was_interrupted_begins_anew(ur10e, pressed):
     model, t, q, v, current = pressed
     live = LiveEstimator(ur10e, model, LiveConfig(ESTIMATOR, contact=replace(CONTACT)))
-    for k in range(600):
+    for k in range(800):
         (reading,) = live.take(Sample(t[k], t[k], q[k], v[k], current[k]))
     assert reading.valid
-    (reading,) = live.interrupt(t[600])
+    (reading,) = live.interrupt(t[800])
     assert not reading.valid
     (reading,) = live.take(Sample(t[900], t[900], q[900], v[900], current[900]))
     assert not reading.valid

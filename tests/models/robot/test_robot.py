@@ -364,6 +364,12 @@ def test_drives_in_either_form_and_in_any_order(tmp_path: Path) -> None:
         ],
     )
     np.testing.assert_allclose(robot.torque_per_ampere, [11.0, 5.0])
+    np.testing.assert_array_equal(robot.rest_torque_per_ampere, robot.torque_per_ampere)
+    stronger = robot.with_torque_per_ampere([12.0, 6.0], at_rest=[11.0, 5.0])
+    np.testing.assert_array_equal(stronger.torque_per_ampere, [12.0, 6.0])
+    np.testing.assert_array_equal(stronger.rest_torque_per_ampere, [11.0, 5.0])
+    again = stronger.with_torque_per_ampere([13.0, 7.0])  # of rest and motion alike
+    np.testing.assert_array_equal(again.rest_torque_per_ampere, [13.0, 7.0])
     np.testing.assert_allclose(robot.reflected_inertia, [0.5, 0.05])
     np.testing.assert_array_equal(robot.current_sign, [1.0, -1.0])
     np.testing.assert_array_equal(robot.position_resolution, [np.nan, 1e-4])
@@ -478,6 +484,10 @@ TOOL = {"mass": 1.0, "inertia": [1, 1, 1, 0, 0, 0]}
         (
             {"drives": drive(rest_friction_share=1.5)},
             "drives[1].rest_friction_share: 1.5, expected 0 to 1",
+        ),
+        (
+            {"drives": drive(rest_torque_per_ampere=-1.0)},
+            "drives[1].rest_torque_per_ampere: -1, expected 1e-05 to 1e+06",
         ),
         ({"home": [0.0]}, "home: 1 positions, expected 2"),
         ({"home": [0.0, 3.0]}, "home: elbow = 3 lies outside its limits [-2, 2]"),

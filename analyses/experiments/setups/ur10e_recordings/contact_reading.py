@@ -45,7 +45,6 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
 from wrenchsight.models.robot.robot import Robot
-from wrenchsight.models.signals.bands import SIGMA_95
 
 BLOCK: Final = 10  # samples of 2 ms
 WINDOW: Final = 5  # blocks: a force is judged over 0.1 s
@@ -199,16 +198,14 @@ def block_mean(signal: Array) -> Array:
 def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """A reading of blocks, averaged over windows (M, WINDOW) of them.
 
-    The sd of an average is the mean of its blocks': their errors last longer than an average. A
-    band that holds zero says nothing about the contact: such an average is not valid.
+    The sd of an average is the mean of its blocks': their errors last longer than an average. It
+    is valid where all of its blocks are.
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
     valid: Flags | None = None
     if reading.valid is not None:
         valid = np.asarray(reading.valid[windows].all(axis=1))
-        if sd is not None:
-            valid = valid & (np.abs(force) > SIGMA_95 * sd)
     return ForceReading(force, sd, valid)
 
 

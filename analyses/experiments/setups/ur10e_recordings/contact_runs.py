@@ -214,7 +214,8 @@ def rounded_corners(
 ) -> tuple[Array, Flags]:
     """Rounds the corners of a path off as the robot does.
 
-    From the beginning of a blend to its corner the velocity runs linearly from one to the other.
+    From the beginning of a blend to its corner the velocity runs linearly from one to the other; a
+    blend that is longer than the path before its corner begins where the path does.
 
     Args:
         v: (T, n) rad/s along the path with corners.
@@ -237,6 +238,7 @@ def rounded_corners(
         end = int(group[-1]) + 1
         blend = blends[min(number, len(blends) - 1)]
         start = min(int(np.searchsorted(travelled, travelled[end] - blend)), int(group[0]))
+        start = max(start, int(np.flatnonzero(where[: end + 1])[0]))  # at rest before its path
         share = np.linspace(0.0, 1.0, end - start + 1)[:, None]
         rounded[start : end + 1] = v[start] + (v[end] - v[start]) * share
         near[max(end - round(0.12 / step), 0) : end + round(0.15 / step)] = True

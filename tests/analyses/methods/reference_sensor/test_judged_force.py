@@ -20,7 +20,16 @@ def test_bias_scatter_and_band():
     assert judged.rmse == pytest.approx(np.sqrt(5.0))
     assert judged.inside_95 == 0.5  # 1.96 sds
     assert judged.share_valid == 0.75
+    assert judged.rmse_valid == pytest.approx(np.sqrt(11.0 / 3.0))
+    assert judged.inside_95_valid == pytest.approx(2.0 / 3.0)
     assert judged.correlation == pytest.approx(np.corrcoef(reading.force, truth)[0, 1])
+
+
+def test_without_a_valid_average_none_is_judged():
+    judged = Judgement.of(ForceReading(np.ones(2), np.ones(2), np.zeros(2, bool)), np.zeros(2))
+    assert judged is not None
+    assert (judged.share_valid, judged.rmse_valid, judged.inside_95_valid) == (0.0, None, None)
+    assert pooled_judgement([judged])["rmse_valid_n"] is None
 
 
 def test_a_method_without_a_band_has_none():
@@ -28,6 +37,7 @@ def test_a_method_without_a_band_has_none():
     assert judged is not None
     assert judged.inside_95 is None
     assert judged.share_valid is None
+    assert judged.rmse_valid is None
     assert judged.correlation is None  # nothing varies
 
 

@@ -82,6 +82,28 @@ def test_corners_are_rounded_over_the_blend_before_them() -> None:
     assert not near[:400].any()
 
 
+def test_a_blend_begins_no_earlier_than_its_path() -> None:
+    """The path begins at rest, 5 mm before a corner whose blend has 10 mm."""
+    step, speed = 0.002, np.r_[np.zeros(300), np.full(200, 0.1)]
+    v = (
+        np.where(np.arange(500) < 325, 0.3, -0.4)[:, None]
+        * np.where(speed > 0.0, 1.0, 0.0)[:, None]
+    )
+    v = np.repeat(v, 6, axis=1)
+    path = np.arange(500) >= 299
+    rounded, _ = rounded_corners(v, speed, path, step, blends=(0.010,))
+    np.testing.assert_array_equal(rounded[:300], 0.0)  # not from the beginning of the rest on
+    np.testing.assert_allclose(np.diff(rounded[299:326, 0]), -0.4 / 26.0, atol=1e-12)
+
+
+def test_the_ramp_s_rest_stays_a_rest(data: Callable[[str], Path]) -> None:
+    """Its first corner is 10 mm after the first hold, and has a blend of 15 mm."""
+    run = read_run(data("ur10e_contact/ramp_ACF_F35_r0.0z0_v0.25.csv"))
+    first, last = run.intervals["hold1"]
+    hold = (run.t >= first) & (run.t <= last)
+    assert np.abs(run.log.v[hold]).max() == 0.0  # rounded from the hold on: up to 0.5 rad/s
+
+
 def test_the_ramp_has_its_five_corners(data: Callable[[str], Path]) -> None:
     run = read_run(data("ur10e_contact/ramp_ACF_F35_r0.0z0_v0.25.csv"))
     edges = np.diff(run.corners.astype(int))

@@ -116,6 +116,8 @@ def test_a_force_sensor_tells_torque_constants_and_the_residual_along_paths(ur10
     assert robot is not None
     scale = robot.torque_per_ampere / ur10e.torque_per_ampere
     np.testing.assert_allclose(scale, 1.0 + refit.fit.gain, rtol=1e-12)
+    # What sliding shows has no say at rest.
+    np.testing.assert_array_equal(robot.rest_torque_per_ampere, ur10e.torque_per_ampere)
     # Free motion off the paths takes the same currents as before the gain was known.
     q = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 6))
     v = np.random.default_rng(3).uniform(0.1, 0.6, (20, 6))
