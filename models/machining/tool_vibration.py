@@ -264,7 +264,7 @@ def _half_step(freed: Array, k: int, i: int, steps: int) -> float:
     m = freed.shape[0]
     if k == 0:  # nothing vibrates
         return 0.0
-    return 0.5 * (freed[min(k + steps, m - 1), i] - freed[max(k - steps, 0), i])
+    return float(0.5 * (freed[min(k + steps, m - 1), i] - freed[max(k - steps, 0), i]))
 
 
 @kernel
