@@ -174,5 +174,4 @@ EXPERIMENT = Experiment(
     needs=(FOLDER,),
     order=162,
     seconds=45.0,
-    readme=("presliding.repeated_share",),
 )

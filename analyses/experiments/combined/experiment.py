@@ -197,5 +197,5 @@ EXPERIMENT = Experiment(
     section="4.7, Figs. 20-21",
     run=run,
     order=100,
-    readme=("reduction_rmse_x_pct", "ours_against_article.reduction_rmse_x_pct"),
+    readme=("reduction_rmse_x_pct",),
 )

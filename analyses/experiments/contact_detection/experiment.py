@@ -407,11 +407,4 @@ EXPERIMENT = Experiment(
     needs=(FOLDER, MORE, PUSHES, TOUCHES),
     order=157,
     seconds=300,
-    readme=(
-        "push_30n_500ms_at_e.missed_pct",
-        "push_30n_500ms_at_e.delay_median_s",
-        "push_30n_500ms_at_e.within_50ms_pct",
-        "collision_wrist.missed",
-        "contact_free.false_alarms",
-    ),
 )

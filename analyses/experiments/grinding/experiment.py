@@ -27,5 +27,5 @@ EXPERIMENT = Experiment(
     run=run,
     order=120,
     seconds=330,
-    readme=("article.rmse_n", "ours.rmse_n"),
+    readme=("ours.rmse_n",),
 )

@@ -323,5 +323,4 @@ EXPERIMENT = Experiment(
     uses=(DESCRIPTION,),
     order=170,
     seconds=20.0,
-    readme=("summary.joint3_urdf_rmse_nm",),
 )

@@ -237,5 +237,4 @@ EXPERIMENT = Experiment(
     uses=(CONTACT,),
     order=158,
     seconds=180.0,
-    readme=("hybrid.times_model",),
 )

@@ -27,5 +27,4 @@ EXPERIMENT = Experiment(
     run=run,
     order=110,
     seconds=240,
-    readme=("article.rmse_n", "ours.rmse_n"),
 )

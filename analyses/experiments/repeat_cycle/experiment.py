@@ -227,5 +227,4 @@ EXPERIMENT = Experiment(
     section="4.5, Figs. 15-16",
     run=run,
     order=70,
-    readme=("reduction_rmse_y_pct",),
 )

@@ -127,5 +127,4 @@ EXPERIMENT = Experiment(
     section="4.5, Fig. 17",
     run=run,
     order=80,
-    readme=("reduction_rmse_y_pct",),
 )

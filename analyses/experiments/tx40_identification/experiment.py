@@ -167,5 +167,4 @@ EXPERIMENT = Experiment(
     needs=(FOLDER,),
     order=168,
     seconds=60,
-    readme=("validation.rmse_nm",),
 )

@@ -303,5 +303,4 @@ EXPERIMENT = Experiment(
     needs=(FOLDER,),
     order=160,
     seconds=40,
-    readme=("best.at_load.force_only.mass_kg",),
 )

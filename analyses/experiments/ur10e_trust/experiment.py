@@ -291,10 +291,5 @@ EXPERIMENT = Experiment(
     needs=(FOLDER, MORE),
     order=155,
     seconds=90,
-    readme=(
-        "ur-20_02_19_15harm50sec.all.inside_95_pct",
-        "ur-19_12_23_free.all.inside_95_pct",
-        "ur-19_12_23_free.widened.all.inside_95_pct",
-        "ur-19_12_23_free.refreshed.all.inside_95_pct",
-    ),
+    readme=("ur-19_12_23_free.widened.all.inside_95_pct",),
 )

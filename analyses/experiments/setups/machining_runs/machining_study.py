@@ -243,7 +243,7 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
             f"{force}: RMSE", "article.rmse_n", task.rmse_n, task.remark, ours="ours.rmse_n"
         ),
         ComparisonRow(f"{force}: correlation, ours", "ours.correlation", None, ours),
-        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", None, ours),
+        ComparisonRow(f"{force}: RMSE, ours", "ours.rmse_n", task.rmse_n, ours),
         ComparisonRow(within, "article.within_ways.correlation"),
         ComparisonRow(f"{within}, ours", "ours.within_ways.correlation"),
         ComparisonRow(held.format("without", "RMS"), "regulation.estimate.rms_n"),
