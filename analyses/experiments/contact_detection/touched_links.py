@@ -22,7 +22,7 @@ from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import 
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.analyses.methods.external_torque.torque_touches import TorqueTouches
-from wrenchsight.analyses.output.figures import SERIES, Figure, new_figure
+from wrenchsight.analyses.output.figures import SERIES, Figure, legend_on_top, new_figure
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
@@ -172,5 +172,5 @@ def odds_figure(metrics: dict[str, Any]) -> Figure:
         )
     panel.set_xlabel("odds of the likeliest link [%]")
     panel.set_ylabel("is the touched one [%]")
-    panel.legend(loc="upper left")
+    legend_on_top(figure, panel)
     return figure

@@ -18,12 +18,15 @@ from wrenchsight.analyses.methods.estimate.estimate_config import (
     checked_config,
     with_observer,
 )
+from wrenchsight.analyses.methods.excite import excitation
 from wrenchsight.analyses.methods.excite.excitation_config import ExciteSettings
 from wrenchsight.analyses.methods.identify import identification
 from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
+from wrenchsight.analyses.methods.jcn_map import jcn_map
 from wrenchsight.analyses.methods.jcn_map.jcn_map_settings import JcnMapSettings, SliceConfig
-from wrenchsight.analyses.methods.place import excitation, jcn_map, placement, redundancy_results
+from wrenchsight.analyses.methods.place import placement
 from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
+from wrenchsight.analyses.methods.redundancy import redundancy_results
 from wrenchsight.analyses.methods.redundancy.redundancy_task import (
     RedundancySettings,
     RedundancyTask,

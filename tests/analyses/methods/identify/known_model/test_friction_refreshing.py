@@ -128,7 +128,7 @@ def test_two_and_a_half_seconds_are_enough(ur10e, model):
         (RefreshConfig(part=[4.0, 0.0]), "--part"),
         (RefreshConfig(part=[1.0]), "--part"),
         (RefreshConfig(part=[100.0, 104.0]), "holds no samples from 100 to 104 s"),
-        (RefreshConfig(part=[0.0, 1.0]), "must last 1.5 s or more"),
+        (RefreshConfig(part=[0.0, 1.0]), "it must last 1.5 s"),
         (RefreshConfig(part=[0.0, 1.8]), "rows of the logs can be used, 13 are needed"),
         (RefreshConfig(viscous_drift=0.0), "viscous_drift"),
     ],
