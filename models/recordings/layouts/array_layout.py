@@ -39,15 +39,15 @@ def array_layout(names: Sequence[str]) -> KnownLayout | None:
     if time is None:
         return None
     form = RecordingFormat(time=by_number([time]))
-    said = [f"{names[time]} as time"]
+    assignments = [f"{names[time]} as time"]
     for key, words in _ARRAYS.items():
         word = next((word for word in words if word in arrays), None)
         if word is not None:
             setattr(form, key, by_number(arrays.pop(word)))
-            said.append(f"{word} as {key.replace('_', ' ')}")
+            assignments.append(f"{word} as {key.replace('_', ' ')}")
     if form.position is None:
         return None
     form.extra = {name: by_number(columns) for name, columns in arrays.items()}
-    effort = form.motor_torque is not None and any("effort" in text for text in said)
-    notices = (f"arrays read by their names: {', '.join(said)}",)
-    return KnownLayout(form, notices, effort=effort)
+    is_effort = form.motor_torque is not None and any("effort" in text for text in assignments)
+    notices = (f"arrays read by their names: {', '.join(assignments)}",)
+    return KnownLayout(form, notices, torque_is_effort=is_effort)

@@ -29,7 +29,7 @@ class KnownLayout:
 
     form: RecordingFormat
     notices: tuple[str, ...]
-    effort: bool = False  # whether its motor torque is called effort: N m, or A
+    torque_is_effort: bool = False  # it calls its motor torque effort, which is N m or A
 
 
 def known_layout(
@@ -106,7 +106,7 @@ def _echo(
     for k, key in enumerate(("position", "velocity", "motor_torque")[:blocks]):
         setattr(form, key, by_number([3 + size * (k + 1) + j for j in order]))
     first = f"read as `ros2 topic echo --csv` of a JointState of {size} joints"
-    return KnownLayout(form, (first, *notices), effort=blocks == 3)
+    return KnownLayout(form, (first, *notices), torque_is_effort=blocks == 3)
 
 
 def _series(
@@ -155,7 +155,7 @@ def _series(
             raise InputError(path, "header", problem, "record all joints, " + _DESCRIBE)
         setattr(form, key, by_number([held[joint] for joint in joints]))
     first = f"joints read from the columns of {main or 'each joint'}"
-    return KnownLayout(form, (first, *notices), effort=form.motor_torque is not None)
+    return KnownLayout(form, (first, *notices), torque_is_effort=form.motor_torque is not None)
 
 
 def _topic_of(

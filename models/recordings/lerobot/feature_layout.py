@@ -99,11 +99,11 @@ def feature_layout(
     notices = [f"data set read: {'; '.join(read)}", *([said] if said else []), *notices]
     if form.motor_torque is None and form.current is None:
         notices += _no_torque(entries, columns)
-    effort = form.motor_torque is not None and any(
+    is_effort = form.motor_torque is not None and any(
         "eff" in (one.feature + one.joint + columns[one.column]).lower()
         for one in found["motor_torque"][0]
     )
-    return KnownLayout(form, tuple(notices), effort=effort)
+    return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
 
 
 def _no_torque(entries: Sequence[_Entry], columns: Sequence[str]) -> list[str]:

@@ -124,7 +124,7 @@ def test_degrees() -> None:
         replace(log, q=np.rad2deg(log.q), v=np.rad2deg(log.v)),
         "q1, joint 1 (shoulder)",
         "expected -3 to 3 rad",
-        "if these are degrees",
+        "if positions are in degrees",
     )
     _refused(replace(log, v=np.rad2deg(log.v)), "v1", "the joint reaches 3 rad/s", "deg/s")
     # Within all limits: only dq/dt tells.
@@ -197,7 +197,7 @@ def test_currents_of_the_wrong_sign(num_chunks: int) -> None:
     _refused(
         replace(log, current=-log.current),
         "i1, joint 1 (shoulder)",
-        "pulls with gravity",
+        "contradict the sign of the current",
         # Chunk by chunk the shoulder's sign is sure before the elbow has said anything.
         "joints shoulder, elbow" if num_chunks == 1 else "joints shoulder",
         "all joints together",
@@ -212,7 +212,11 @@ def test_currents_of_the_wrong_sign(num_chunks: int) -> None:
 def test_currents_that_are_not_there() -> None:
     log = _log()
     dead = log.current * [1, 0]
-    _refused(replace(log, current=dead), "i2, joint 2 (elbow)", "the current is zero, but gravity")
+    _refused(
+        replace(log, current=dead),
+        "i2, joint 2 (elbow)",
+        "the current is zero, but the gravity torque is",
+    )
 
 
 def test_currents_in_another_unit() -> None:
@@ -269,7 +273,7 @@ def test_a_log_of_torques_is_refused_in_words_of_torques() -> None:
             RecordingChecks(_robot()).feed(wrong)
         found.append(str(error.value))
         assert "current" not in found[-1] and "torque_per_ampere" not in found[-1]
-    assert "the torque pulls with gravity" in found[0] and "set gain: -1" in found[0]
+    assert "contradict the sign of the torque" in found[0] and "set gain: -1" in found[0]
     assert "motor_torque: {unit: mN m}" in found[1]
     assert "motor_torque: {unit: ...}" in found[2]
 
@@ -316,7 +320,7 @@ def test_real_logs_pass_and_their_distortions_do_not(
             _check_plausible(replace(recording, current=torque), ur10e)
     if np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2)) < 5:
         return  # an upright arm carries no gravity: nothing tells the sign
-    with pytest.raises(InputError, match="pulls with gravity"):
+    with pytest.raises(InputError, match="contradict the sign of the current"):
         _check_plausible(turned, ur10e)
     with pytest.raises(InputError, match="mA"):
         _check_plausible(replace(recording, current=1000 * recording.current), ur10e)

@@ -150,7 +150,7 @@ def test_positions_in_degrees_by_a_word(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.q, table[:, 1:3], atol=1e-8)  # six decimals of a degree
     np.testing.assert_allclose(recording.v, table[:, 3:5], atol=1e-8)
     np.testing.assert_array_equal(recording.current, table[:, 5:7])
-    assert any("in degrees, as asked for" in text for text in recording.notices)
+    assert any("are read in degrees" in text for text in recording.notices)
 
 
 def test_a_description_of_another_layout(tmp_path: Path) -> None:
@@ -511,7 +511,7 @@ def test_samples_that_lack_a_number_are_left_out(tmp_path: Path, suffix: str) ->
     recording = read_recording(path, description)
     _same(recording, np.delete(table, [5, 6, 7], axis=0))
     (notice,) = recording.notices
-    assert notice.startswith("3 samples lack a number (first: ")
+    assert notice.startswith("samples left out because they lack a number: 3 (first: ")
     assert "6, column 2)" in notice if suffix == ".csv" else "row 6, c2)" in notice
     on_grid = resampled(recording)  # the gap of 40 ms is bridged there, and flagged
     np.testing.assert_array_equal(np.flatnonzero(on_grid.dropout), [5, 6, 7])
@@ -525,7 +525,7 @@ def test_a_cell_that_is_not_a_number(tmp_path: Path, cell: str) -> None:
     lines[10] = ",".join([*cells[:3], cell, *cells[4:]])
     recording = read_recording(_csv(tmp_path, _HEADER, *lines))
     _same(recording, np.delete(_table(), 10, axis=0))
-    assert "1 samples lack a number (first: line 12, v1)" in recording.notices[0]
+    assert "lack a number: 1 (first: line 12, v1)" in recording.notices[0]
     lines[10] = ",".join([cell, *cells[1:]])
     _refused(_csv(tmp_path, _HEADER, *lines), "line 12, column 1 (t)")
 
@@ -540,7 +540,7 @@ def test_rows_that_are_named_for_other_files(tmp_path: Path) -> None:
     text = "header: false\nrows: {other.csv: [3, 20], third.csv: []}\n"
     recording = read_recording(tmp_path / "numbers.csv", _description(tmp_path, text))
     (notice,) = recording.notices
-    assert "names the rows to use of 2 files, but not of numbers.csv" in notice
+    assert "selects rows of 2 files, but not of numbers.csv" in notice
 
 
 def test_velocities_that_are_not_logged(tmp_path: Path) -> None:
@@ -570,7 +570,7 @@ def test_time_in_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None:
     np.testing.assert_array_equal(recording.q, table[:, 1:3])
     description = tmp_path / "two.yaml"
     description.write_text("time: {columns: '1, 2', unit: ms}\nposition: {columns: 'q{1..2}'}\n")
-    with pytest.raises(InputError, match="two columns is seconds and nanoseconds"):
+    with pytest.raises(InputError, match="two columns, seconds and nanoseconds"):
         read_recording(path, description)
 
 

@@ -129,7 +129,7 @@ def test_joints_at_rest_say_little(ur10e: Robot) -> None:
     assert (found.samples < 10.0).all()
 
 
-def test_accepted_signs_are_read_and_told(ur10e: Robot, tmp_path: Path) -> None:
+def test_accepted_signs_are_read_with_a_notice(ur10e: Robot, tmp_path: Path) -> None:
     log = motion(ur10e, 0.5)
     path = tmp_path / "turned.csv"
     columns = replace(log, current=-log.current).columns()
@@ -137,9 +137,9 @@ def test_accepted_signs_are_read_and_told(ur10e: Robot, tmp_path: Path) -> None:
     np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
     with pytest.raises(InputError, match=r"odds of .* to 1.*--accept-signs"):
         read_recording(path, robot=ur10e)
-    taken = read_recording(path, robot=ur10e, accept_signs=True)
-    assert any("signs accepted as asked, although" in notice for notice in taken.notices)
-    np.testing.assert_allclose(taken.current, -log.current)
+    accepted = read_recording(path, robot=ur10e, accept_signs=True)
+    assert any("accepted because of --accept-signs" in notice for notice in accepted.notices)
+    np.testing.assert_allclose(accepted.current, -log.current)
 
 
 def test_torque_in_place_of_current_is_refused_also_with_accepted_signs(ur10e: Robot) -> None:
