@@ -67,6 +67,11 @@ class Episode:
     file: Path
     begin: int
 
+    @property
+    def rows(self) -> range:
+        """Its rows in the file, from 0."""
+        return range(self.begin, self.begin + self.length)
+
 
 @dataclass(frozen=True, eq=False)
 class DataSet:

@@ -35,7 +35,7 @@ class EpisodeTable(ParquetTable):
     def __init__(self, data_set: DataSet, index: int) -> None:
         episode = data_set.episode(index)
         about_to_read(episode.file)
-        super().__init__(episode.file, (episode.begin, episode.length))
+        super().__init__(episode.file, episode.rows)
         self.data_set = data_set
 
     def layout(self, robot: Robot | None, angle: str) -> KnownLayout:

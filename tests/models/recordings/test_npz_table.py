@@ -51,7 +51,7 @@ def test_one_array_per_signal(
     )
     assert recording.row is not None
     assert recording.row.tolist() == list(range(1, _ROWS + 1))
-    assert any("names holds no numbers" in notice for notice in recording.notices)
+    assert any("names is left out: it holds no numbers" in notice for notice in recording.notices)
     assert any("left out: rate" in notice for notice in recording.notices)
 
 
@@ -63,7 +63,7 @@ def test_rows_of_a_description(tmp_path: Path) -> None:
     )
     np.testing.assert_array_equal(read_recording(path, form).q, _arrays()["q"][4:30])
     form.write_text("time: {columns: t}\nrows: {log.npz: [5, 300]}\n")
-    with pytest.raises(InputError, match="has 50 rows, but rows 5 to 300"):
+    with pytest.raises(InputError, match="has 50 rows, but the description selects rows 5 to 300"):
         read_recording(path, form)
 
 

@@ -216,7 +216,7 @@ def test_a_truncated_last_line_is_left_out_with_a_notice(tmp_path: Path) -> None
     recording = read_recording(path)
     _same(recording, _table()[:-1])
     assert recording.notices == (
-        f"line {_NUM_ROWS + 1}, the last one, is cut off after 4 of 7 columns: left out",
+        f"line {_NUM_ROWS + 1}, the last one, is left out: it is cut off after 4 of 7 columns",
     )
 
 
@@ -287,7 +287,9 @@ def test_broken_parquet_is_one_line(tmp_path: Path) -> None:
     path = _parquet(tmp_path)
     description = tmp_path / "format.yaml"
     description.write_text("time: {columns: t}\nrows: {log.parquet: [30, 60]}\n")
-    _refused(path, "has 40 rows, but rows 30 to 60", description=description)
+    _refused(
+        path, "has 40 rows, but the description selects rows 30 to 60", description=description
+    )
 
 
 # --- files that are no log ---------------------------------------------------------------------
@@ -383,7 +385,7 @@ def test_another_number_of_joints(tmp_path: Path) -> None:
     [
         ("-Inf", ["line 12, column 4 (v1)", "holds -Inf"]),
         ("error", ["line 12, column 4 (v1)", 'holds "error"']),
-        ("1e999", ["line 12, column 4 (v1)", "beyond any number"]),
+        ("1e999", ["line 12, column 4 (v1)", "too large a number"]),
         ("0x1F", ["line 12, column 4 (v1)", 'holds "0x1F"']),
         ("1_000", ["line 12, column 4 (v1)", 'holds "1_000"']),
         ("0,5", ["line 12", "has 8 columns, expected 7", "decimal commas"]),
@@ -440,9 +442,11 @@ def test_a_faulty_row_outside_the_wanted_rows_does_not_matter(tmp_path: Path) ->
     description = _description(tmp_path, "rows: {log.csv: [4, 40]}\n")
     _same(read_recording(path, description), _table()[3:])
     description = _description(tmp_path, "rows: {log.csv: [4, 41]}\n")
-    _refused(path, "ends at row 40, but rows 4 to 41 are wanted", description=description)
+    _refused(
+        path, "ends at row 40, but the description selects rows 4 to 41", description=description
+    )
     description = _description(tmp_path, "rows: {log.csv: [400, 410]}\n")
-    _refused(path, "ends at row 40, but rows 400", description=description)
+    _refused(path, "selects rows 400 to 410", description=description)
 
 
 @pytest.mark.parametrize("block", [1 << 20, 150])

@@ -10,7 +10,9 @@ from wrenchsight.models.recordings.table_checks import refuse_missing, rows_with
 def test_rows_beyond_the_file_are_refused_with_its_own_count(tmp_path):
     assert rows_within(tmp_path, None, 7, "rows") == (1, 7)
     assert rows_within(tmp_path, (2, 7), 7, "rows") == (2, 7)
-    with pytest.raises(InputError, match="has 7 messages on /arm, but rows 2 to 8"):
+    with pytest.raises(
+        InputError, match="has 7 messages on /arm, but the description selects rows 2 to 8"
+    ):
         rows_within(tmp_path, (2, 8), 7, "messages on /arm")
 
 

@@ -47,7 +47,7 @@ def test_each_frame_has_its_wrench(tmp_path, ur10e, no_figures, version, table):
     assert any("lack a number: 1 (first" in text for text in result.notices)
     copied = load_data_set(tmp_path / "out" / "data_set")
     for one, force in zip(copied.episodes, _FORCES, strict=True):
-        frames = ParquetTable(one.file, (one.begin, one.length))
+        frames = ParquetTable(one.file, one.rows)
         assert frames.names is not None
         wanted = [k for k, name in enumerate(frames.names) if name.startswith(WRENCH)]
         names = [frames.names[k] for k in wanted]

@@ -54,8 +54,8 @@ def test_every_frame_has_the_features(root: Path, features: list[NewFeature]) ->
     again = load_data_set(copied)
     assert [one.length for one in again.episodes] == list(_LENGTHS)
     for one, old in zip(again.episodes, before.episodes, strict=True):
-        table = ParquetTable(one.file, (one.begin, one.length))
-        was = ParquetTable(old.file, (old.begin, old.length))
+        table = ParquetTable(one.file, one.rows)
+        was = ParquetTable(old.file, old.rows)
         assert table.names is not None
         assert was.names is not None
         assert table.names[: len(was.names)] == was.names
@@ -133,7 +133,7 @@ def test_a_copy_of_a_copy_replaces_the_features(root: Path, features: list[NewFe
     doubled = {e: 2.0 * x for e, x in features[0].frames.items()}
     write_copy(load_data_set(first), second, [NewFeature(features[0].name, _AXES, doubled)])
     one = load_data_set(second).episodes[1]
-    table = ParquetTable(one.file, (one.begin, one.length))
+    table = ParquetTable(one.file, one.rows)
     assert table.names is not None
     assert table.names.count("observation.wrench.1") == 1
     column = table.names.index("observation.wrench.1")
