@@ -206,8 +206,8 @@ class RecordingReader:
             self._notices.append(f"effort is read in {unit}, as --log-format says")
         elif robot is None:
             self._notices.append(
-                "effort is read as joint torque in N m; add --log-format "
-                f"{IN_AMPERES} if it is motor current"
+                "effort is read as joint torque in N m; if the driver reports amperes, add "
+                f"--log-format {IN_AMPERES}"
             )
         else:
             parts: Iterable[Recording] = islice(self._read_motion(), _EFFORT_CHUNKS)
