@@ -156,8 +156,14 @@ def test_the_gripper_is_left_out(
         ({"observation.state": "tcp"}, "no feature holds the joints' positions"),
         ({"observation.state": "eight"}, "hold 8 joints, the robot has 6"),
         ({"observation.effort": "gone"}, "holds no motor currents"),
-        ({"observation.effort": "load"}, "present_load is a servo's duty cycle, no torque"),
-        ({"observation.effort": "goal"}, "goal_current.1 is what was asked for, no torque"),
+        (
+            {"observation.effort": "load"},
+            "present_load is not read: a servo's duty cycle",
+        ),
+        (
+            {"observation.effort": "goal"},
+            "goal_current.1 is not read: a commanded value",
+        ),
     ],
 )
 def test_what_is_no_torque_is_said(
@@ -195,7 +201,7 @@ def test_units_of_positions(
     root = write_data_set(tmp_path / "deg", "v3.0", [degrees], FPS)
     log = read_recording(root, robot=ur10e)
     np.testing.assert_allclose(log.q, q, atol=1e-5)
-    assert any("read as degrees" in text for text in log.notices)
+    assert any("read in degrees" in text for text in log.notices)
     small = episodes[0] | {"observation.state": np.degrees(q) * 0.9}
     root = write_data_set(tmp_path / "set", "v2.1", [small], FPS, robot_type="so101_follower")
     with pytest.raises(InputError, match=r"reach 98: degrees, or .*normalised .*\(so101_follower"):
