@@ -186,7 +186,7 @@ def test_headers_without_stamps(tmp_path: Path) -> None:
     ]
     recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
     np.testing.assert_allclose(np.diff(recording.t), 0.002, atol=5e-7)
-    assert any("the time of recording stands for it" in n for n in recording.notices)
+    assert any("the time of recording is used" in n for n in recording.notices)
 
 
 def test_what_is_written_is_read_by_rosbags_own_deserialiser(tmp_path: Path) -> None:
