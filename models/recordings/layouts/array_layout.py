@@ -1,4 +1,4 @@
-"""Logs of arrays with usual names: npz files of other tools, Parquet files with lists.
+"""Recognises logs of arrays with usual names: npz files of other tools, Parquet files with lists.
 
 `times` (T,), `positions` (T, n), `velocities` (T, n), `torques` (T, n) and the like. Their columns
 are numbered (`positions.1`..), as `npz_table` and `parquet_table` name them.
@@ -23,7 +23,7 @@ _ARRAYS = {
 
 
 def array_layout(names: Sequence[str]) -> KnownLayout | None:
-    """The description of a log of such arrays; None where time or positions are called otherwise.
+    """The description of a log of such arrays; None where time or positions have other names.
 
     Args:
         names: of the columns.

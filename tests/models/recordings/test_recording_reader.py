@@ -347,7 +347,7 @@ def test_a_file_without_permission(tmp_path: Path) -> None:
         ("t,q0,q1,v0,v1,i0,i1", ['unknown column "q0"', "numbered from 1"]),
         ("t,q_1,q2,v1,v2,i1,i2", ['unknown column "q_1"', 'did you mean "q1"?']),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
-        ("t,q1,q2,v1,v2,i1,i1", ['the column "i1" is there twice']),
+        ("t,q1,q2,v1,v2,i1,i1", ['names the column "i1" twice']),
         ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
         ("t;q1;q2;v1,v2,i1,i2", ['unknown column "v1,v2,i1,i2"']),
     ],
