@@ -51,7 +51,7 @@ class _Column(NamedTuple):
     """Where a column of the table comes from."""
 
     topic: str
-    index: int  # among the numbers of its messages
+    entry: int  # among the numbers of its messages
 
 
 class _WrittenColumn(NamedTuple):
@@ -262,7 +262,7 @@ class RosbagTable:
                     values[:, i] = t[begin:end]
                 else:
                     place = self._columns[column - 1]
-                    values[:, i] = numbers_of[place.topic][:, place.index]
+                    values[:, i] = numbers_of[place.topic][:, place.entry]
             row_numbers = np.arange(row - len(t) + begin, row - len(t) + end)
             refuse_missing(self, self.path, values, row_numbers, columns, may_be_empty)
             yield values, row_numbers

@@ -44,7 +44,7 @@ def test_numbers_names_and_series_name_columns() -> None:
     assert _columns("a_{0..1}_{0..1}", names) == (1, 2, 3, 4)  # the last one runs fastest
 
 
-def test_units_gains_and_offsets() -> None:
+def test_units_gains_and_offsets_give_si_units() -> None:
     form = RecordingFormat(
         header=False,
         time=SignalColumns(1, "ms"),
@@ -93,7 +93,7 @@ def test_the_bundled_descriptions_load() -> None:
         ),
     ],
 )
-def test_a_wrong_description_is_one_line(tmp_path: Path, text: str, line: str) -> None:
+def test_a_wrong_description_is_refused_in_one_line(tmp_path: Path, text: str, line: str) -> None:
     with pytest.raises(InputError, match=line) as caught:
         load_format(_written(tmp_path, text))
     assert "format.yaml" in str(caught.value)
@@ -141,11 +141,13 @@ _T = SignalColumns("t")
         (RecordingFormat(time=_T, position=SignalColumns("w")), 'names the column "w" twice'),
     ],
 )
-def test_a_description_that_does_not_fit_the_log(form: RecordingFormat, line: str) -> None:
+def test_a_description_that_does_not_fit_the_log_is_refused(
+    form: RecordingFormat, line: str
+) -> None:
     with pytest.raises(InputError, match=line):
         _layout(form, ["t", "q1", "q2", "w", "w"] if "twice" in line else ["t", *"ab", "q1", "q2"])
 
 
-def test_names_need_a_header() -> None:
+def test_names_of_columns_need_a_header() -> None:
     with pytest.raises(InputError, match="the log has no header"):
         _layout(RecordingFormat(time=_T), num_columns=3)

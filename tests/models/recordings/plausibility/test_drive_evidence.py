@@ -159,7 +159,7 @@ def test_torque_in_place_of_current_is_refused_also_with_accepted_signs(ur10e: R
 @pytest.mark.parametrize(
     ("log_odds", "text"), [(np.log(150.0), "150 to 1"), (np.log(1e12), "1e12 to 1")]
 )
-def test_odds_in_words(log_odds: float, text: str) -> None:
+def test_odds_are_printed_as_n_to_1(log_odds: float, text: str) -> None:
     assert odds_text(float(log_odds)) == text
 
 

@@ -38,7 +38,7 @@ def test_a_unit_that_gravity_cannot_tell_is_reported(ur10e: Robot) -> None:
     assert "--log-format effort-in-amperes" in decision.sentence(ur10e)
 
 
-def test_effort_between_the_two_is_not_decided(ur10e: Robot) -> None:
+def test_effort_between_both_units_is_not_decided(ur10e: Robot) -> None:
     log = _log(ur10e, "N m")
     effort = log.tau_J / np.sqrt(ur10e.torque_per_ampere)  # type: ignore[operator]
     ambiguous_log = Recording(log.t, log.q, log.v, log.current, "log", tau_J=effort)
