@@ -7,7 +7,7 @@ from typing import Final
 
 
 class InputError(ValueError):
-    """Something that a user supplied is wrong; `str()` is the one line that the user reads.
+    """An error in what a user supplied; `str()` is the one line that the user reads.
 
     The line names the file, the place in it, what is wrong (and what was expected), and what to
     do. The command line prints it and exits with code 2.
@@ -15,7 +15,7 @@ class InputError(ValueError):
     Args:
         source: the file, folder or option that is wrong.
         place: line, row, column, key or joint inside it; empty where there is none.
-        problem: what was found, and what was expected instead.
+        problem: what is wrong, and what was expected instead.
         remedy: what to do about it.
     """
 
@@ -26,17 +26,21 @@ class InputError(ValueError):
 
 
 @contextmanager
-def needing_extra(extra: str, what: str) -> Iterator[None]:
-    """What is imported within belongs to an extra of this package.
+def needing_extra(extra: str, source: str) -> Iterator[None]:
+    """Turns a failed import of an optional package into an error that names the extra to install.
+
+    Args:
+        extra: of this package, to which the imports of the `with` block belong.
+        source: the option or source that needs them.
 
     Raises:
-        InputError: it is not installed.
+        InputError: a package is not installed.
     """
     try:
         yield
     except ImportError as error:
         problem = f"needs a package that is not installed ({error.name})"
-        raise InputError(what, "", problem, f"pip install 'wrenchsight[{extra}]'") from None
+        raise InputError(source, "", problem, f"pip install 'wrenchsight[{extra}]'") from None
 
 
 LONGEST_LINE: Final = 1000  # characters that an error line has at most
@@ -52,7 +56,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    """`text` with whatever a terminal would obey, or could not show, written as `\\x1b` and so on.
+    """`text` with control characters and those that cannot be shown written as `\\x1b` and so on.
 
     A cell of a log or the name of a file may hold escape sequences, or bytes that are no UTF-8.
     """

@@ -55,14 +55,14 @@ class SignalColumns:
     """Column numbers counted from 1 ("14-19"), or names from the header, separated by commas;
     braces spell a series, the last one running fastest ("tau_{0..6}", "jacobian_{0..5}_{0..6}")."""
     unit: str = ""  # of the numbers in the log; empty: s, rad, rad/s, A, N m
-    gain: list[float] = field(default_factory=list)  # per column, or one for all; -1 turns the sign
+    gain: list[float] = field(default_factory=list)  # per column, or one for all; -1: other sign
     offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
     shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
     may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
     exerted_on: str = ROBOT
     """sign of an external torque or force: robot (what acts on the robot from outside, positive
-    along the motion that it causes) or environment (what the robot exerts against the outside, such
-    as Franka's tau_ext_hat_filtered: it is turned)"""
+    along the motion that it causes) or environment (what the robot exerts on the environment, such
+    as Franka's tau_ext_hat_filtered: its sign is changed)"""
 
 
 def by_number(columns: Sequence[int], unit: str = "") -> SignalColumns:

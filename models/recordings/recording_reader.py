@@ -162,6 +162,7 @@ class RecordingReader:
         words = log_words(description)
         self._words = words or LogWords()
         self._torque_is_effort = False  # whether the log calls its motor torque effort
+        self._torque_substitute = ""  # what the log holds instead of torque
         log = self._open(None if words is not None else description)
         self.format = log.form
         self._table = log.table
@@ -272,10 +273,11 @@ class RecordingReader:
         descriptions = {"q": "joint positions", "current": "motor currents"}
         for name, description in descriptions.items():
             if self.layout.signal(name) is None and not (name == "current" and has_torque):
-                # A data set's notices say what it holds instead.
-                reasons = "".join(f"; {text}" for text in self._notices if "no torque" in text)
+                problem = f"holds no {description}"
+                if self._torque_substitute:
+                    problem += f"; {self._torque_substitute}"
                 remedy = "name their columns in the description"
-                raise InputError(self.path, "", f"holds no {description}{reasons}", remedy)
+                raise InputError(self.path, "", problem, remedy)
 
     def chunks(self) -> Iterator[Recording]:
         """Reads the log from its first to its last selected row, once.
@@ -494,6 +496,9 @@ class RecordingReader:
     def _adopt(self, layout: KnownLayout) -> RecordingFormat:
         """The description of a recognised layout, whose notices become the reader's."""
         self._notices += layout.notices
+        if layout.torque_substitute:
+            self._notices.append(layout.torque_substitute)
+        self._torque_substitute = layout.torque_substitute
         self._torque_is_effort = layout.torque_is_effort
         return layout.form
 

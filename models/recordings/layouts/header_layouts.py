@@ -64,6 +64,7 @@ class KnownLayout:
 
     form: RecordingFormat
     notices: tuple[str, ...]
+    torque_substitute: str = ""  # a notice of what is no torque although it may be taken for it
     torque_is_effort: bool = False  # it calls its motor torque effort, which is N m or A
 
 

@@ -109,13 +109,14 @@ def feature_layout(
     if positions.note:
         notices.append(positions.note)
     notices += unit_notices
+    torque_substitute = ""
     if form.motor_torque is None and form.current is None:
-        notices += _torque_substitutes(entries, columns)
+        torque_substitute = _torque_substitute(entries, columns)
     is_effort = form.motor_torque is not None and any(
         "eff" in (entry.feature + entry.joint + columns[entry.column]).lower()
         for entry in joints["motor_torque"].entries
     )
-    return KnownLayout(form, tuple(notices), torque_is_effort=is_effort)
+    return KnownLayout(form, tuple(notices), torque_substitute, is_effort)
 
 
 def _no_positions(data_set: DataSet, entries: Sequence[_Entry], note: str) -> InputError:
@@ -127,16 +128,16 @@ def _no_positions(data_set: DataSet, entries: Sequence[_Entry], note: str) -> In
     return InputError(data_set.root / INFO, "features", problem, _DESCRIBE)
 
 
-def _torque_substitutes(entries: Sequence[_Entry], columns: Sequence[str]) -> list[str]:
-    """A notice of features that may be taken for torque but are none."""
+def _torque_substitute(entries: Sequence[_Entry], columns: Sequence[str]) -> str:
+    """A notice of features that may be taken for torque but are none; '' where there are none."""
     loads = list(dict.fromkeys(entry.feature for entry in entries if entry.quantity == "load"))
     if loads:
-        return [f"{', '.join(loads)[:100]} is not read: a servo's duty cycle is no torque"]
+        return f"{', '.join(loads)[:100]} is not read: a servo's duty cycle is no torque"
     for name in columns:
         words = set(_words(name))
         if words & {"current", "torque", "effort", "load"} and words & set(_COMMAND_WORDS):
-            return [f"{name[:60]} is not read: a commanded value is no torque that was measured"]
-    return []
+            return f"{name[:60]} is not read: a commanded value is no torque that was measured"
+    return ""
 
 
 def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
