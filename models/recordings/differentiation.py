@@ -1,7 +1,7 @@
 """Joint velocities differentiated from positions, without delay, chunk by chunk.
 
-The derivative of a cubic fitted by least squares to the samples around each one (Savitzky and
-Golay, Analytical Chemistry 36, 1964), of q and of t alike:
+The velocity is the derivative of a cubic, fitted by least squares to the samples around each one
+(Savitzky and Golay, Analytical Chemistry 36, 1964). The same filter is applied to q and t:
 
     v_k = sum_i c_i q_{k+i} / sum_i c_i t_{k+i},   i = -m .. m
 

@@ -20,8 +20,8 @@ _SIGNALS = ("t", "q", "v", "current", "tau_J", "dropout", "row")
 class Recording:
     """Signals of a robot with n joints at T instants.
 
-    A log that holds no joint positions, velocities or currents (some hold only torque and
-    Jacobian) has n = 0, and its signals are in `extra`.
+    Some logs hold no joint positions, velocities or currents, but only torque and Jacobian. They
+    have n = 0, and their signals are in `extra`.
 
     Raises:
         ValueError: signals of different lengths or shapes.

@@ -4,8 +4,8 @@ The rule is causal, so that chunks of any size give the samples of one pass, bit
 
 - The step h is the median step of the first 65,536 samples, unless it is given.
 - As long as every step of the log is within 1 % of h, its samples are taken as they are.
-- From the first other step on, the signals are interpolated linearly on the grid t_0 + k h, where
-  t_0 is the last sample that was taken as it is.
+- From the first other step on, the signals are interpolated linearly on the grid t_0 + k h. t_0 is
+  the time of the last sample that was taken as it is.
 - A step longer than 1.75 h means that samples are missing. Grid points inside it are bridged by
   the same interpolation and flagged in `dropout`. A gap longer than `max_gap` is an error.
 """

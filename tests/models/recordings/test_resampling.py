@@ -86,13 +86,10 @@ def test_chunks_of_any_size_give_the_samples_of_one_pass(
     seed: int, cuts: list[int], num_regular: int
 ) -> None:
     log = _jittery(seed, 300, jitter=0.7)
-    regular = log.t[0] + 0.01 * np.arange(num_regular)
-    t = (
-        np.r_[regular, log.t[num_regular:] - log.t[num_regular] + regular[-1] + 0.01]
-        if (num_regular)
-        else log.t
-    )
-    log = _linear(t)
+    if num_regular:
+        regular = log.t[0] + 0.01 * np.arange(num_regular)
+        irregular = log.t[num_regular:] - log.t[num_regular] + regular[-1] + 0.01
+        log = _linear(np.r_[regular, irregular])
     edges = [0, *sorted(cuts), 300]
     chunks = [log[a:b] for a, b in itertools.pairwise(edges)]
     with pytest.MonkeyPatch.context() as patch:
@@ -106,7 +103,7 @@ def test_a_short_dropout_is_bridged_and_flagged() -> None:
     assert result.num_samples == 400
     np.testing.assert_array_equal(np.flatnonzero(result.dropout), np.arange(120, 150))
     np.testing.assert_allclose(result.q, 1 + result.t[:, None] * _SLOPE, atol=1e-12)
-    again = resampled(result)  # a flag in the log itself is kept
+    again = resampled(result)  # a flag of the log stays set
     np.testing.assert_array_equal(again.dropout, result.dropout)
 
 
