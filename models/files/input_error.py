@@ -7,7 +7,7 @@ from typing import Final
 
 
 class InputError(ValueError):
-    """Something that a user supplied is wrong; `str()` is the one line that the user reads.
+    """An error in what a user supplied; `str()` is the one line that the user reads.
 
     The line names the file, the place in it, what is wrong (and what was expected), and what to
     do. The command line prints it and exits with code 2.
@@ -15,7 +15,7 @@ class InputError(ValueError):
     Args:
         source: the file, folder or option that is wrong.
         place: line, row, column, key or joint inside it; empty where there is none.
-        problem: the wrong content, and what was expected instead.
+        problem: what is wrong, and what was expected instead.
         remedy: what to do about it.
     """
 
@@ -27,14 +27,14 @@ class InputError(ValueError):
 
 @contextmanager
 def needing_extra(extra: str, source: str) -> Iterator[None]:
-    """Within the block, packages are imported that an extra of this package installs.
+    """Turns a failed import of an optional package into an error that names the extra to install.
 
     Args:
-        extra: its name.
-        source: the option or file that needs it, for the error line.
+        extra: of this package, to which the imports of the `with` block belong.
+        source: the option or source that needs them.
 
     Raises:
-        InputError: it is not installed.
+        InputError: a package is not installed.
     """
     try:
         yield
@@ -56,7 +56,7 @@ def one_line(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    """`text` with control characters, and others that a terminal cannot show, as `\\x1b` and so on.
+    """`text` with control characters and those that cannot be shown written as `\\x1b` and so on.
 
     A cell of a log or the name of a file may hold escape sequences, or bytes that are no UTF-8.
     """

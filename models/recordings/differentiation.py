@@ -1,7 +1,7 @@
-"""Joint velocities from positions, without delay, as a log streams by.
+"""Joint velocities differentiated from positions, without delay, chunk by chunk.
 
-The derivative of a cubic fitted by least squares to the samples around each one (Savitzky and
-Golay, Analytical Chemistry 36, 1964), of q and of t alike:
+The velocity is the derivative of a cubic, fitted by least squares to the samples around each one
+(Savitzky and Golay, Analytical Chemistry 36, 1964). The same filter is applied to q and t:
 
     v_k = sum_i c_i q_{k+i} / sum_i c_i t_{k+i},   i = -m .. m
 
@@ -19,8 +19,8 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording, concatenated
 
 HALF_WINDOW_S = 0.03
-"""Half of the stretch that a velocity is taken from. It differs from the drives' own velocity by 3
-to 4 mrad/s on a UR10e at 100 Hz, about the noise of that velocity; 0.05 of 11.5 rad/s on a Staubli
+"""Half of the window around a sample. The velocity then differs from the drives' velocity by 3 to 4
+mrad/s on a UR10e at 100 Hz, about the noise of the latter, and by 0.05 of 11.5 rad/s on a Staubli
 TX40 at full speed."""
 _LEAST_HALF_WINDOW = 4  # samples: a cubic through fewer repeats the encoder's steps
 LEAST_WINDOW = 2 * _LEAST_HALF_WINDOW + 1
@@ -28,7 +28,7 @@ _CUBIC = 3
 
 
 def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
-    """The same samples, in other chunks, with v taken from q.
+    """The same samples, in other chunks, with v differentiated from q.
 
     The window shrinks towards both ends of the log; the first and the last sample have the
     velocity of their neighbours.
@@ -36,30 +36,31 @@ def with_velocities(chunks: Iterable[Recording]) -> Iterator[Recording]:
     Args:
         chunks: successive parts of one recording with finite positions.
     """
-    half: int | None = None
-    waiting: Recording | None = None  # what still lacks samples after it, and those before it
-    done = 0  # samples of `waiting` that have been given out
+    half: int | None = None  # samples on either side of a window
+    buffer: Recording | None = None  # samples that lack later ones, and the window before them
+    num_yielded = 0  # samples of the buffer
     for chunk in chunks:
-        waiting = chunk if waiting is None else concatenated([waiting, chunk])
+        buffer = chunk if buffer is None else concatenated([buffer, chunk])
         if half is None:
-            if waiting.num_samples < LEAST_WINDOW:
+            if buffer.num_samples < LEAST_WINDOW:
                 continue
-            half = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(waiting.time_step, 1e-9)))
-        ready = waiting.num_samples - half
-        if ready <= max(done, half):
+            half = max(_LEAST_HALF_WINDOW, round(HALF_WINDOW_S / max(buffer.time_step, 1e-9)))
+        end = buffer.num_samples - half  # of the samples whose window is complete
+        if end <= max(num_yielded, half):
             continue
-        v = _velocities(waiting, half)
-        yield replace(waiting[done:ready], v=v[done:ready])
-        keep = max(0, ready - half)
-        waiting, done = waiting[keep:], ready - keep
-    if waiting is None:
+        v = _velocities(buffer, half)
+        yield replace(buffer[num_yielded:end], v=v[num_yielded:end])
+        start = max(0, end - half)
+        buffer = buffer[start:]
+        num_yielded = end - start
+    if buffer is None:
         return
-    v = _velocities(waiting, half or _LEAST_HALF_WINDOW)
-    yield replace(waiting[done:], v=v[done:])
+    v = _velocities(buffer, half or _LEAST_HALF_WINDOW)
+    yield replace(buffer[num_yielded:], v=v[num_yielded:])
 
 
 def _velocities(part: Recording, half: int) -> Array:
-    """(T, n); near the ends of the part from as many samples as there are on both sides."""
+    """(T, n); near the ends of the part over shorter windows that are still symmetric."""
     q, t = part.q, part.t - part.t[0]
     size = len(t)
     v = np.zeros_like(q)
@@ -72,9 +73,9 @@ def _velocities(part: Recording, half: int) -> Array:
             slope = np.correlate(t, weights, "valid")
             change = np.stack([np.correlate(x, weights, "valid") for x in q.T], axis=1)
         else:
-            around = centres[:, None] + np.arange(-m, m + 1)
-            slope = t[around] @ weights
-            change = np.einsum("kij,i->kj", q[around], weights)
+            window = centres[:, None] + np.arange(-m, m + 1)
+            slope = t[window] @ weights
+            change = np.einsum("kij,i->kj", q[window], weights)
         v[centres] = change / slope[:, None]
     if size > 2:
         v[0], v[-1] = v[1], v[-2]
@@ -83,6 +84,7 @@ def _velocities(part: Recording, half: int) -> Array:
 
 @cache
 def _weights(m: int) -> Array:
+    """(2 m + 1,) c, the slope's weights in the least-squares cubic (of lower degree for m = 1)."""
     i = np.arange(-m, m + 1.0)
     powers = np.vander(i / m, min(_CUBIC, 2 * m) + 1, increasing=True)
     return np.asarray(np.linalg.pinv(powers)[1])

@@ -1,7 +1,7 @@
-"""The episodes of a data set read as one log, a break between each and the next.
+"""Reads the episodes of a data set as one log, with a break after each.
 
-Time goes on from episode to episode. In a break of BREAK_S no sample is measured: q, v and current
-are NaN, `dropout` is set and `row` is 0, so that nothing is compared, bridged or held across it.
+Time continues from episode to episode. In a break of BREAK_S no sample is measured: q, v and
+current are NaN, `dropout` is set and `row` is 0. So nothing is compared, bridged or held across it.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,11 +16,11 @@ from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step
 
 BREAK_S, _BREAK_STEPS = 0.5, 6
-"""Longer than any memory of the checks of a sample, `sample_check.RESTART_TIME` and its ticks."""
+"""s, and samples; longer than the memory of the sample check, `sample_check.RESTART_TIME`."""
 
 
 class LogReader(Protocol):
-    """What reads a log from its first to its last sample, once a call of `chunks`."""
+    """A reader of a log; each call of `chunks` reads it from its first to its last sample."""
 
     sign_evidence: SignEvidence | None
 
@@ -40,10 +40,10 @@ class EpisodesReader:
     """Several logs as one; implements `LogReader`.
 
     Args:
-        readers: open the logs, one each, when its turn comes.
+        readers: functions that open the logs, each called when its log is next.
 
     Attributes:
-        begins: s, by which the time of each log that was read has moved.
+        begins: s, added to the time of each log that was read.
     """
 
     def __init__(self, readers: list[Callable[[], RecordingReader]]) -> None:
@@ -55,13 +55,12 @@ class EpisodesReader:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Each sentence once, with the number of logs that say it where not all do."""
+        """Each notice once, with the number of its logs where several but not all have it."""
         count = len(self._readers)
-        said = (
-            text if times in (1, count) else f"{text} ({times} of {count} episodes)"
-            for text, times in self._notices.items()
-        )
-        return (f"{count} episodes are read as one log, {BREAK_S:g} s apart in its time", *said)
+        notices = [f"{count} episodes are read as one log, with breaks of {BREAK_S:g} s"]
+        for text, times in self._notices.items():
+            notices.append(text if times in (1, count) else f"{text} ({times} of {count} episodes)")
+        return tuple(notices)
 
     def chunks(self) -> Iterator[Recording]:
         """As `RecordingReader.chunks`, of all logs in their order."""
@@ -69,32 +68,31 @@ class EpisodesReader:
         evidence: list[SignEvidence] = []
         last: Recording | None = None
         rows = 0
-        for k, opened in enumerate(self._readers):
-            reader = opened()
-            begin, seen = 0.0, 0
+        for k, open_reader in enumerate(self._readers):
+            reader = open_reader()
+            begin, last_row = 0.0, 0
             for number, chunk in enumerate(reader.chunks()):
                 if number == 0:
                     begin = self._begin(chunk, last)
                     self.begins.append(begin)
-                moved = replace(
-                    chunk,
-                    t=chunk.t + begin,
-                    row=None if chunk.row is None else chunk.row + rows,
-                )
-                seen = seen if chunk.row is None else max(seen, int(chunk.row.max(initial=0)))
+                shifted = replace(chunk, t=chunk.t + begin)
+                if chunk.row is not None:
+                    shifted = replace(shifted, row=chunk.row + rows)
+                    last_row = max(last_row, int(chunk.row.max(initial=0)))
                 if number == 0 and last is not None:
-                    yield _break(last, moved)
-                last = moved[-1:]
-                yield moved
+                    yield _break(last, shifted)
+                last = shifted[-1:]
+                yield shifted
                 self.progress = (k + reader.progress) / len(self._readers)
-            rows += seen
+            rows += last_row
             for text in reader.notices:
                 self._notices[text] = self._notices.get(text, 0) + 1
             if reader.sign_evidence is not None:
                 evidence.append(reader.sign_evidence)
-        self.sign_evidence = _joined(evidence)
+        self.sign_evidence = _combined(evidence)
 
     def _begin(self, chunk: Recording, last: Recording | None) -> float:
+        """s to add to the time of a log, so that it follows the last sample after a break."""
         if last is None:
             return 0.0
         step = plausible_step(chunk)
@@ -107,14 +105,14 @@ def _break(last: Recording, following: Recording) -> Recording:
     h = plausible_step(following) if following.num_samples > 1 else BREAK_S
     count = max(1, round(float(following.t[0] - last.t[0]) / h) - 1)
     t = last.t[0] + (following.t[0] - last.t[0]) / (count + 1) * np.arange(1, count + 1)
-    nothing = np.full((count, last.num_joints), np.nan)
+    unmeasured = np.full((count, last.num_joints), np.nan)
     return Recording(
         t=t,
-        q=nothing,
-        v=nothing,
-        current=nothing,
+        q=unmeasured,
+        v=unmeasured,
+        current=unmeasured,
         source=last.source,
-        tau_J=None if last.tau_J is None else nothing,
+        tau_J=None if last.tau_J is None else unmeasured,
         dropout=np.ones(count, np.bool_),
         extra={name: np.full((count, *x.shape[1:]), np.nan) for name, x in last.extra.items()},
         row=None if last.row is None else np.zeros(count, np.int64),
@@ -122,15 +120,15 @@ def _break(last: Recording, following: Recording) -> Recording:
     )
 
 
-def _joined(found: list[SignEvidence]) -> SignEvidence | None:
-    """What several logs say together, each by its number of samples."""
-    if not found:
+def _combined(logs: list[SignEvidence]) -> SignEvidence | None:
+    """The evidence of several logs together, each weighted by its number of samples."""
+    if not logs:
         return None
-    samples = np.sum([one.samples for one in found], axis=0)
-    weights = [one.samples / np.maximum(samples, 1e-300) for one in found]
+    samples = np.sum([log.samples for log in logs], axis=0)
+    weights = [log.samples / np.maximum(samples, 1e-300) for log in logs]
     return SignEvidence(
-        right=np.sum([w * one.right for w, one in zip(weights, found, strict=True)], axis=0),
-        wrong=np.sum([w * one.wrong for w, one in zip(weights, found, strict=True)], axis=0),
-        log_odds=np.sum([one.log_odds for one in found], axis=0),
+        right=np.sum([w * log.right for w, log in zip(weights, logs, strict=True)], axis=0),
+        wrong=np.sum([w * log.wrong for w, log in zip(weights, logs, strict=True)], axis=0),
+        log_odds=np.sum([log.log_odds for log in logs], axis=0),
         samples=samples,
     )

@@ -1,8 +1,7 @@
-"""What a kind of log file must offer: a table of numbers, read block by block, and written.
+"""Protocols of a kind of log file: a table of numbers, read block by block, and written.
 
 A container is one file of this room (`text_table`, `parquet_table`) and one entry of
-`log_containers.CONTAINERS`. What the columns mean is not its business: that is
-`recording_format`'s.
+`log_containers.CONTAINERS`. It does not know what the columns mean: `recording_format` does.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -22,7 +21,7 @@ class LogTable(Protocol):
     """An opened log: a table of numbers, one sample a row."""
 
     row_word: str
-    """What the number of a row counts, for error lines: "row", or "line" in a text file."""
+    """Name of a row in error lines: "row", or "line" in a text file."""
     names: tuple[str, ...] | None
     """Of the columns; None where the log has no header."""
     num_columns: int
@@ -42,14 +41,14 @@ class LogTable(Protocol):
         Args:
             columns: their numbers, from 0.
             rows: first and last row, counted from 1; None for all.
-            may_be_empty: those of the columns in which a value may be missing: NaN.
+            may_be_empty: columns in which a value may be missing; it is then NaN.
 
         Yields:
-            (N, k) values, all others finite, and (N,) their rows as a person counts them.
+            (N, k) values, finite unless missing, and (N,) their rows as a person counts them.
 
         Raises:
-            InputError: a value is missing or no finite number, the file is damaged or ends before
-                the last row. It names row and column.
+            InputError: a value is missing or no finite number, or the file is damaged or ends
+                before the last row. The error names row and column.
         """
 
 
@@ -64,8 +63,8 @@ class LogContainer(Protocol):
 
         Args:
             path: of the log.
-            form: the description that the user gave of it, None for none: a container may read in
-                it what the file itself does not say.
+            form: the user's description of the log, or None; a container may need it for what the
+                file itself does not state.
 
         Raises:
             InputError: no such file, no file of this kind, damaged, or empty.

@@ -1,4 +1,4 @@
-"""The kinds of log files that there are, by the ending of their names."""
+"""The kinds of log files, by the ending of their names."""
 
 from pathlib import Path
 
@@ -11,17 +11,17 @@ from wrenchsight.models.recordings.rosbag.table import RosbagContainer, is_bag
 from wrenchsight.models.recordings.text_table import TextContainer
 
 TEXT = TextContainer()
-"""Also of a log with any other ending, where a description says how to read it."""
+"""Also for a log with any other ending that has a description."""
 
 BAG = RosbagContainer()
-"""Also of a folder that holds a rosbag2."""
+"""Also for a folder that holds a rosbag2."""
 
 CONTAINERS: list[LogContainer] = [TEXT, ParquetContainer(), NpzContainer(), BAG]
-"""A further kind is one line here, or one `CONTAINERS.append` in a program of one's own."""
+"""A further kind is one line here, or one `CONTAINERS.append` in a user's program."""
 
 
 def container_of(path: Path) -> LogContainer | None:
-    """Returns the kind of a log by its ending; None for an unknown ending."""
+    """The kind of a log by its ending; None for an unknown ending."""
     if is_bag(path):
         return BAG
     if root_of(path) is not None:
@@ -31,5 +31,5 @@ def container_of(path: Path) -> LogContainer | None:
 
 
 def usual_suffixes() -> list[str]:
-    """The ending of each kind that is written by default."""
+    """The usual ending of each kind."""
     return [kind.suffixes[0] for kind in CONTAINERS]

@@ -1,6 +1,6 @@
 """Tables of numbers in NumPy's npz files: arrays by name, read by `numpy.load`, and written.
 
-What an array's header states is compared with what the file holds before anything is made of it.
+The shape that an array's header states is compared with the size of its data before it is read.
 """
 
 import math
@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from wrenchsight.models.recordings.table_checks import refuse_missing, rows_with
 
 Rows = NDArray[np.int64]
 
-# What zipfile and numpy raise over damaged bytes: unknown methods and flags, headers of no sense.
+# What zipfile and numpy raise over damaged bytes: unknown methods and flags, headers without sense.
 _DAMAGE = (zipfile.BadZipFile, zlib.error, tokenize.TokenError, SyntaxError, RuntimeError,
            ArithmeticError, LookupError, TypeError, ValueError, EOFError, OSError)  # fmt: skip
 _BLOCK_ROWS = 1 << 16
@@ -33,18 +33,25 @@ _JOINT_ARRAYS = {"current": "i", "tau_J": "tau", "q": "q", "v": "v", "i": "i", "
 _SUFFIX = ".npy"
 
 
+class _Place(NamedTuple):
+    """Where a column of the table is stored."""
+
+    array: str
+    column: int  # of the array as a matrix (T, k)
+
+
 class NpzContainer:
     """Logs in npz files; implements `log_container.LogContainer`."""
 
     suffixes: tuple[str, ...] = (".npz",)
 
     def open(self, path: Path, form: RecordingFormat | None) -> "NpzTable":
-        """As the protocol; the file says all by itself, so that `form` is not read."""
+        """As the protocol; the file describes itself, so that `form` is not used."""
         return NpzTable(path)
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
         """As the protocol."""
-        # By hand, for a column may be called "file", as numpy.savez's own argument.
+        # Not by numpy.savez: a column may be called "file", the name of an argument of it.
         with (
             whole_file(path) as partial,
             writing_to(path),
@@ -59,7 +66,7 @@ class NpzTable:
     """An npz file of one array per signal or per column, one sample a row; rows count from 1.
 
     An array (T,) is a column. Arrays (T, n) that are called q, v, i or current, tau or tau_J are
-    the columns q1..qn and so on; any other one is NAME.1..NAME.k.
+    the columns q1..qn and so on; any other array is the columns NAME.1..NAME.k.
 
     Raises:
         InputError: no such file, no npz file or a damaged one, arrays of different lengths, words
@@ -72,22 +79,22 @@ class NpzTable:
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0
-        stored = self._stored()
-        lengths = {name: shape[0] for name, shape in stored.items() if shape}
+        shapes = self._array_shapes()
+        lengths = {name: shape[0] for name, shape in shapes.items() if shape}
         self.num_rows = max(lengths.values(), default=0)
         if self.num_rows == 0:
             raise InputError(path, "", "has no rows", "record the log again")
-        left_out = [name for name in stored if lengths.get(name, 0) != self.num_rows]
-        if left_out:
+        other_lengths = [name for name in shapes if lengths.get(name, 0) != self.num_rows]
+        if other_lengths:
             self.notices.append(
-                f"arrays that have not {self.num_rows} rows are left out: {', '.join(left_out)}"
+                f"arrays without {self.num_rows} rows are left out: {', '.join(other_lengths)}"
             )
-        self._places: list[tuple[str, int]] = []  # array and column in it, by column
+        self._places: list[_Place] = []  # by column of the table
         names: list[str] = []
-        for name, shape in stored.items():
-            if name not in left_out:
+        for name, shape in shapes.items():
+            if name not in other_lengths:
                 names += _column_names(name, shape)
-                self._places += [(name, k) for k in range(math.prod(shape[1:]))]
+                self._places += [_Place(name, k) for k in range(math.prod(shape[1:]))]
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
 
@@ -99,53 +106,55 @@ class NpzTable:
     ) -> Iterator[tuple[Array, Rows]]:
         """As the protocol."""
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
-        wanted = dict.fromkeys(self._places[column][0] for column in columns)
+        array_names = dict.fromkeys(self._places[column].array for column in columns)
         try:
             with np.load(self.path, allow_pickle=False) as archive:
-                arrays = {name: archive[name].reshape(self.num_rows, -1) for name in wanted}
+                arrays = {name: archive[name].reshape(self.num_rows, -1) for name in array_names}
         except (*_DAMAGE, MemoryError) as error:
             raise self._damaged(error) from error
         for begin in range(first, last + 1, _BLOCK_ROWS):
             end = min(begin + _BLOCK_ROWS - 1, last)
             values = np.empty((end - begin + 1, len(columns)))
             for i, column in enumerate(columns):
-                name, k = self._places[column]
-                values[:, i] = arrays[name][begin - 1 : end, k]
+                place = self._places[column]
+                values[:, i] = arrays[place.array][begin - 1 : end, place.column]
             numbers = np.arange(begin, end + 1)
             refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
             self.progress = end / self.num_rows
             yield values, numbers
 
-    def _stored(self) -> dict[str, tuple[int, ...]]:
-        """The shapes of the file's arrays, by name."""
-        stored: dict[str, tuple[int, ...]] = {}
-        whole = opened(self.path, "a log")
+    def _array_shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the file's arrays of numbers, by name."""
+        shapes: dict[str, tuple[int, ...]] = {}
+        raw_file = opened(self.path, "a log")
         try:
-            with whole, zipfile.ZipFile(whole) as archive:
+            with raw_file, zipfile.ZipFile(raw_file) as archive:
                 for member in archive.infolist():
                     name = member.filename.removesuffix(_SUFFIX)
                     if name == member.filename:
                         continue
                     with archive.open(member) as file:
                         shape, dtype = _header(file)
-                        left = member.file_size - file.tell()
+                        num_bytes = member.file_size - file.tell()
                     if dtype.kind not in "iufb":
                         self.notices.append(
-                            f"the array {name} holds no numbers ({dtype}): left out"
+                            f"the array {name} is left out: it holds no numbers ({dtype})"
                         )
                         continue
-                    if math.prod(shape) * dtype.itemsize != left:
+                    if math.prod(shape) * dtype.itemsize != num_bytes:
                         raise ValueError(f"{member.filename} states {shape}, of another size")
-                    if left > _LARGEST_ARRAY or math.prod(shape[1:]) > _MOST_COLUMNS:
-                        self.notices.append(f"the array {name} {shape} is too large: left out")
+                    if num_bytes > _LARGEST_ARRAY or math.prod(shape[1:]) > _MOST_COLUMNS:
+                        self.notices.append(
+                            f"the array {name} {shape} is left out: it is too large"
+                        )
                         continue
-                    stored[name] = shape
+                    shapes[name] = shape
         except _DAMAGE as error:
             raise self._damaged(error) from error
-        if not stored:
+        if not shapes:
             remedy = "write it with numpy.savez(path, t=t, q=q, v=v, i=current)"
             raise InputError(self.path, "", "holds no arrays of numbers", remedy)
-        return stored
+        return shapes
 
     def _damaged(self, error: Exception) -> InputError:
         if self.path.stat().st_size == 0:
@@ -155,6 +164,7 @@ class NpzTable:
 
 
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type of the array that a file of the archive holds."""
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, _, dtype = np.lib.format.read_array_header_1_0(file)
@@ -166,8 +176,9 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _column_names(name: str, shape: tuple[int, ...]) -> list[str]:
+    """The names of an array's columns."""
     if len(shape) == 1:
         return [name]
     letter = _JOINT_ARRAYS.get(name) if len(shape) == 2 else None
-    start = letter or f"{name}."
-    return [f"{start}{k + 1}" for k in range(math.prod(shape[1:]))]
+    prefix = letter or f"{name}."
+    return [f"{prefix}{k + 1}" for k in range(math.prod(shape[1:]))]

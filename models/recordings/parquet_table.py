@@ -1,12 +1,12 @@
 """Tables of numbers in Parquet files: read batch by batch with constant memory, and written.
 
-A column of lists, all of one length k, is the columns NAME.1..NAME.k; lists of lists row by row. A
-list of one number is that number.
+A column of lists, all of one length k, becomes the columns NAME.1..NAME.k. Lists of lists are read
+row by row; a list of one number is that number.
 """
 
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -28,13 +28,20 @@ _MAGIC = b"PAR1"
 _MOST_ENTRIES = 4096  # of a list
 
 
+class _Place(NamedTuple):
+    """Where a column of the table is stored."""
+
+    name: str  # of the column in the file
+    entry: int  # of its lists
+
+
 class ParquetContainer:
     """Logs in Parquet files; implements `log_container.LogContainer`."""
 
     suffixes: tuple[str, ...] = (".parquet", ".pq")
 
     def open(self, path: Path, form: RecordingFormat | None) -> "ParquetTable":
-        """As the protocol; the file says all by itself, so that `form` is not read."""
+        """As the protocol; the file describes itself, so that `form` is not used."""
         return ParquetTable(path)
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
@@ -48,7 +55,7 @@ class ParquetTable:
 
     Args:
         path: of the file.
-        part: first row and number of rows that are the table, counted from 0; None: all.
+        part: rows of the file that are the table, counted from 0; None: all.
 
     Raises:
         InputError: no such file, a directory, not a Parquet file or a damaged one, no rows.
@@ -56,7 +63,7 @@ class ParquetTable:
 
     row_word = "row"
 
-    def __init__(self, path: Path, part: tuple[int, int] | None = None) -> None:
+    def __init__(self, path: Path, part: range | None = None) -> None:
         self.path = path
         self.notices: list[str] = []
         self.progress = 0.0  # share of the file that has been read
@@ -64,27 +71,29 @@ class ParquetTable:
         try:
             schema = file.schema_arrow
             self.num_rows = file.metadata.num_rows
-            self._kinds = dict(zip(schema.names, schema.types, strict=True))
-            self._places: list[tuple[str, int]] = []  # name in the file and entry, by column
+            self._types = dict(zip(schema.names, schema.types, strict=True))
+            self._places: list[_Place] = []  # by column of the table
             widths: dict[str, int] = {}
             if self.num_rows:
                 widths = self._widths(file)
-                self._places = [(n, k) for n, width in widths.items() for k in range(width)]
+                for name, width in widths.items():
+                    self._places += [_Place(name, k) for k in range(width)]
         except (pa.ArrowException, OSError) as error:
             raise self._damaged("near row 1", error) from error
         finally:
             file.close()
         self._begin = 0
         if part is not None:
-            self._begin, count = part
-            if self._begin + count > self.num_rows:
-                problem = f"has {self.num_rows} rows, expected {self._begin + count} or more"
+            if part.stop > self.num_rows:
+                problem = f"has {self.num_rows} rows, expected {part.stop} or more"
                 raise InputError(path, "", problem, "write the file again")
-            self.num_rows = count
+            self._begin = part.start
+            self.num_rows = len(part)
         if self.num_rows == 0:
             raise InputError(path, "", "has no rows", "record the log again")
         self.names: tuple[str, ...] | None = tuple(
-            f"{name}.{k + 1}" if widths[name] > 1 else name for name, k in self._places
+            f"{place.name}.{place.entry + 1}" if widths[place.name] > 1 else place.name
+            for place in self._places
         )
         self.num_columns = len(self._places)
 
@@ -99,7 +108,6 @@ class ParquetTable:
         Raises:
             InputError: also where a column holds no numbers.
         """
-        wanted = [self._places[k] for k in columns]
         for column in columns:
             self._check_type(column)
         first, last = rows_within(self.path, rows, self.num_rows, "rows")
@@ -108,7 +116,7 @@ class ParquetTable:
         try:
             groups, skipped = self._groups(file, first)
             begin += skipped
-            names = list(dict.fromkeys(name for name, _ in wanted))
+            names = list(dict.fromkeys(self._places[column].name for column in columns))
             for batch in file.iter_batches(_BATCH_ROWS, groups, columns=names):
                 end = begin + batch.num_rows
                 self.progress = min(max(0.0, (end - 1) / self.num_rows), 1.0)
@@ -128,7 +136,7 @@ class ParquetTable:
             file.close()
 
     def _groups(self, file: pq.ParquetFile, first: int) -> tuple[list[int], int]:
-        """The row groups that hold row `first` and those after it, and the rows before them."""
+        """The row groups from the one that holds row `first` on, and the rows before them."""
         skipped = 0
         for group in range(file.num_row_groups):
             count = file.metadata.row_group(group).num_rows
@@ -138,24 +146,25 @@ class ParquetTable:
         return [], skipped
 
     def _values(self, batch: pa.RecordBatch, columns: list[int], row: int) -> Array:
+        """(N, k) numbers of a batch whose first row has the number `row`."""
         values = np.empty((batch.num_rows, len(columns)))
-        held: dict[str, Array] = {}
+        decoded: dict[str, Array] = {}
         for i, column in enumerate(columns):
-            name, k = self._places[column]
-            if name not in held:
-                width = 1 + max(entry for own, entry in self._places if own == name)
-                held[name] = self._numbers(batch.column(name), name, width, row)
-            values[:, i] = held[name][:, k]
+            name, entry = self._places[column]
+            if name not in decoded:
+                width = 1 + max(place.entry for place in self._places if place.name == name)
+                decoded[name] = self._numbers(batch.column(name), name, width, row)
+            values[:, i] = decoded[name][:, entry]
         return values
 
     def _numbers(self, column: pa.Array, name: str, width: int, row: int) -> Array:
-        """(N, width) of a column."""
+        """(N, width) numbers of a column of the file."""
         size = len(column)
         while _is_list(column.type):
             counts = pc.fill_null(pc.list_value_length(column), -1).to_numpy(zero_copy_only=False)
-            wrong = np.flatnonzero(counts != (counts[0] if len(counts) else 0))
-            if counts.size and (counts.min() < 0 or len(wrong)):
-                k = int(wrong[0] if len(wrong) else 0)
+            other_lengths = np.flatnonzero(counts != (counts[0] if len(counts) else 0))
+            if counts.size and (counts.min() < 0 or len(other_lengths)):
+                k = int(other_lengths[0] if len(other_lengths) else 0)
                 place = f"row {row + k * size // max(1, len(column))}, column {name}"
                 problem = f"a list of {counts[k]} numbers" if counts[k] >= 0 else "is empty"
                 raise InputError(self.path, place, problem, "write lists of one length")
@@ -168,33 +177,38 @@ class ParquetTable:
             numbers = column.to_numpy(zero_copy_only=False)
         if len(numbers) != size * width:
             place = f"row {row}, column {name}"
-            problem = f"lists of {len(numbers) // max(1, size)} numbers, {width} in the first row"
+            problem = f"lists of {len(numbers) // max(1, size)} numbers, but {width} in row 1"
             raise InputError(self.path, place, problem, "write lists of one length")
         return np.asarray(numbers, float).reshape(size, width)
 
     def _widths(self, file: pq.ParquetFile) -> dict[str, int]:
-        """How many numbers a row of each column holds, as its type or its first row says."""
-        kinds = self._kinds.items()
-        counted = [name for name, kind in kinds if _is_list(kind) and _is_number(_entry(kind))]
-        widths = dict.fromkeys(self._kinds, 1)
-        if counted:
-            first = next(file.iter_batches(1, columns=counted))
-            for name in counted:
-                column = first.column(name)
+        """How many numbers a row of each column holds, by its type or its first row."""
+        lists = [
+            name
+            for name, kind in self._types.items()
+            if _is_list(kind) and _is_number(_entry_type(kind))
+        ]
+        widths = dict.fromkeys(self._types, 1)
+        if lists:
+            top_row = next(file.iter_batches(1, columns=lists))
+            for name in lists:
+                column = top_row.column(name)
                 while _is_list(column.type):
                     column = column.flatten()
                 widths[name] = len(column)
                 if not 1 <= len(column) <= _MOST_ENTRIES:
                     self.notices.append(
-                        f"the column {name} holds lists of {len(column)} numbers: left out"
+                        f"the column {name} is left out: it holds lists of {len(column)} numbers, "
+                        f"expected 1 to {_MOST_ENTRIES}"
                     )
                     del widths[name]
         return widths
 
     def _check_type(self, column: int) -> None:
-        name, _ = self._places[column]
-        kind = self._kinds[name]
-        if not _is_number(_entry(kind)):
+        """Refuses a column that holds no numbers."""
+        name = self._places[column].name
+        kind = self._types[name]
+        if not _is_number(_entry_type(kind)):
             remedy = "write one numeric column per joint, or lists of numbers"
             raise InputError(self.path, f"column {name}", f"holds {kind}, expected numbers", remedy)
 
@@ -222,8 +236,8 @@ def _is_list(kind: pa.DataType) -> bool:
     return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
 
 
-def _entry(kind: pa.DataType) -> pa.DataType:
-    """What a list holds, or a list of lists; any other type itself."""
+def _entry_type(kind: pa.DataType) -> pa.DataType:
+    """The type of the entries of a list, or of a list of lists; any other type as it is."""
     while _is_list(kind):
         kind = kind.value_type
     return kind

@@ -1,22 +1,22 @@
-"""The step of the encoders, as a log shows it."""
+"""The resolution of a log's joint positions: the step of the encoders."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array
 
-_LARGEST = 1e-2  # rad (m); a log whose smallest change is larger jumps, it does not round
-_SMALLEST = 1e-9  # below, it is the rounding of a float64, and no encoder's
-_FEWEST = 50  # changes that must show the step
-_SHARE = 0.99  # of them that must be multiples of it
+_LARGEST = 1e-2  # rad (m); larger changes are jumps, no rounding
+_SMALLEST = 1e-9  # rad (m); smaller changes are the rounding of a float64, no encoder's step
+_FEWEST = 50  # changes from which a step is found
+_SHARE = 0.99  # of the changes that must be multiples of the step
 _TOLERANCE = 0.02  # of a step: numbers in a text file are rounded themselves
 
 
 def position_resolution(q: ArrayLike) -> Array:
-    """(n,) the step that all positions q (N, n) are multiples of; 0 where there is none.
+    """(n,) the step of which all positions q (N, n) are multiples; 0 where there is none.
 
-    Positions that were interpolated or filtered show no step: samples must be those of the log, not
-    resampled. A joint that hardly moves has the largest step of the others.
+    Interpolated or filtered positions show no step: samples must be those of the log, not
+    resampled. A joint that hardly moves is given the largest step of the other joints.
     """
     q = np.asarray(q, float)
     changes = np.abs(np.diff(q, axis=0))
@@ -26,7 +26,7 @@ def position_resolution(q: ArrayLike) -> Array:
 
 
 def _step(changes: Array) -> float:
-    """NaN for too few changes."""
+    """The step of a joint; 0 if it has none, NaN if there are too few changes."""
     moved = changes[np.isfinite(changes) & (changes > _SMALLEST)]
     if len(moved) < _FEWEST:
         return float("nan")
@@ -35,15 +35,15 @@ def _step(changes: Array) -> float:
     for parts in (1, 2, 3):
         step = _refined(moved, smallest / parts)
         multiples = moved / step
-        even = np.abs(multiples - np.round(multiples)) <= _TOLERANCE
-        # If the step is wrong, changes fall anywhere between its multiples: 4 % of them near one.
-        if step <= _LARGEST and float(np.mean(even)) >= _SHARE:
+        is_multiple = np.abs(multiples - np.round(multiples)) <= _TOLERANCE
+        # Of a wrong step only 4 % of the changes are near a multiple.
+        if step <= _LARGEST and float(np.mean(is_multiple)) >= _SHARE:
             return step
     return 0.0
 
 
 def _refined(moved: Array, step: float) -> float:
-    """The step from ever larger changes, each known in multiples by the ones before."""
+    """The step refined by ever larger changes, whose multiples the step so far gives."""
     for limit in (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0):
         near = moved[moved < limit * step]
         if len(near):

@@ -20,8 +20,8 @@ _SIGNALS = ("t", "q", "v", "current", "tau_J", "dropout", "row")
 class Recording:
     """Signals of a robot with n joints at T instants.
 
-    A log that holds no joint positions, velocities or currents (some hold only torque and
-    Jacobian) has n = 0 there and its signals in `extra`.
+    Some logs hold no joint positions, velocities or currents, but only torque and Jacobian. They
+    have n = 0, and their signals are in `extra`.
 
     Raises:
         ValueError: signals of different lengths or shapes.
@@ -32,12 +32,12 @@ class Recording:
     v: Array  # (T, n) rad/s or m/s
     current: Array  # (T, n) A, with the sign that the log has
     source: str  # the log, for messages
-    tau_J: Array | None = None  # (T, n) N m, motor torque on the joint side, where it is logged
+    tau_J: Array | None = None  # (T, n) N m, motor torque on the joint side, where logged
     dropout: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    """(T,) True where the sample was bridged over missing ones or lacks a number (NaN there)."""
+    """(T,) whether the sample bridges missing ones, or lacks a number, which is then NaN."""
     extra: Mapping[str, Array] = field(default_factory=dict)  # (T, ...) other signals, by name
-    row: NDArray[np.int64] | None = None  # (T,) line or row of the log that each sample stands on
-    row_word: str = "row"  # what such a number counts: "line" in a text file
+    row: NDArray[np.int64] | None = None  # (T,) line or row of the log that holds the sample
+    row_word: str = "row"  # name of such a row, for error lines: "line" in a text file
     notices: tuple[str, ...] = ()  # what the reader assumed or left out, one sentence each
 
     def __post_init__(self) -> None:
@@ -69,9 +69,11 @@ class Recording:
         return float(np.median(np.diff(self.t)))
 
     def __getitem__(self, part: slice | Flags) -> "Recording":
-        """The samples of a slice, or those (T,) that are chosen."""
-        signals: dict[str, Any] = {name: getattr(self, name) for name in _SIGNALS}
-        signals = {name: None if own is None else own[part] for name, own in signals.items()}
+        """The samples of a slice, or those whose flag (T,) is set."""
+        signals: dict[str, Any] = {}
+        for name in _SIGNALS:
+            signal = getattr(self, name)
+            signals[name] = None if signal is None else signal[part]
         extra = {name: signal[part] for name, signal in self.extra.items()}
         return replace(self, extra=extra, **signals)
 

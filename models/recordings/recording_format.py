@@ -15,7 +15,7 @@ from wrenchsight.models.numerics.arrays import Array
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000
-ROBOT, ENVIRONMENT = "robot", "environment"  # on which an external torque is exerted
+ROBOT, ENVIRONMENT = "robot", "environment"  # the body on which an external torque acts
 FORMATS = "recordings/formats"  # folder of the bundled descriptions
 
 _UNITS: dict[str, dict[str, float]] = {
@@ -55,14 +55,14 @@ class SignalColumns:
     """Column numbers counted from 1 ("14-19"), or names from the header, separated by commas;
     braces spell a series, the last one running fastest ("tau_{0..6}", "jacobian_{0..5}_{0..6}")."""
     unit: str = ""  # of the numbers in the log; empty: s, rad, rad/s, A, N m
-    gain: list[float] = field(default_factory=list)  # per column, or one for all; -1 turns the sign
+    gain: list[float] = field(default_factory=list)  # per column, or one for all; -1: other sign
     offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
     shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
     may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
     exerted_on: str = ROBOT
     """sign of an external torque or force: robot (what acts on the robot from outside, positive
-    along the motion that it causes) or environment (what the robot exerts against the outside, such
-    as Franka's tau_ext_hat_filtered: it is turned)"""
+    along the motion that it causes) or environment (what the robot exerts on the environment, such
+    as Franka's tau_ext_hat_filtered: its sign is changed)"""
 
 
 def by_number(columns: Sequence[int], unit: str = "") -> SignalColumns:
@@ -94,8 +94,23 @@ class RecordingFormat:
 
 
 @dataclass(frozen=True)
+class LogHeader:
+    """What a log's file says of its columns.
+
+    Attributes:
+        path: the log's file.
+        names: of the columns; None where the log has no header.
+        num_columns: that the log has.
+    """
+
+    path: Path
+    names: Sequence[str] | None
+    num_columns: int
+
+
+@dataclass(frozen=True)
 class Signal:
-    """A signal's place in a log, after the description has been compared with the file."""
+    """The place of a signal in a log: its columns and their conversion to SI units."""
 
     name: str  # t, q, v, current, tau_J, dropout or the name of an extra signal
     columns: tuple[int, ...]  # 0-based
@@ -139,7 +154,7 @@ def load_format(name_or_path: str | Path) -> tuple[RecordingFormat, Path]:
 
 
 def rows_for(description: RecordingFormat, file: Path) -> tuple[int, int] | None:
-    """First and last row (counted from 1) that the description wants of a file; None for all."""
+    """First and last row (counted from 1) of a file that the description selects; None for all."""
     rows = description.rows.get(file.name)
     return (rows[0], rows[1]) if rows else None
 
@@ -164,34 +179,30 @@ def _check_description(description: RecordingFormat, path: Path) -> None:
             )
     for key in ("t", *_JOINT_SIGNALS, "dropout"):
         if key in description.extra:
-            raise InputError(path, f"extra, {key}", "this name is taken", "choose another one")
+            problem = "this is the name of a standard signal"
+            raise InputError(path, f"extra, {key}", problem, "choose another name")
     if not str(description.time.columns).strip():
         raise InputError(path, "time", "names no column", 'write e.g. columns: "1"')
 
 
 def resolve_layout(
-    description: RecordingFormat,
-    description_source: str,
-    log: Path,
-    names: Sequence[str] | None,
-    num_columns: int,
+    description: RecordingFormat, description_source: str, header: LogHeader
 ) -> ColumnLayout:
-    """Compares a description with the columns that a log has.
+    """Finds the signals of a description among the columns of a log.
 
     Args:
         description_source: the description's file, for error lines.
-        log: the log's file, for error lines.
-        names: of the log's columns; None where it has no header.
-        num_columns: that the log has.
+        header: of the log.
 
     Raises:
         InputError: the log lacks a column, has too many, or the description contradicts itself.
     """
-    log_columns = _LogColumns(description_source, log, names, num_columns)
+    log_columns = _LogColumns(description_source, header)
+    num_columns = header.num_columns
     if description.num_columns and num_columns != description.num_columns:
         problem = f"has {num_columns} columns, expected {description.num_columns}"
         remedy = "check the separator, or describe the columns with --log-format"
-        raise log_columns.lacking(problem, remedy)
+        raise log_columns.mismatch(problem, remedy)
     signals: list[Signal] = []
     for key, name in _SIGNAL_NAMES.items():
         entry: SignalColumns | None = getattr(description, key)
@@ -202,9 +213,9 @@ def resolve_layout(
             signals.append(log_columns.signal(entry, key, name, _UNITS[key]))
     for name, entry in description.extra.items():
         signals.append(log_columns.signal(entry, f"extra, {name}", name))
-    count = len(signals[0].columns)
-    if count > 2:
-        problem = f"has {count} columns, expected 1, or 2: seconds and nanoseconds"
+    num_time_columns = len(signals[0].columns)
+    if num_time_columns > 2:
+        problem = f"has {num_time_columns} columns, expected 1, or 2: seconds and nanoseconds"
         raise InputError(description_source, "time", problem, "name one or two")
     sizes = {s.name: len(s.columns) for s in signals if s.name in _JOINT_SIGNALS}
     if len(set(sizes.values())) > 1:
@@ -212,40 +223,46 @@ def resolve_layout(
         problem = f"the signals have different numbers of joints ({listed})"
         place = "position, velocity, current"
         raise InputError(description_source, place, problem, "name one column per joint in each")
-    return ColumnLayout(tuple(signals), log_columns.shown)
+    return ColumnLayout(tuple(signals), log_columns.displayed_names)
 
 
 def further_signals(
-    further: dict[str, SignalColumns],
-    asked_by: str,
-    log: Path,
-    names: Sequence[str] | None,
-    num_columns: int,
+    further: dict[str, SignalColumns], requested_by: str, header: LogHeader
 ) -> tuple[Signal, ...]:
-    """Signals that a caller asks for besides those of the description.
+    """Finds signals that a caller needs besides those of the description.
 
     Args:
-        further: by name.
-        asked_by: for error lines: the option that names the columns.
-        log, names, num_columns: as `resolve_layout`.
+        further: columns by the signal's name.
+        requested_by: the option that names the columns, for error lines.
+        header: of the log.
 
     Raises:
         InputError: the log lacks a column.
     """
-    log_columns = _LogColumns(asked_by, log, names, num_columns)
+    log_columns = _LogColumns(requested_by, header)
     return tuple(log_columns.signal(entry, name, name) for name, entry in further.items())
 
 
 class _LogColumns:
-    """The columns of a log, in which a description (or an option) finds its signals."""
+    """The columns of a log, among which a description (or an option) finds its signals.
 
-    def __init__(
-        self, source: str, log: Path, names: Sequence[str] | None, num_columns: int
-    ) -> None:
-        self._source, self._log, self._names = source, log, list(names) if names else None
-        self.shown = tuple(names) if names else tuple(f"column {k + 1}" for k in range(num_columns))
+    Args:
+        source: the description's file, or the option, for error lines.
+        header: of the log.
 
-    def lacking(self, problem: str, remedy: str) -> InputError:
+    Attributes:
+        displayed_names: of every column as a person knows it.
+    """
+
+    def __init__(self, source: str, header: LogHeader) -> None:
+        self._source = source
+        self._log = header.path
+        self._names = list(header.names) if header.names else None
+        numbered = tuple(f"column {k + 1}" for k in range(header.num_columns))
+        self.displayed_names = tuple(header.names) if header.names else numbered
+
+    def mismatch(self, problem: str, remedy: str) -> InputError:
+        """The error of a log that lacks what the description needs."""
         return InputError(self._log, "header" if self._names else "line 1", problem, remedy)
 
     def signal(
@@ -273,10 +290,11 @@ class _LogColumns:
         if entry.exerted_on == ENVIRONMENT:
             scale = -scale
         shape = tuple(entry.shape) or (size,)
-        held = math.prod(shape)
-        if min(shape) < 1 or held != size:
-            problem = f"{list(shape)} holds {held} numbers, but {size} columns are named"
-            raise InputError(source, f"{place}, shape", problem, "correct one of them")
+        shape_size = math.prod(shape)
+        if min(shape) < 1 or shape_size != size:
+            problem = f"{list(shape)} holds {shape_size} numbers, but {size} columns are named"
+            remedy = "correct the shape or the columns"
+            raise InputError(source, f"{place}, shape", problem, remedy)
         if name == "t":
             shape = ()
             if entry.may_be_empty:
@@ -284,11 +302,20 @@ class _LogColumns:
                 raise InputError(source, place, problem, "remove may_be_empty")
             if size == 2:  # seconds and nanoseconds
                 if entry.unit or entry.gain or entry.offset:
-                    problem = "of two columns is seconds and nanoseconds, without unit, gain or "
-                    raise InputError(source, place, problem + "offset", "remove them")
+                    problem = (
+                        "has two columns, seconds and nanoseconds, but also a unit, gain or offset"
+                    )
+                    raise InputError(source, place, problem, "remove these")
                 scale[1] = 1e-9
-        empty, on = entry.may_be_empty, entry.exerted_on
-        return Signal(name, tuple(columns), scale, offset, shape, empty, on)
+        return Signal(
+            name,
+            tuple(columns),
+            scale,
+            offset,
+            shape,
+            may_be_empty=entry.may_be_empty,
+            exerted_on=entry.exerted_on,
+        )
 
     def _per_column(self, values: list[float], default: float, size: int, place: str) -> Array:
         if len(values) not in (0, 1, size):
@@ -305,13 +332,15 @@ class _LogColumns:
         return columns
 
     def _column(self, item: str, place: str) -> int:
-        names, by = self._names, f"{Path(self._source).name} ({place})"
+        names = self._names
+        num_columns = len(self.displayed_names)
+        entry_place = f"{Path(self._source).name} ({place})"
         if item.isdecimal():
             number = int(item) if len(item) < 10 else MOST_COLUMNS + 1
-            if not 1 <= number <= len(self.shown):
-                problem = f"has {len(self.shown)} columns, but {by} names column {item}"
-                remedy = "check the separator, or the description's column numbers, from 1 on"
-                raise self.lacking(problem, remedy)
+            if not 1 <= number <= num_columns:
+                problem = f"has {num_columns} columns, but {entry_place} names column {item}"
+                remedy = "check the separator, or the description's column numbers (from 1)"
+                raise self.mismatch(problem, remedy)
             return number - 1
         if names is None:
             problem = f'names column "{item}", but the log has no header'
@@ -319,9 +348,9 @@ class _LogColumns:
             raise InputError(self._source, place, problem, remedy)
         if item not in names:
             remedy = nearest(item, names) or f"it has {', '.join(names[:12])}, ..."
-            raise self.lacking(f'lacks the column "{item}", which {by} names', remedy)
+            raise self.mismatch(f'lacks the column "{item}", which {entry_place} names', remedy)
         if names.count(item) > 1:
-            raise self.lacking(f'the column "{item}" is there twice', "rename one")
+            raise self.mismatch(f'names the column "{item}" twice', "rename one of them")
         return names.index(item)
 
 
@@ -333,7 +362,7 @@ def column_items(text: str, place: str, source: str) -> list[str]:
     """The columns that a text names: "1, 3-5" or "t, q{1..3}"; braces from left to right.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the text cannot be read.
     """
     items: list[str] = []
     for item in (part.strip() for part in text.split(",")):
@@ -341,18 +370,17 @@ def column_items(text: str, place: str, source: str) -> list[str]:
             raise InputError(source, place, "names no column", 'write e.g. columns: "2-7"')
         numbers = _NUMBERS.fullmatch(item)
         if numbers:
-            first, last = _ends(numbers, place, source)
-            items += [str(k) for k in range(first, last + 1)]
-            if last < first:
+            span = _number_range(numbers, place, source)
+            if not span:
                 raise InputError(source, place, f'"{item}" runs backwards', "swap its ends")
+            items += [str(k) for k in span]
             continue
         expanded = [item]
         while "{" in expanded[0]:
             match = _SERIES.search(expanded[0])
-            first, last = (1, 0) if match is None else _ends(match, place, source)
-            if last < first:
+            span = range(0) if match is None else _number_range(match, place, source)
+            if not span:
                 raise InputError(source, place, f'cannot read "{item}"', 'write e.g. "q{1..6}"')
-            span = range(first, last + 1)
             if len(expanded) * len(span) > MOST_COLUMNS:
                 raise _too_many(item, place, source)
             expanded = [_SERIES.sub(str(k), text, count=1) for text in expanded for k in span]
@@ -362,16 +390,16 @@ def column_items(text: str, place: str, source: str) -> list[str]:
     return items
 
 
-def _ends(match: re.Match[str], place: str, source: str) -> tuple[int, int]:
-    """First and last number of a series."""
+def _number_range(match: re.Match[str], place: str, source: str) -> range:
+    """The numbers of a series, its last one included; empty where it runs backwards."""
     if max(len(match[1]), len(match[2])) > len(str(MOST_COLUMNS)):
         raise _too_many(match[0], place, source)
     first, last = int(match[1]), int(match[2])
     if last - first >= MOST_COLUMNS:
         raise _too_many(match[0], place, source)
-    return first, last
+    return range(first, last + 1)
 
 
 def _too_many(text: str, place: str, source: str) -> InputError:
     problem = f'"{text}" names more than {MOST_COLUMNS} columns'
-    return InputError(source, place, problem, "a log has no more")
+    return InputError(source, place, problem, "name the columns of the log's signals only")

@@ -1,4 +1,4 @@
-"""Logs read chunk by chunk into recordings, and refused with one line where they are wrong."""
+"""Reads logs chunk by chunk into recordings; a wrong log is refused with one error line."""
 
 import difflib
 import re
@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, kn
 from wrenchsight.models.recordings.layouts.plain_header import header_format
 from wrenchsight.models.recordings.lerobot.data_set import DataSet, root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS, EpisodeTable
-from wrenchsight.models.recordings.log_container import LogTable
+from wrenchsight.models.recordings.log_container import LogContainer, LogTable
 from wrenchsight.models.recordings.log_containers import (
     TEXT,
     container_of,
@@ -50,6 +51,7 @@ from wrenchsight.models.recordings.recording_format import (
     FORMATS,
     MOST_COLUMNS,
     ColumnLayout,
+    LogHeader,
     RecordingFormat,
     Signal,
     SignalColumns,
@@ -64,9 +66,9 @@ from wrenchsight.models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own
-_EFFORT_EPISODES = 8
-_EFFORT_CHUNKS = 4  # of a log, which say in what unit its effort is
-MIN_SAMPLES = 10  # less is no motion
+_EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is decided
+_EFFORT_CHUNKS = 4  # of a log, from which the unit of its effort is decided
+MIN_SAMPLES = 10  # fewer show no motion
 _DESCRIBE = "or describe the columns with --log-format"
 
 
@@ -90,11 +92,10 @@ def read_recording(
         description: of other columns: a bundled name, the path of a *.yaml, or `log_words`.
         robot: that the log must fit: number of joints, and where `check` is set also limits,
             velocity against position, current against gravity.
-        accept_signs: whether drives whose current has the wrong sign are taken as they are; a
-            notice says so.
+        accept_signs: whether drives whose current has the wrong sign are accepted, with a notice.
         joint_signals: whether the log must hold what an identification needs, see
             `RecordingReader.require_joint_signals`.
-        further: as `RecordingReader`.
+        further: as in `RecordingReader`.
 
     Raises:
         InputError: the log is missing, damaged or implausible.
@@ -105,13 +106,28 @@ def read_recording(
     return replace(concatenated(list(reader.chunks())), notices=reader.notices)
 
 
+class _OpenedLog(NamedTuple):
+    """A log and the description of its columns."""
+
+    form: RecordingFormat
+    form_source: str  # file of the description; the log's own path where its header describes it
+    table: LogTable
+
+
 class RecordingReader:
     """A log on disk; `chunks()` reads it with constant memory.
 
     Args:
         path, description, robot, check, accept_signs: as in `read_recording`.
-        further: signals besides those of the description, by name; they stand in `extra`.
-        asked_by: who names these, for error lines.
+        further: signals besides those of the description, by name; `Recording.extra` holds them.
+        requested_by: the command that needs these signals, for error lines.
+
+    Attributes:
+        path: of the log.
+        format: the description of its columns.
+        layout: its signals and their columns.
+        sign_evidence: what the log says of the signs of its currents; None before all chunks are
+            read, or where currents are not checked.
 
     Raises:
         InputError: the log cannot be opened, or its columns do not fit.
@@ -124,7 +140,7 @@ class RecordingReader:
         robot: Robot | None = None,
         check: bool = True,
         further: dict[str, SignalColumns] | None = None,
-        asked_by: str = "",
+        requested_by: str = "",
         accept_signs: bool = False,
     ) -> None:
         path = Path(path)
@@ -133,66 +149,74 @@ class RecordingReader:
                 raise InputError(
                     path, "", "is a description itself", "give the log, or leave out --log-format"
                 )
-            path, description = _file_of(path), path
+            description = path
+            path = _described_log(description)
         self.path = path
         self._notices: list[str] = []
         self._robot = robot
-        self._check, self._accept_signs = check, accept_signs
-        self.sign_evidence: SignEvidence | None = None  # once read, where currents are checked
-        self._further, self._asked_by = further or {}, asked_by
-        self._words, self._effort = log_words(description) or LogWords(), False
-        if log_words(description) is not None:
-            description = None
-        form, form_source, table = self._opened(description)
-        if table.num_columns > MOST_COLUMNS:
-            problem = f"has {table.num_columns} columns, expected {MOST_COLUMNS} at most"
-            raise InputError(path, "", problem, "leave out those that are no signals")
-        self.format = form
-        self._table = table
-        names = table.names
-        if form_source == str(path) and names is not None:
-            names = _in_lower_case(names)
-        self.layout: ColumnLayout = resolve_layout(
-            form, form_source, path, names, table.num_columns
-        )
-        self.layout = replace(self.layout, signals=self.layout.signals + self._more(table))
-        self._rows = rows_for(form, path)
-        if form.rows and path.name not in form.rows:
+        self._check = check
+        self._accept_signs = accept_signs
+        self.sign_evidence: SignEvidence | None = None
+        self._further = further or {}
+        self._requested_by = requested_by
+        words = log_words(description)
+        self._words = words or LogWords()
+        self._torque_is_effort = False  # whether the log calls its motor torque effort
+        self._torque_substitute = ""  # what the log holds instead of torque
+        log = self._open(None if words is not None else description)
+        self.format = log.form
+        self._table = log.table
+        self.layout: ColumnLayout = self._resolved_layout(log)
+        self._rows = rows_for(log.form, path)
+        if log.form.rows and path.name not in log.form.rows:
             self._notices.append(
-                f"{Path(form_source).name} names the rows to use of {len(form.rows)} files, but "
-                f"not of {path.name}: all its rows are read, also those before and after the motion"
+                f"{Path(log.form_source).name} selects rows of {len(log.form.rows)} files, but not "
+                f"of {path.name}: all its rows are read, also those before and after the motion"
             )
-        self._differentiated = (
+        self._is_differentiated = (
             self.layout.signal("q") is not None and self.layout.signal("v") is None
         )
-        if self._differentiated:
+        if self._is_differentiated:
             self._notices.append(
-                "the log holds no velocities: they are the slope of a cubic through the positions "
-                f"of {2e3 * HALF_WINDOW_S:.0f} ms around each sample, or of {LEAST_WINDOW} samples "
-                "where these are fewer, without delay"
+                "the log holds no velocities: they are differentiated from the positions, without "
+                f"delay (slope of a cubic over {2e3 * HALF_WINDOW_S:.0f} ms around each sample, or "
+                f"over {LEAST_WINDOW} samples where these are longer)"
             )
-        self._num_missing, self._first_missing = 0, ""
-        self._fit_to_robot()
-        if self._effort:
-            self._settle_effort()
+        self._num_missing = 0
+        self._first_missing = ""  # row and column of the first missing number
+        self._check_num_joints()
+        if self._torque_is_effort:
+            self._settle_effort_unit()
 
-    def _settle_effort(self) -> None:
-        """Decides whether the log's effort is torque or current, and says so."""
+    def _resolved_layout(self, log: _OpenedLog) -> ColumnLayout:
+        """The signals of the description and the further ones."""
+        names, num_columns = log.table.names, log.table.num_columns
+        if num_columns > MOST_COLUMNS:
+            problem = f"has {num_columns} columns, expected {MOST_COLUMNS} at most"
+            raise InputError(self.path, "", problem, "leave out those that are no signals")
+        if log.form_source == str(self.path) and names is not None:
+            names = _in_lower_case(names)
+        header = LogHeader(self.path, names, num_columns)
+        layout = resolve_layout(log.form, log.form_source, header)
+        return replace(layout, signals=layout.signals + self._further_signals(log.table))
+
+    def _settle_effort_unit(self) -> None:
+        """Decides whether the log's effort is torque or current, and adds a notice."""
         unit, robot = self._words.effort, self._robot
         if unit:
-            self._notices.append(f"effort is read in {unit}, as asked for")
+            self._notices.append(f"effort is read in {unit}, as --log-format says")
         elif robot is None:
-            word = IN_AMPERES
             self._notices.append(
-                f"effort is read as joint torque in N m; --log-format {word} reads it as current"
+                "effort is read as joint torque in N m; if the driver reports amperes, add "
+                f"--log-format {IN_AMPERES}"
             )
         else:
             parts: Iterable[Recording] = islice(self._read_motion(), _EFFORT_CHUNKS)
             if isinstance(self._table, EpisodeTable):  # all episodes are of one unit
-                parts = _some_episodes(self._table.data_set, robot, self._words)
-            found = effort_unit(parts, robot)
-            unit = found.unit
-            self._notices.append(found.sentence(robot))
+                parts = _sample_episodes(self._table.data_set, robot, self._words)
+            decision = effort_unit(parts, robot)
+            unit = decision.unit
+            self._notices.append(decision.sentence(robot))
         if unit == "A":
             current = [
                 replace(signal, name="current") if signal.name == "tau_J" else signal
@@ -212,26 +236,26 @@ class RecordingReader:
         missing: tuple[str, ...] = ()
         if self._num_missing:
             missing = (
-                f"{self._num_missing} samples lack a number (first: {self._first_missing}) and are "
-                "left out: short gaps are bridged",
+                f"samples left out because they lack a number: {self._num_missing} (first: "
+                f"{self._first_missing}); short gaps are bridged",
             )
         signs = self._sign_notes()
         return (*self._notices, *self._table.notices, *missing, *signs)
 
     def _sign_notes(self) -> tuple[str, ...]:
-        found, robot = self.sign_evidence, self._robot
-        if found is None or robot is None:
+        """A notice where the signs of the currents are doubtful, or accepted although wrong."""
+        evidence, robot = self.sign_evidence, self._robot
+        if evidence is None or robot is None:
             return ()
-        if not len(found.contradicted()):
-            if found.total > -np.log(DOUBTFUL):
-                return ()
-            return (
-                "the signs of the currents are doubtful: gravity, inertia and friction speak "
-                f"against them at odds of {odds_text(-found.total)}, too little to refuse the log; "
-                "a longer log of larger motion tells",
-            )
+        if len(evidence.contradicted()):
+            sentence = evidence.sentence("current", robot.joint_names)
+            return (f"{sentence}; accepted because of --accept-signs",)
+        if evidence.total > -np.log(DOUBTFUL):
+            return ()
         return (
-            f"signs accepted as asked, although {found.sentence('current', robot.joint_names)}",
+            "the signs of the currents are doubtful: gravity, inertia and friction contradict them "
+            f"at odds of {odds_text(-evidence.total)}, too low to refuse the log; record a longer "
+            "log with larger motion",
         )
 
     @property
@@ -246,16 +270,17 @@ class RecordingReader:
             InputError: it holds no positions or currents.
         """
         has_torque = self._robot is not None and self.layout.signal("tau_J") is not None
-        words = {"q": "joint positions", "current": "motor currents"}
-        for name, word in words.items():
+        descriptions = {"q": "joint positions", "current": "motor currents"}
+        for name, description in descriptions.items():
             if self.layout.signal(name) is None and not (name == "current" and has_torque):
-                # A data set's notices say what it holds instead.
-                why = "".join(f"; {text}" for text in self._notices if "no torque" in text)
+                problem = f"holds no {description}"
+                if self._torque_substitute:
+                    problem += f"; {self._torque_substitute}"
                 remedy = "name their columns in the description"
-                raise InputError(self.path, "", f"holds no {word}{why}", remedy)
+                raise InputError(self.path, "", problem, remedy)
 
     def chunks(self) -> Iterator[Recording]:
-        """Reads the log from its first to its last wanted row, once.
+        """Reads the log from its first to its last selected row, once.
 
         Yields:
             Successive parts of the recording, at least one.
@@ -271,42 +296,43 @@ class RecordingReader:
             if last is None and chunk.num_samples > 1:
                 plausible_step(chunk)
             if checks is not None:
-                whole = _without_gaps(chunk)
-                if whole.num_samples:
-                    checks.feed(whole)
+                complete_samples = _without_gaps(chunk)
+                if complete_samples.num_samples:
+                    checks.feed(complete_samples)
             last = chunk[-1:]
             num_samples += chunk.num_samples
             yield chunk
         if checks is not None:
             self.sign_evidence = checks.sign_evidence
         if num_samples < MIN_SAMPLES:
-            found = f"holds {num_samples} samples" if num_samples else "holds no samples"
+            problem = f"holds {num_samples} samples" if num_samples else "holds no samples"
             if self._num_missing:
-                found += f" without a missing number ({self._num_missing} lack one, first "
-                found += f"{self._first_missing})"
-            raise InputError(
-                self.path, "", f"{found}, expected {MIN_SAMPLES} or more", "record a longer log"
-            )
+                problem += (
+                    f" with a number in every column ({self._num_missing} lack one, first "
+                    f"{self._first_missing})"
+                )
+            problem += f", expected {MIN_SAMPLES} or more"
+            raise InputError(self.path, "", problem, "record a longer log")
 
     def _read_motion(self) -> Iterator[Recording]:
         """The parts of the log, with the velocities that it lacks."""
-        return with_velocities(self._read()) if self._differentiated else self._read()
+        return with_velocities(self._read()) if self._is_differentiated else self._read()
 
     def _read(self) -> Iterator[Recording]:
-        """The parts of the log as they stand there; samples that lack a number are left out."""
+        """The parts of the log as written, without the samples that lack a number."""
         used = sorted({column for signal in self.layout.signals for column in signal.columns})
         time = self.layout.signal("t")
-        stamps = time.columns if time is not None else ()
-        allowed = {
+        time_columns = time.columns if time is not None else ()
+        optional = {
             c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns
         }
-        strict = np.array([column not in allowed for column in used])
+        is_mandatory = np.array([column not in optional for column in used])
         last: Recording | None = None
         self._num_missing = 0
-        for values, rows in self._table.blocks(used, self._rows, {*used} - {*stamps}):
-            missing = np.isnan(values) & strict
-            if missing.any():
-                values, rows = self._complete(values, rows, missing, used)
+        for values, rows in self._table.blocks(used, self._rows, {*used} - {*time_columns}):
+            is_missing = np.isnan(values) & is_mandatory
+            if is_missing.any():
+                values, rows = self._without_missing(values, rows, is_missing, used)
                 if not len(values):
                     continue
             chunk = self._recording(values, rows, used)
@@ -315,117 +341,120 @@ class RecordingReader:
             last = chunk[-1:]
             yield chunk
 
-    def _complete(
-        self, values: Array, rows: NDArray[np.int64], missing: NDArray[np.bool_], used: list[int]
+    def _without_missing(
+        self, values: Array, rows: NDArray[np.int64], is_missing: NDArray[np.bool_], used: list[int]
     ) -> tuple[Array, NDArray[np.int64]]:
-        """The samples that lack no number, and their rows; the others are counted."""
-        lacking = missing.any(axis=1)
+        """The samples that lack no number, and their rows; counts the others."""
+        is_incomplete = is_missing.any(axis=1)
         if not self._num_missing:
-            k = int(np.argmax(lacking))
-            name = self.layout.column_names[used[int(np.argmax(missing[k]))]]
+            k = int(np.argmax(is_incomplete))
+            name = self.layout.column_names[used[int(np.argmax(is_missing[k]))]]
             self._first_missing = f"{self._table.row_word} {rows[k]}, {name}"
-        self._num_missing += int(lacking.sum())
-        return values[~lacking], rows[~lacking]
+        self._num_missing += int(is_incomplete.sum())
+        return values[~is_incomplete], rows[~is_incomplete]
 
     def _check_size(self, chunk: Recording) -> None:
         """Refuses absurd numbers: uninitialised memory, a wrong type in a logger."""
         for name, signal in (("q", chunk.q), ("v", chunk.v), ("current", chunk.current)):
-            wrong = np.abs(signal) > _BEYOND_ANY_ROBOT  # also of what a gain made infinite
-            if wrong.any():
-                k, j = (int(index[0]) for index in np.nonzero(wrong))
+            is_absurd = np.abs(signal) > _BEYOND_ANY_ROBOT  # also what a gain made infinite
+            if is_absurd.any():
+                samples, joints = np.nonzero(is_absurd)
+                k, j = int(samples[0]), int(joints[0])
                 column = self.layout.column_of(name if self.layout.signal(name) else "tau_J", j)
                 problem = f"{signal[k, j]:.3g} is beyond any robot"
                 remedy = "correct or remove the row; a short gap is bridged"
                 raise InputError(self.path, f"{place_of(chunk, k)}, {column}", problem, remedy)
-        wrong = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
-        if wrong.any():
-            k = int(np.argmax(wrong))
+        is_absurd = np.abs(chunk.t) > _BEYOND_ANY_CLOCK
+        if is_absurd.any():
+            k = int(np.argmax(is_absurd))
             place = f"{place_of(chunk, k)}, {self.layout.column_of('t')}"
             problem = f"{chunk.t[k]:.3g} s is beyond any clock"
             raise InputError(self.path, place, problem, "correct or remove the row")
 
     def _checks(self) -> RecordingChecks | None:
+        """New checks for one pass; None where none are wanted or possible."""
         if self._robot is None or not self._check or not self.num_joints:
             return None
         return RecordingChecks(self._robot, self.layout, self._accept_signs)
 
     def _recording(self, values: Array, rows: NDArray[np.int64], used: list[int]) -> Recording:
+        """The recording in SI units of (N, k) values of the used columns."""
         position = {column: k for k, column in enumerate(used)}
         size = len(values)
-        found: dict[str, Array] = {}
+        signals: dict[str, Array] = {}
         for signal in self.layout.signals:
             columns = values[:, [position[c] for c in signal.columns]]
-            with np.errstate(over="ignore"):  # refused by its size
+            with np.errstate(over="ignore"):  # `_check_size` refuses what overflows
                 scaled = columns * signal.scale + signal.offset
             if signal.name == "t" and scaled.shape[1] > 1:
                 scaled = scaled[:, 0] + scaled[:, 1]  # seconds and nanoseconds
-            found[signal.name] = scaled.reshape(size, *signal.shape)
-        joints = np.zeros((size, self.num_joints))
-        tau_J = found.pop("tau_J", None)
-        current = found.pop("current", None)
+            signals[signal.name] = scaled.reshape(size, *signal.shape)
+        zeros = np.zeros((size, self.num_joints))
+        tau_J = signals.pop("tau_J", None)
+        current = signals.pop("current", None)
         if current is None and tau_J is not None and self._robot is not None:
             current = self._robot.motor_current(tau_J)
-        dropout = found.pop("dropout", None)
-        flags = np.asarray(np.isnan(values).any(axis=1))
-        if dropout is not None:
-            flags |= dropout[:, 0] != 0
+        logged_dropout = signals.pop("dropout", None)
+        dropout = np.asarray(np.isnan(values).any(axis=1))
+        if logged_dropout is not None:
+            dropout |= logged_dropout[:, 0] != 0
         return Recording(
-            t=found.pop("t"),
-            q=found.pop("q", joints),
-            v=found.pop("v", joints),
-            current=joints if current is None else current,
+            t=signals.pop("t"),
+            q=signals.pop("q", zeros),
+            v=signals.pop("v", zeros),
+            current=zeros if current is None else current,
             source=str(self.path),
             tau_J=tau_J,
-            dropout=flags,
-            extra=found,
+            dropout=dropout,
+            extra=signals,
             row=rows,
             row_word=self._table.row_word,
         )
 
-    def _fit_to_robot(self) -> None:
+    def _check_num_joints(self) -> None:
+        """Refuses a log whose number of joints is not the robot's."""
         robot, size = self._robot, self.num_joints
         if robot is not None and size and size != robot.num_joints:
             problem = f"holds {size} joints, but {robot.name} has {robot.num_joints}"
             remedy = "give the robot that the log comes from, " + _DESCRIBE
             raise InputError(self.path, "columns", problem, remedy)
 
-    def _more(self, table: LogTable) -> tuple[Signal, ...]:
-        """The signals that no description names."""
-        return further_signals(
-            self._further, self._asked_by, self.path, table.names, table.num_columns
-        )
+    def _further_signals(self, table: LogTable) -> tuple[Signal, ...]:
+        """The signals that a caller needs besides those of the description."""
+        header = LogHeader(self.path, table.names, table.num_columns)
+        return further_signals(self._further, self._requested_by, header)
 
-    def _opened(self, description: str | Path | None) -> tuple[RecordingFormat, str, LogTable]:
+    def _open(self, description: str | Path | None) -> _OpenedLog:
+        """Opens the log; its columns are described by a file, or recognised."""
         path = self.path
         container = container_of(path)
-        _check_there(path)
+        _check_exists(path)
         about_to_read(path)
         if description is not None:
             form, form_path = load_format(description)
-            return form, str(form_path), (container or TEXT).open(path, form)
+            return _OpenedLog(form, str(form_path), (container or TEXT).open(path, form))
         if container is DATA_SETS:
             episode = DATA_SETS.open(path, None)
-            form = self._laid_out(episode.layout(self._robot, self._words.angle))
-            return form, str(path), episode
+            form = self._adopt(episode.layout(self._robot, self._words.angle))
+            return _OpenedLog(form, str(path), episode)
         if container is None:
             problem = (
                 f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
             )
             raise InputError(path, "", problem, "export the log as CSV, " + _DESCRIBE)
+        return self._open_undescribed(container)
+
+    def _open_undescribed(self, container: LogContainer) -> _OpenedLog:
+        """Recognises the columns: by a bundled description, a known program's names, or t,q1.."""
+        path = self.path
         table = container.open(path, None)
-        known = self._known_format(table)
-        if known is not None:
-            return (*known, table)
-        layout: KnownLayout | None = None
-        if table.names is not None and not _has_drives(table.names):
-            layout = external_torque_layout(table.names, path)
-        if layout is None and table.names and "q1" not in _in_lower_case(table.names):
-            joint_names = self._robot.joint_names if self._robot is not None else None
-            layout = known_layout(table.names, table.num_columns, path, joint_names)
-            layout = layout or array_layout(table.names)
+        bundled = self._bundled_format(table)
+        if bundled is not None:
+            return bundled
+        layout = self._recognised_layout(table)
         if layout is not None:
-            form = self._in_asked_angle(self._laid_out(layout))
-            return form, str(path), table if form.header else container.open(path, form)
+            form = self._in_requested_angle(self._adopt(layout))
+            return _OpenedLog(form, str(path), table if form.header else container.open(path, form))
         if table.names is None:
             problem = f"holds {table.num_columns} numbers and no names"
             remedy = "add a first line t,q1,..,qn,v1,..,vn,i1,..,in, " + _DESCRIBE
@@ -433,28 +462,47 @@ class RecordingReader:
         if "" in table.names:
             self._notices.append("a column without a name is left out")
         num_joints = self._robot.num_joints if self._robot is not None else None
-        # Those are not unknown, however the log calls them; a wrong one is reported first.
-        mine = {table.names[column] for signal in self._more(table) for column in signal.columns}
-        names = _in_lower_case([name for name in table.names if name not in mine])
-        form = self._in_asked_angle(header_format(names, path, num_joints))
-        return form, str(path), table
+        # Columns of further signals may have any name; a wrong one is reported first.
+        further_names = {
+            table.names[column]
+            for signal in self._further_signals(table)
+            for column in signal.columns
+        }
+        names = _in_lower_case([name for name in table.names if name not in further_names])
+        form = self._in_requested_angle(header_format(names, path, num_joints))
+        return _OpenedLog(form, str(path), table)
 
-    def _in_asked_angle(self, form: RecordingFormat) -> RecordingFormat:
-        """In degrees where `--log-format` says so; a program's own unit stays."""
+    def _recognised_layout(self, table: LogTable) -> KnownLayout | None:
+        """The layout of a log that another program wrote; None where none is recognised."""
+        layout: KnownLayout | None = None
+        if table.names is not None and not _has_drives(table.names):
+            layout = external_torque_layout(table.names, self.path)
+        if layout is None and table.names and "q1" not in _in_lower_case(table.names):
+            joint_names = self._robot.joint_names if self._robot is not None else None
+            layout = known_layout(table.names, table.num_columns, self.path, joint_names)
+            layout = layout or array_layout(table.names)
+        return layout
+
+    def _in_requested_angle(self, form: RecordingFormat) -> RecordingFormat:
+        """In degrees where `--log-format` says so; a unit that the layout states stays."""
         position = form.position
         if self._words.angle != "deg" or position is None or position.unit:
             return form
-        self._notices.append("positions and velocities read in degrees, as asked for")
+        self._notices.append("positions and velocities are read in degrees, as --log-format says")
         position = replace(position, unit="deg")
         velocity = form.velocity and replace(form.velocity, unit="deg/s")
         return replace(form, position=position, velocity=velocity)
 
-    def _laid_out(self, layout: KnownLayout) -> RecordingFormat:
+    def _adopt(self, layout: KnownLayout) -> RecordingFormat:
+        """The description of a recognised layout, whose notices become the reader's."""
         self._notices += layout.notices
-        self._effort = layout.effort
+        if layout.torque_substitute:
+            self._notices.append(layout.torque_substitute)
+        self._torque_substitute = layout.torque_substitute
+        self._torque_is_effort = layout.torque_is_effort
         return layout.form
 
-    def _known_format(self, table: LogTable) -> tuple[RecordingFormat, str] | None:
+    def _bundled_format(self, table: LogTable) -> _OpenedLog | None:
         """The bundled description that fits a log: by its name, or by the names of its columns."""
         if table.names is not None and "t" in (name.lower() for name in table.names):
             return None
@@ -471,7 +519,7 @@ class RecordingReader:
             if rows:
                 notice += f", rows {rows[0]} to {rows[1]}"
             self._notices.append(notice)
-            return form, str(form_path)
+            return _OpenedLog(form, str(form_path), table)
         return None
 
 
@@ -482,19 +530,20 @@ def _has_drives(names: Sequence[str]) -> bool:
 
 def _in_lower_case(names: Sequence[str]) -> tuple[str, ...]:
     """Names of columns in which T, Q1 and the like are in lower case."""
-    own = re.compile(r"t|dropout|(q|v|i|tau)\d+", re.IGNORECASE)
-    return tuple(name.lower() if own.fullmatch(name) else name for name in names)
+    standard_name = re.compile(r"t|dropout|(q|v|i|tau)\d+", re.IGNORECASE)
+    return tuple(name.lower() if standard_name.fullmatch(name) else name for name in names)
 
 
 def _has_columns(form: RecordingFormat, names: Sequence[str]) -> bool:
     try:
-        resolve_layout(form, "", Path(), names, len(names))
+        resolve_layout(form, "", LogHeader(Path(), names, len(names)))
     except InputError:
         return False
     return True
 
 
-def _file_of(description: Path) -> Path:
+def _described_log(description: Path) -> Path:
+    """The log that a description names."""
     form, _ = load_format(description)
     if not form.file:
         problem = 'names no "file"'
@@ -503,7 +552,8 @@ def _file_of(description: Path) -> Path:
     return description.parent / form.file
 
 
-def _check_there(path: Path) -> None:
+def _check_exists(path: Path) -> None:
+    """Refuses a path that is neither a file, a bag nor a data set."""
     if root_of(path) is not None:
         return
     if path.is_dir() and not is_bag(path):
@@ -512,32 +562,34 @@ def _check_there(path: Path) -> None:
         return
     remedy = "check the path"
     if path.parent.is_dir():
-        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
-        remedy = f'did you mean "{near[0]}"?' if near else remedy
+        siblings = [entry.name for entry in path.parent.iterdir()]
+        similar = difflib.get_close_matches(path.name, siblings, n=1)
+        remedy = f'did you mean "{similar[0]}"?' if similar else remedy
     raise InputError(path, "", "no such file", remedy)
 
 
 @lru_cache(maxsize=4)
-def _some_episodes(data_set: DataSet, robot: Robot, words: LogWords) -> tuple[Recording, ...]:
-    """Motion of some episodes of a data set, evenly spread, their effort as torque."""
-    every = -(-len(data_set.episodes) // _EFFORT_EPISODES)
-    asked = ",".join([IN_NEWTON_METRES, *words.angle_words()])
-    found = []
-    for episode in data_set.episodes[::every]:
+def _sample_episodes(data_set: DataSet, robot: Robot, words: LogWords) -> tuple[Recording, ...]:
+    """The first chunks of evenly spread episodes of a data set, their effort as torque."""
+    stride = -(-len(data_set.episodes) // _EFFORT_EPISODES)
+    log_format = ",".join([IN_NEWTON_METRES, *words.angle_words()])
+    chunks: list[Recording] = []
+    for episode in data_set.episodes[::stride]:
         path = data_set.root / f"episode_{episode.index:06d}"
-        reader = RecordingReader(path, asked, robot, check=False)
-        found += list(islice(reader.chunks(), 1))
-    return tuple(found)
+        reader = RecordingReader(path, log_format, robot, check=False)
+        chunks += islice(reader.chunks(), 1)
+    return tuple(chunks)
 
 
 def _without_gaps(chunk: Recording) -> Recording:
-    """The samples that have a number everywhere."""
+    """The samples that lack no number."""
     return replace(chunk, extra={})[~chunk.dropout]
 
 
 def _check_time(chunk: Recording, last: Recording | None) -> None:
+    """Refuses time that does not increase, from the last sample of the chunk before on."""
     if last is not None and chunk.num_samples and chunk.t[0] <= last.t[0]:
         raise time_error(concatenated([last, chunk]), 1)
-    wrong = np.flatnonzero(np.diff(chunk.t) <= 0)
-    if len(wrong):
-        raise time_error(chunk, int(wrong[0]) + 1)
+    backward_steps = np.flatnonzero(np.diff(chunk.t) <= 0)
+    if len(backward_steps):
+        raise time_error(chunk, int(backward_steps[0]) + 1)

@@ -1,4 +1,4 @@
-"""Recordings written as logs that read back bit for bit."""
+"""Writes recordings as logs that read back bit for bit."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from wrenchsight.models.recordings.recording import Recording
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
-    """Writes t,q1..qn,v1..vn,i1..in and what else there is, whole or not at all.
+    """Writes the columns t,q1..qn,v1..vn,i1..in and all further signals, whole or not at all.
 
     Motor torque becomes tau1..taun, a signal of `extra` name.1..name.k (its shape is lost),
     bridged samples a column dropout. Numbers have full precision; `read_recording` reads them
@@ -16,7 +16,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
     Args:
         recording: of any robot.
-        path: of the log; its ending says what kind of file (`log_containers`).
+        path: of the log; its ending decides the kind of file (`log_containers`).
 
     Raises:
         InputError: no kind of log has this ending, or the file cannot be written.

@@ -4,8 +4,8 @@ The rule is causal, so that chunks of any size give the samples of one pass, bit
 
 - The step h is the median step of the first 65,536 samples, unless it is given.
 - As long as every step of the log is within 1 % of h, its samples are taken as they are.
-- From the first other step on, the signals are interpolated linearly on the grid t_0 + k h, where
-  t_0 is the last sample that was taken as it is.
+- From the first other step on, the signals are interpolated linearly on the grid t_0 + k h. t_0 is
+  the time of the last sample that was taken as it is.
 - A step longer than 1.75 h means that samples are missing. Grid points inside it are bridged by
   the same interpolation and flagged in `dropout`. A gap longer than `max_gap` is an error.
 """
@@ -22,13 +22,13 @@ from wrenchsight.models.recordings.recording import Recording, concatenated, pla
 
 UNIFORM_TOLERANCE = 0.01  # of the step
 DROPOUT_STEPS = 1.75  # a longer step misses a sample; jitter stays below in logs of real robots
-ROUNDING = 1e-3  # of the step; UNIX time in a double has a grain of 0.24 us
+ROUNDING = 1e-3  # of the step; UNIX time in a double is a multiple of 0.24 us
 MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
 MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
-STEP_SAMPLES = 1 << 16  # whose median step counts
+STEP_SAMPLES = 1 << 16  # at the beginning of a log, whose median step is the log's
 _COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
-_PLAUSIBLE_STEP = (1e-5, 0.25)  # s; an estimator of motor currents has no use for others
-_GIVEN_STEP = (1e-5, 1.0)  # s, least and most that may be asked for
+_PLAUSIBLE_STEP = (1e-5, 0.25)  # s, least and most of a log of motor currents
+_REQUESTED_STEP = (1e-5, 1.0)  # s, least and most that may be requested
 LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
 _MOST_POINTS = 1 << 20  # grid points of one chunk; with more the step is far too small
 
@@ -38,7 +38,7 @@ def resample_chunks(
 ) -> Iterator[Recording]:
     """Puts a recording that comes in chunks on a uniform grid by the rule above.
 
-    There is no filter: a step longer than the log's folds faster content into the result.
+    There is no filter: a step longer than the log's aliases faster content into the result.
 
     Args:
         chunks: successive parts of one recording.
@@ -50,7 +50,7 @@ def resample_chunks(
         InputError: time stands still or runs backwards, a gap is too long, or the step is no
             plausible one (wrong unit of time).
     """
-    least, most = _GIVEN_STEP
+    least, most = _REQUESTED_STEP
     if time_step is not None and not least <= time_step <= most:
         problem = f"{time_step:g} s, expected {least:g} to {most:g} s"
         raise InputError("time step", "", problem, "give a step in seconds, such as 0.001")
@@ -58,7 +58,7 @@ def resample_chunks(
         problem = f"{max_gap:g} s, expected 0 to {LONGEST_BRIDGE:g} s"
         raise InputError("max gap", "", problem, "split the log at a longer gap")
     grid: _Grid | None = None
-    for chunk in _with_long_first(iter(chunks)):
+    for chunk in _with_long_first_chunk(iter(chunks)):
         if grid is None:
             step = time_step or plausible_step(chunk)
             grid = _Grid(step, max_gap if max_gap is not None else default_max_gap(step))
@@ -74,19 +74,19 @@ def resampled(
 
 
 def default_max_gap(time_step: float) -> float:
-    """Longest gap that is bridged unless another one is given, s."""
+    """Longest gap that is bridged by default, s."""
     return max(MAX_GAP_S, MAX_GAP_STEPS * time_step * (1 + UNIFORM_TOLERANCE))
 
 
-def _with_long_first(chunks: Iterator[Recording]) -> Iterator[Recording]:
-    """The same samples, the first chunk long enough to find the step in."""
-    first: list[Recording] = []
+def _with_long_first_chunk(chunks: Iterator[Recording]) -> Iterator[Recording]:
+    """The same samples, the first chunk long enough for the median step."""
+    parts: list[Recording] = []
     for chunk in chunks:
-        first.append(chunk)
-        if sum(part.num_samples for part in first) >= STEP_SAMPLES:
+        parts.append(chunk)
+        if sum(part.num_samples for part in parts) >= STEP_SAMPLES:
             break
-    if first:
-        yield concatenated(first)
+    if parts:
+        yield concatenated(parts)
     yield from chunks
 
 
@@ -101,30 +101,31 @@ def plausible_step(chunk: Recording) -> float:
     median = np.median(np.diff(chunk.t[:STEP_SAMPLES]))
     step = float(f"{median:.9g}")  # 0.01 rather than 0.00999999999990905
     shortest, longest = _PLAUSIBLE_STEP
-    if shortest <= step <= longest or step <= 0:  # time that runs backwards gets its own line
+    if shortest <= step <= longest or step <= 0:  # `time_error` reports time that runs backwards
         return step
     units = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
-    fitting = [name for name, factor in units if shortest <= step * factor <= longest]
+    plausible_units = [name for name, factor in units if shortest <= step * factor <= longest]
     remedy = "check the unit of time"
-    if fitting:
-        unit = fitting[0]
+    if plausible_units:
+        unit = plausible_units[0]
         remedy = f"it looks like {unit}: set time: {{unit: {unit}}} in a description (--log-format)"
     problem = f"the median step is {step:.6g} s, expected {shortest} to {longest} s"
     raise InputError(chunk.source, "column t", problem, remedy)
 
 
 class _Grid:
-    """Resamples successive chunks; carries the last sample and the grid over their borders."""
+    """Resamples successive chunks; keeps the last sample and the grid from chunk to chunk."""
 
     def __init__(self, step: float, max_gap: float) -> None:
         self._step = step
         self._max_gap = max_gap
         self._last: Recording | None = None  # one sample
-        self._is_uniform = True
-        self._origin = 0.0  # of the grid, once the log is not uniform
-        self._next = 1  # grid point
+        self._is_uniform = True  # the log so far
+        self._origin = 0.0  # s, of the grid, once the log is not uniform
+        self._next_point = 1  # number of the next grid point
 
     def resampled(self, chunk: Recording) -> Recording:
+        """The samples of the next chunk on the grid."""
         is_first = self._last is None
         part = chunk if self._last is None else concatenated([self._last, chunk])
         self._last = part[-1:]
@@ -132,21 +133,22 @@ class _Grid:
         self._check_steps(part, steps)
         if not self._is_uniform:
             return self._interpolated(part, steps)
-        begin = 0 if is_first else 1  # the carried sample has been given out already
+        begin = 0 if is_first else 1  # the last sample of the chunk before was returned with it
         irregular = np.flatnonzero(np.abs(steps - self._step) > UNIFORM_TOLERANCE * self._step)
         if not len(irregular):
             return part[begin:]
         last_regular = int(irregular[0])
         self._is_uniform = False
         self._origin = float(part.t[last_regular])
-        rest = self._interpolated(part[last_regular:], steps[last_regular:])
-        return concatenated([part[begin : last_regular + 1], rest])
+        interpolated = self._interpolated(part[last_regular:], steps[last_regular:])
+        return concatenated([part[begin : last_regular + 1], interpolated])
 
     def _check_steps(self, part: Recording, steps: Array) -> None:
-        wrong = np.flatnonzero(~((steps > 0) & (steps <= self._max_gap)))
-        if not len(wrong):
+        """Refuses time that does not increase, and gaps that are too long."""
+        refused = np.flatnonzero(~((steps > 0) & (steps <= self._max_gap)))
+        if not len(refused):
             return
-        k = int(wrong[0])
+        k = int(refused[0])
         if steps[k] <= 0:
             raise time_error(part, k + 1)
         problem = f"a gap of {steps[k]:.4g} s, expected at most {self._max_gap:.4g} s"
@@ -158,17 +160,18 @@ class _Grid:
         )
 
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
-        """Grid points in (t[0], t[-1]] of the part, both ends moved later by the rounding error."""
+        """The grid points in (t[0], t[-1]] of the part, both ends later by the rounding error."""
         h = self._step
         ends = part.t + ROUNDING * h
-        last = int(np.floor((ends[-1] - self._origin) / h)) + 1
-        if last - self._next > _MOST_POINTS:
-            problem = f"a step of {h:g} s makes {last - self._next} samples of {part.num_samples}"
-            raise InputError(part.source, "", problem, "give a time step nearer to the log's own")
-        t = self._origin + h * np.arange(self._next, last + 1)
+        last_point = int(np.floor((ends[-1] - self._origin) / h)) + 1
+        num_points = last_point - self._next_point
+        if num_points > _MOST_POINTS:
+            problem = f"a step of {h:g} s makes {num_points} samples of {part.num_samples}"
+            raise InputError(part.source, "", problem, "give a time step nearer to the log's")
+        t = self._origin + h * np.arange(self._next_point, last_point + 1)
         t = t[t <= ends[-1]]
-        self._next += len(t)
-        left = np.searchsorted(ends, t, side="left") - 1  # ends[left] < grid point <= the next
+        self._next_point += len(t)
+        left = np.searchsorted(ends, t, side="left") - 1  # ends[left] < t <= ends[left + 1]
         weight = (t - part.t[left]) / steps[left]
         offset = np.minimum(t - part.t[left], part.t[left + 1] - t)
         is_bridged = (steps[left] > DROPOUT_STEPS * h) & (offset > UNIFORM_TOLERANCE * h)
@@ -187,25 +190,26 @@ class _Grid:
 
 
 def _between(signal: Array, left: NDArray[np.int64], weight: Array) -> Array:
-    """At the right sample itself, what the left one lacks (NaN) does not count."""
+    """Interpolates a signal between samples `left` and `left + 1`.
+
+    With weight 1 the value is that of the right sample, even if the left one is NaN.
+    """
     weight = weight.reshape(-1, *[1] * (signal.ndim - 1))
     right = signal[left + 1]
     return np.where(weight < 1.0, signal[left] + weight * (right - signal[left]), right)
 
 
 def time_error(recording: Recording, sample: int) -> InputError:
-    """The error for a sample whose time is not after that of the one before."""
-    before, now = recording.t[sample - 1], recording.t[sample]
-    found = "repeats" if now == before else "runs backwards from"
+    """The error for a sample whose time is not later than that of the sample before it."""
+    previous, current = recording.t[sample - 1], recording.t[sample]
+    problem = f"time repeats {previous:.9g} s, expected to increase"
+    if current != previous:
+        problem = (
+            f"time runs backwards from {previous:.9g} s to {current:.9g} s, expected to increase"
+        )
     remedy = "remove the repeated rows, or split the log there"
     is_long = recording.num_samples > 2 / _COARSE_CLOCK
     if is_long and np.mean(np.diff(recording.t) == 0) > _COARSE_CLOCK:
         remedy = "t has too few digits: log it with more"
-    return InputError(
-        recording.source,
-        f"{place_of(recording, sample)}, column t",
-        f"time {found} {before:.9g} s"
-        + ("" if now == before else f" to {now:.9g} s")
-        + ", expected to increase",
-        remedy,
-    )
+    place = f"{place_of(recording, sample)}, column t"
+    return InputError(recording.source, place, problem, remedy)

@@ -1,4 +1,4 @@
-"""What every log's table checks of the rows and values that are wanted of it."""
+"""Checks that every log's table makes: the selected rows exist, and their values are numbers."""
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -11,21 +11,21 @@ from wrenchsight.models.recordings.log_container import LogTable, RowNumbers
 
 
 def rows_within(
-    path: Path, rows: tuple[int, int] | None, count: int, counted: str
+    path: Path, rows: tuple[int, int] | None, count: int, row_words: str
 ) -> tuple[int, int]:
-    """First and last row that are wanted, counted from 1.
+    """First and last selected row, counted from 1.
 
     Args:
-        rows: as stated; None for all.
-        count: of the file.
-        counted: what it has `count` of, such as "rows".
+        rows: first and last row that the description selects; None for all.
+        count: number of rows of the file.
+        row_words: name of the rows in error lines, such as "rows".
 
     Raises:
         InputError: the last row is beyond the file's.
     """
     first, last = rows or (1, count)
     if last > count:
-        problem = f"has {count} {counted}, but rows {first} to {last} are wanted"
+        problem = f"has {count} {row_words}, but the description selects rows {first} to {last}"
         raise InputError(path, "", problem, "correct the rows in the description")
     return first, last
 
@@ -38,21 +38,21 @@ def refuse_missing(
     columns: Sequence[int],
     may_be_empty: Collection[int],
 ) -> None:
-    """Refuses values that are no finite numbers, but for NaN where a value may be missing.
+    """Refuses values that are no finite numbers, except NaN where a value may be missing.
 
     Args:
         values: (N, k), of these rows (N,) and columns (k,) of the table.
 
     Raises:
-        InputError: it names the first such value, row by row.
+        InputError: names the first such value, row by row.
     """
-    optional = np.array([column in may_be_empty for column in columns])
-    wrong = ~(np.isfinite(values) | (np.isnan(values) & optional))
-    if wrong.any():
+    is_optional = np.array([column in may_be_empty for column in columns])
+    is_wrong = ~(np.isfinite(values) | (np.isnan(values) & is_optional))
+    if is_wrong.any():
         assert table.names is not None
-        i, k = (int(places[0]) for places in np.nonzero(wrong))
+        wrong_rows, wrong_columns = np.nonzero(is_wrong)
+        name = table.names[columns[int(wrong_columns[0])]]
+        place = f"{table.row_word} {rows[int(wrong_rows[0])]}, column {name}"
         problem = "is empty or not finite, expected a number"
         remedy = "correct or remove the row; a short gap is bridged"
-        raise InputError(
-            path, f"{table.row_word} {rows[i]}, column {table.names[columns[k]]}", problem, remedy
-        )
+        raise InputError(path, place, problem, remedy)

@@ -4,7 +4,7 @@ import csv
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -24,9 +24,9 @@ _LONGEST_LINE = 1 << 17  # more than any number of joints needs
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Unambiguous, so that it does not backtrack: a cell may have a hundred thousand digits.
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_NO_NUMBERS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
+_NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
-_KINDS_OF_BINARY = (
+_BINARY_KINDS = (  # first bytes, kind of file, remedy
     (b"PAR1", "a Parquet file", "name it .parquet"),
     (b"\x1f\x8b", "compressed by gzip", "unpack it"),
     (b"PK\x03\x04", "a zip archive or a spreadsheet", "unpack it, or export it as CSV"),
@@ -40,13 +40,20 @@ _KINDS_OF_BINARY = (
 )
 
 
+class _Fault(NamedTuple):
+    """What is wrong with a line or a cell, and what to do."""
+
+    problem: str
+    remedy: str
+
+
 class TextContainer:
     """Logs in text files; implements `log_container.LogContainer`."""
 
     suffixes: tuple[str, ...] = (".csv",)
 
     def open(self, path: Path, form: RecordingFormat | None) -> "TextTable":
-        """As the protocol; without a description, separator, decimal mark and header are found."""
+        """As the protocol; without a description, the file's first lines show how it is written."""
         if form is not None:
             return TextTable(path, form.separator, form.decimal_mark, form.skip_lines, form.header)
         table = TextTable(path)
@@ -74,11 +81,11 @@ class TextTable:
 
     Args:
         path: the file; UTF-8, with or without a byte order mark, any line ends.
-        separator: one character; None: found from the first line, which must then hold names.
-        decimal_mark: "." or ","; None: found from the first line of numbers.
+        separator: one character; None: taken from the first line.
+        decimal_mark: "." or ","; None: taken from the first line of numbers.
         skip_lines: lines before the header or the first row.
-        header: whether the first line after these names the columns; None: it does if it holds a
-            cell that is no number.
+        header: whether the first line after these names the columns; None: it does if one of its
+            cells is no number.
 
     Raises:
         InputError: no such file, a directory, a binary file, no line of numbers.
@@ -102,22 +109,22 @@ class TextTable:
             self._begin = _after_byte_order_mark(file)
             for _ in range(skip_lines):
                 self._line(file)
-            first = self._line(file).lstrip("#").strip()  # numpy.savetxt puts "# " before its names
-            while not first and header is not False and file.tell() < path.stat().st_size:
+            top_line = self._line(file).lstrip("#").strip()  # numpy.savetxt writes "# " and names
+            while not top_line and header is not False and file.tell() < path.stat().st_size:
                 skip_lines += 1
-                first = self._line(file).lstrip("#").strip()
-            if not first:
+                top_line = self._line(file).lstrip("#").strip()
+            if not top_line:
                 raise InputError(path, "", "is empty", "record the log again")
-            self.separator = separator or _separator_of(first)
-            cells = self._cells(first)
+            self.separator = separator or _separator_of(top_line)
+            cells = self._cells(top_line)
             if header is None:
                 header = not all(_is_number(cell.replace(",", ".")) for cell in cells)
             self.names: tuple[str, ...] | None = tuple(cells) if header else None
             self._num_head_lines = skip_lines + (1 if header else 0)
-            second = self._line(file).strip() if header else first
+            line_of_numbers = self._line(file).strip() if header else top_line
         self.num_columns = len(cells)
-        self._head = first
-        self.decimal_mark = decimal_mark or self._found_decimal_mark(second)
+        self._top_line = top_line
+        self.decimal_mark = decimal_mark or self._decimal_mark_of(line_of_numbers)
         if header and all(_is_number(cell, self.decimal_mark) for cell in cells):
             problem = "holds numbers where the names of the columns are expected"
             remedy = "set header: false in the description, or add a first line t,q1,..."
@@ -136,7 +143,9 @@ class TextTable:
         """
         first_line, last_line = self._num_head_lines + 1, np.iinfo(np.int64).max
         if rows is not None:
-            first_line, last_line = self._num_head_lines + rows[0], self._num_head_lines + rows[1]
+            first_row, last_row = rows
+            first_line = self._num_head_lines + first_row
+            last_line = self._num_head_lines + last_row
         end = 0
         for block, line in self._raw_blocks():
             num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
@@ -155,8 +164,8 @@ class TextTable:
                 yield values, lines
         if rows is not None and end < last_line:
             problem = (
-                f"ends at row {end - self._num_head_lines}, but rows {rows[0]} to {rows[1]} are "
-                "wanted"
+                f"ends at row {end - self._num_head_lines}, but the description selects rows "
+                f"{first_row} to {last_row}"
             )
             raise InputError(self.path, "", problem, "correct the rows in the description")
 
@@ -167,42 +176,46 @@ class TextTable:
             file.seek(self._begin)
             for _ in range(self._num_head_lines):
                 file.readline()
-            rest = b""
+            incomplete_line = b""
             size = max(1, self.path.stat().st_size)
             while data := file.read(BLOCK_BYTES):
                 self.progress = min(1.0, file.tell() / size)
                 cut = data.rfind(b"\n") + 1
                 if not cut:
-                    rest += data
-                    if len(rest) > _LONGEST_LINE:
+                    incomplete_line += data
+                    if len(incomplete_line) > _LONGEST_LINE:
                         raise self._endless(f"line {line}")
                     continue
-                block, rest = rest + data[:cut], data[cut:]
+                block = incomplete_line + data[:cut]
+                incomplete_line = data[cut:]
                 yield block, line
                 line += block.count(b"\n")
-            if rest.strip():
-                rest = self._without_truncated_end(rest, line)
-                if rest:
-                    yield rest, line
+            if incomplete_line.strip() and not self._is_truncated(incomplete_line, line):
+                yield incomplete_line, line
 
-    def _without_truncated_end(self, rest: bytes, line: int) -> bytes:
-        """Drops a last line that was cut off while it was written: a crash, a full disk."""
-        cells = self._cells(rest.decode("utf-8", "replace"))
+    def _is_truncated(self, last_line: bytes, line: int) -> bool:
+        """Whether a last line was cut off while it was written: a crash, a full disk."""
+        cells = self._cells(last_line.decode("utf-8", "replace"))
         if len(cells) >= self.num_columns or line == self._num_head_lines + 1:
-            return rest
+            return False
         self.notices.append(
-            f"line {line}, the last one, is cut off after {len(cells)} of {self.num_columns} "
-            "columns: left out"
+            f"line {line}, the last one, is left out: it is cut off after {len(cells)} of "
+            f"{self.num_columns} columns"
         )
-        return b""
+        return True
 
     def _parsed(
         self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
     ) -> tuple[Array, Lines]:
+        """The numbers (N, k) of a block whose first line has the number `line`, and their lines.
+
+        Raises:
+            InputError: a line or a cell is wrong.
+        """
         names = [str(k) for k in range(self.num_columns)]
         used = [str(k) for k in columns]
         if block.count(b"\r") > block.count(b"\r\n") + block.endswith(b"\r"):
-            self._find_fault(block, line, columns, may_be_empty)  # none: they are within quotes
+            self._refuse_fault(block, line, columns, may_be_empty)  # unless they are within quotes
         try:
             try:
                 table = self._table(block, names, used)
@@ -213,23 +226,28 @@ class TextTable:
                 block = without_blanks
                 table = self._table(block, names, used)
         except pa.ArrowInvalid as error:
-            self._find_fault(block, line, columns, may_be_empty)
+            self._refuse_fault(block, line, columns, may_be_empty)
             raise InputError(
                 self.path, f"line {line} or below", f"cannot be read: {error}", "correct it"
             ) from error
         values = np.empty((table.num_rows, len(columns)))
         for k in range(len(columns)):
             values[:, k] = table.column(k).to_numpy()  # an empty cell becomes NaN
-        optional = np.array([column in may_be_empty for column in columns])
-        if not (np.isfinite(values) | (np.isnan(values) & optional)).all():
-            self._find_fault(block, line, columns, may_be_empty)
+        is_optional = np.array([column in may_be_empty for column in columns])
+        if not (np.isfinite(values) | (np.isnan(values) & is_optional)).all():
+            self._refuse_fault(block, line, columns, may_be_empty)
         num_lines = block.count(b"\n") + (not block.endswith(b"\n"))
         if table.num_rows == num_lines:
             return values, np.arange(line, line + num_lines)
-        filled = [k for k, text in enumerate(block.split(b"\n")) if text.strip()]
-        return values, line + np.array(filled, dtype=np.int64)
+        not_blank = [k for k, text in enumerate(block.split(b"\n")) if text.strip()]
+        return values, line + np.array(not_blank, dtype=np.int64)
 
     def _table(self, block: bytes, names: list[str], used: list[str]) -> pa.Table:
+        """The used columns of a block.
+
+        Raises:
+            pa.ArrowInvalid: a line or a cell is wrong.
+        """
         if not block.strip():
             return pa.table({name: np.empty(0) for name in used})
         return pa_csv.read_csv(
@@ -240,15 +258,15 @@ class TextTable:
             convert_options=pa_csv.ConvertOptions(
                 column_types={name: pa.float64() for name in used},
                 include_columns=used,
-                null_values=["", *_NO_NUMBERS],
+                null_values=["", *_NAN_CELLS],
                 decimal_point=self.decimal_mark,
             ),
         )
 
-    def _find_fault(
+    def _refuse_fault(
         self, block: bytes, line: int, columns: list[int], may_be_empty: Collection[int]
     ) -> None:
-        """Raises an InputError for the first line of a block that is wrong."""
+        """Raises an InputError for the first line of a block that is wrong, if there is one."""
         for number, data in enumerate(block.split(b"\n"), start=line):
             if not data.strip(b" \t\r"):
                 continue
@@ -256,25 +274,26 @@ class TextTable:
             cells = self._cells(text)
             fault = self._fault_of_line(data, text, cells)
             if fault is not None:
-                raise InputError(self.path, f"line {number}", *fault)
+                raise InputError(self.path, f"line {number}", fault.problem, fault.remedy)
             for column in columns:
-                if column in may_be_empty and cells[column] in ("", *_NO_NUMBERS):
+                if column in may_be_empty and cells[column] in ("", *_NAN_CELLS):
                     continue
                 fault = self._fault_of_cell(cells[column], number)
                 if fault is not None:
                     name = f" ({self.names[column]})" if self.names and self.names[column] else ""
                     place = f"line {number}, column {column + 1}{name}"
-                    raise InputError(self.path, place, *fault)
+                    raise InputError(self.path, place, fault.problem, fault.remedy)
 
-    def _fault_of_line(self, data: bytes, text: str, cells: list[str]) -> tuple[str, str] | None:
-        """Problem and remedy; None: it has as many cells as it should."""
+    def _fault_of_line(self, data: bytes, text: str, cells: list[str]) -> _Fault | None:
+        """What is wrong with a line as a whole; None: it has as many cells as columns."""
         if b"\0" in data:
             problem = "holds zero bytes instead of text, as after a power failure"
-            return problem, "cut the file before this line"
+            return _Fault(problem, "cut the file before this line")
         if b"\r" in data.removesuffix(b"\r"):
-            return "holds a carriage return in the middle", "correct or remove the line"
-        if self.names and text.strip() == self._head:
-            return "repeats the header: two logs in one file", "split the file before this line"
+            return _Fault("holds a carriage return in the middle", "correct or remove the line")
+        if self.names and text.strip() == self._top_line:
+            problem = "repeats the header: two logs in one file"
+            return _Fault(problem, "split the file before this line")
         if len(cells) == self.num_columns:
             return None
         remedy = "correct or remove the line"
@@ -282,14 +301,14 @@ class TextTable:
             remedy += "; decimal commas need another separator, such as ;"
         if re.search(r"[^\d\s.,;+\-eE]", text):
             remedy += f' (it begins with "{text[:30]}")'
-        return f"has {len(cells)} columns, expected {self.num_columns}", remedy
+        return _Fault(f"has {len(cells)} columns, expected {self.num_columns}", remedy)
 
-    def _fault_of_cell(self, cell: str, line: int) -> tuple[str, str] | None:
-        """Problem and remedy; None: it is a finite number."""
+    def _fault_of_cell(self, cell: str, line: int) -> _Fault | None:
+        """What is wrong with a cell; None: it is a finite number."""
         if _is_number(cell, self.decimal_mark):
             if np.isfinite(float(cell.replace(self.decimal_mark, "."))):
                 return None
-            return f"{cell} is beyond any number", "correct or remove the line"
+            return _Fault(f"{cell} is too large a number", "correct or remove the line")
         if not cell:
             problem = "is empty, expected a number"
         elif re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", cell, re.IGNORECASE):
@@ -303,7 +322,7 @@ class TextTable:
             remedy = 'set decimal_mark: "," in the description'
         elif self.decimal_mark == "," and _is_number(cell, "."):
             remedy = "use one decimal mark in all lines"
-        return problem, remedy
+        return _Fault(problem, remedy)
 
     def _endless(self, place: str) -> InputError:
         remedy = "expected text with one sample a line"
@@ -316,15 +335,17 @@ class TextTable:
             cells = text.split(self.separator)
         return [cell.strip() for cell in cells]
 
-    def _found_decimal_mark(self, line: str) -> str:
+    def _decimal_mark_of(self, line: str) -> str:
+        """The decimal mark of a line of numbers."""
         if self.separator == "," or "," not in line:
             return "."
         if any(_is_number(cell, ",") and "," in cell for cell in self._cells(line)):
-            self.notices.append("read with decimal commas")
+            self.notices.append("numbers are read with decimal commas")
             return ","
         return "."
 
     def _line(self, file: BinaryIO) -> str:
+        """The next line of the head of a file, as text."""
         line = file.readline(_LONGEST_LINE)
         if len(line) == _LONGEST_LINE and b"\r" not in line:
             raise self._endless("the first line or the header")
@@ -348,7 +369,7 @@ def _is_number(text: str, decimal_mark: str = ".") -> bool:
 
 
 def _separator_of(line: str) -> str:
-    """The separator that most likely parts a line of names or numbers."""
+    """The most likely separator of a line of names or numbers."""
     for separator in (";", "\t", ","):
         if separator in line:
             return separator
@@ -356,10 +377,11 @@ def _separator_of(line: str) -> str:
 
 
 def _refuse_binary(path: Path, file: BinaryIO) -> None:
+    """Refuses a file that is no text, by its first bytes."""
     head = file.read(1 << 12)
     if not head:
         raise InputError(path, "", "is empty", "record the log again")
-    for magic, kind, remedy in _KINDS_OF_BINARY:
+    for magic, kind, remedy in _BINARY_KINDS:
         if head.startswith(magic):
             raise InputError(path, "", f"is {kind}, expected text (CSV)", remedy)
     if b"\0" in head.split(b"\n")[0]:
@@ -368,6 +390,7 @@ def _refuse_binary(path: Path, file: BinaryIO) -> None:
 
 
 def _after_byte_order_mark(file: BinaryIO) -> int:
+    """The position after a byte order mark, to which the file is moved; 0 where it has none."""
     begin = 3 if file.read(3) == b"\xef\xbb\xbf" else 0
     file.seek(begin)
     return begin

@@ -59,8 +59,14 @@ _SHOWN = {
 }
 _FULL_SCALE = 160.0  # N; impacts leave the picture
 _JUDGED_BY = (
-    *("bias_n", "sd_n", "rmse_n", "inside_95_pct", "correlation"),
-    *("share_valid_pct", "rmse_valid_n", "inside_95_valid_pct"),
+    "bias_n",
+    "sd_n",
+    "rmse_n",
+    "inside_95_pct",
+    "correlation",
+    "share_valid_pct",
+    "rmse_valid_n",
+    "inside_95_valid_pct",
 )
 _CHECK = "the data set's own check"  # K (i - i_target) of joints 2 and 3, over all 67 runs
 

@@ -69,7 +69,7 @@ def write_data_set(
     nothing = np.concatenate([np.zeros(6), sd, [0.0]])
     found: dict[int, np.ndarray[Any, Any]] = {}
     for episode, begin in zip(data_set.episodes, begins, strict=True):
-        frames = ParquetTable(episode.file, (episode.begin, episode.length))
+        frames = ParquetTable(episode.file, episode.rows)
         column = (frames.names or ()).index("timestamp")
         stamps = np.concatenate([values[:, 0] for values, _ in frames.blocks([column])]) + begin
         k = np.maximum(np.searchsorted(t, stamps + 0.25 * step, side="right") - 1, 0)

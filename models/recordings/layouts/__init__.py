@@ -1,1 +1,6 @@
-"""Layouts of logs that other programs write, known by the names of their columns."""
+"""Recognises the layout of a log by the names of its columns, without a description.
+
+In: names of columns, and the robot's joints. Out: a `RecordingFormat` with notices, or None.
+Tried in this order: `external_torque`, `header_layouts` (known programs), `array_layout`,
+`plain_header` (t,q1..).
+"""

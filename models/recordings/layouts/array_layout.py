@@ -1,4 +1,4 @@
-"""Logs of arrays with usual names: npz files of other tools, Parquet files with lists.
+"""Recognises logs of arrays with usual names: npz files of other tools, Parquet files with lists.
 
 `times` (T,), `positions` (T, n), `velocities` (T, n), `torques` (T, n) and the like. Their columns
 are numbered (`positions.1`..), as `npz_table` and `parquet_table` name them.
@@ -23,7 +23,7 @@ _ARRAYS = {
 
 
 def array_layout(names: Sequence[str]) -> KnownLayout | None:
-    """The description of a log of such arrays; None where time or positions are called otherwise.
+    """The description of a log of such arrays; None where time or positions have other names.
 
     Args:
         names: of the columns.
@@ -39,15 +39,15 @@ def array_layout(names: Sequence[str]) -> KnownLayout | None:
     if time is None:
         return None
     form = RecordingFormat(time=by_number([time]))
-    said = [f"{names[time]} as time"]
+    assignments = [f"{names[time]} as time"]
     for key, words in _ARRAYS.items():
         word = next((word for word in words if word in arrays), None)
         if word is not None:
             setattr(form, key, by_number(arrays.pop(word)))
-            said.append(f"{word} as {key.replace('_', ' ')}")
+            assignments.append(f"{word} as {key.replace('_', ' ')}")
     if form.position is None:
         return None
     form.extra = {name: by_number(columns) for name, columns in arrays.items()}
-    effort = form.motor_torque is not None and any("effort" in text for text in said)
-    notices = (f"arrays read by their names: {', '.join(said)}",)
-    return KnownLayout(form, notices, effort=effort)
+    is_effort = form.motor_torque is not None and any("effort" in text for text in assignments)
+    notices = (f"arrays read by their names: {', '.join(assignments)}",)
+    return KnownLayout(form, notices, torque_is_effort=is_effort)

@@ -1,4 +1,4 @@
-"""Layouts of logs that other programs write, known by their columns.
+"""Recognises logs that other programs write by the names of their columns.
 
 - Universal Robots RTDE records: timestamp, actual_q_0.., actual_qd_0.., actual_current_0..
 - one series per joint and quantity, as PlotJuggler exports sensor_msgs/JointState and as
@@ -14,56 +14,96 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns, by_number
 
 _WRENCH = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
 _TIMES = ("__time", "t", "time", "timestamp")
+_SECOND_WORDS = (  # of whole seconds and nanoseconds
+    ("sec", "nanosec"),
+    ("secs", "nsecs"),
+    ("seconds", "nanoseconds"),
+    ("s", "ns"),
+    ("sec", "nsec"),
+    ("secs", "nanosecs"),
+)
 _DESCRIBE = "or describe the columns with --log-format"
+
+_Topics = dict[str, dict[str, dict[str, int]]]
+"""Column numbers by topic, quantity and joint."""
+
+
+class _SeriesQuantity(NamedTuple):
+    """A quantity of a series, and the signal that it becomes."""
+
+    name: str  # in the columns' names
+    key: str  # of `RecordingFormat`
+    of_current_topic: bool  # whether the name of its topic contains "current"
+
+
+_SERIES_QUANTITIES = (
+    _SeriesQuantity("position", "position", of_current_topic=False),
+    _SeriesQuantity("velocity", "velocity", of_current_topic=False),
+    _SeriesQuantity("effort", "motor_torque", of_current_topic=False),
+    _SeriesQuantity("effort", "current", of_current_topic=True),
+)
+
+
+class _JointOrder(NamedTuple):
+    """The joints of the robot among those of a log."""
+
+    indices: list[int]  # among the log's joints, base to tool
+    notices: list[str]
 
 
 @dataclass(frozen=True)
 class KnownLayout:
-    """What a log was recognised as."""
+    """The description of a recognised log, and notices of what was assumed."""
 
     form: RecordingFormat
     notices: tuple[str, ...]
-    effort: bool = False  # whether its motor torque is called effort: N m, or A
+    torque_substitute: str = ""  # a notice of what is no torque although it may be taken for it
+    torque_is_effort: bool = False  # it calls its motor torque effort, which is N m or A
 
 
 def known_layout(
     names: Sequence[str], num_columns: int, path: Path, joint_names: Sequence[str] | None
 ) -> KnownLayout | None:
-    """The description of a log whose columns are those of a program that is known here.
+    """The description of a log whose columns are those of a known program.
 
     Args:
         names: of the columns; of a text log without a header the cells of its first row.
-        joint_names: of the robot, base to tool; None: the log's own, in its order.
+        num_columns: that the log has.
+        path: of the log, for error lines.
+        joint_names: of the robot, base to tool; None: those of the log, in its order.
 
     Returns:
         The layout; None where the columns are of no known program.
 
     Raises:
-        InputError: it is one, but a joint or its positions are missing, or two topics hold them.
+        InputError: the program is known, but a joint or its positions are missing, or two topics
+            hold them.
     """
-    found = _rtde(names)
-    found = found or _echo(names, num_columns, path, joint_names)
-    return found or _series(names, path, joint_names)
+    return (
+        _rtde(names)
+        or _echo(names, num_columns, path, joint_names)
+        or _series(names, path, joint_names)
+    )
 
 
 def time_columns(names: Sequence[str]) -> SignalColumns | None:
-    """Seconds and nanoseconds in two columns, whatever they are called; None: they are not there.
+    """The two columns of a time in seconds and nanoseconds; None where there are none.
 
-    Known: sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with anything before
-    them (header/stamp/sec, t_s).
+    Their names are sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any
+    prefix (header/stamp/sec, t_s).
     """
-    pairs = (("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanoseconds"), ("s", "ns"))
-    for whole, fine in (*pairs, ("sec", "nsec"), ("secs", "nanosecs")):
+    for seconds, nanoseconds in _SECOND_WORDS:
         for i, name in enumerate(names):
-            match = re.fullmatch(rf"(.*[._/]|){whole}", name)
-            if match and match[1] + fine in names:
-                return by_number([i, list(names).index(match[1] + fine)])
+            match = re.fullmatch(rf"(.*[._/]|){seconds}", name)
+            if match and match[1] + nanoseconds in names:
+                return by_number([i, list(names).index(match[1] + nanoseconds)])
     return None
 
 
@@ -75,10 +115,10 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
     form = RecordingFormat(time=by_number([list(names).index("timestamp")], unit="s"))
 
     def columns(prefix: str) -> SignalColumns | None:
-        wanted = [f"{prefix}_{j}" for j in range(size)]
-        if not all(name in names for name in wanted):
+        joint_columns = [f"{prefix}_{j}" for j in range(size)]
+        if not all(name in names for name in joint_columns):
             return None
-        return by_number([list(names).index(name) for name in wanted])
+        return by_number([list(names).index(name) for name in joint_columns])
 
     form.position, form.velocity = columns("actual_q"), columns("actual_qd")
     form.current = columns("actual_current")
@@ -95,25 +135,24 @@ def _echo(
     """A row of `ros2 topic echo --csv` of a JointState."""
     if len(names) < 5 or not (_is_whole(names[0]) and _is_whole(names[1])):
         return None
-    rest = list(names[3:])
-    size = next((k for k, cell in enumerate(rest) if _is_number(cell)), 0)
-    blocks = (len(rest) - size) // size if size else 0
-    if not 1 <= blocks <= 3 or size * (blocks + 1) != len(rest):
+    cells = list(names[3:])  # after the stamp and the frame
+    size = next((k for k, cell in enumerate(cells) if _is_number(cell)), 0)
+    num_quantities = (len(cells) - size) // size if size else 0
+    if not 1 <= num_quantities <= 3 or size * (num_quantities + 1) != len(cells):
         return None
-    joints = rest[:size]
-    order, notices = _order(joints, path, joint_names)
+    order = _joint_order(cells[:size], path, joint_names)
     form = RecordingFormat(header=False, time=by_number([0, 1]))
-    for k, key in enumerate(("position", "velocity", "motor_torque")[:blocks]):
-        setattr(form, key, by_number([3 + size * (k + 1) + j for j in order]))
-    first = f"read as `ros2 topic echo --csv` of a JointState of {size} joints"
-    return KnownLayout(form, (first, *notices), effort=blocks == 3)
+    for k, key in enumerate(("position", "velocity", "motor_torque")[:num_quantities]):
+        setattr(form, key, by_number([3 + size * (k + 1) + j for j in order.indices]))
+    notice = f"read as `ros2 topic echo --csv` of a JointState of {size} joints"
+    return KnownLayout(form, (notice, *order.notices), torque_is_effort=num_quantities == 3)
 
 
 def _series(
     names: Sequence[str], path: Path, joint_names: Sequence[str] | None
 ) -> KnownLayout | None:
-    """One series a joint and quantity."""
-    topics: dict[str, dict[str, dict[str, int]]] = {}  # topic, quantity, joint: column
+    """A log with one series for each joint and quantity."""
+    topics: _Topics = {}
     for column, name in enumerate(names):
         match = re.fullmatch(r"(?:(.*)/)?([^/]+)/(position|velocity|effort)", name)
         if match:
@@ -123,75 +162,79 @@ def _series(
     if not topics or times is None:
         return None
     form = RecordingFormat(time=times)
-    form.extra = _wrenches(names) | _plain_signals(topics)
-    notices: list[str] = []
+    form.extra = _wrenches(names) | _pop_plain_signals(topics)
     numbered = [f"joint_{j + 1}" for j in range(len(joint_names or ()))]
-    if any(list(held.get("position", {})) == numbered for held in topics.values()):
-        joint_names = numbered or None  # as this program writes them
+    if any(list(columns.get("position", {})) == numbered for columns in topics.values()):
+        joint_names = numbered or None  # as `rosbag.table` writes them
     main = _topic_of(topics, "position", path, joint_names)
-    order, more = _order(list(topics[main]["position"]), path, joint_names)
-    joints = [list(topics[main]["position"])[j] for j in order]
-    notices += more
-    for quantity, key, is_current in (
-        ("position", "position", False),
-        ("velocity", "velocity", False),
-        ("effort", "motor_torque", False),
-        ("effort", "current", True),
-    ):
-        holding = [
-            topic
-            for topic, held in topics.items()
-            if joints[0] in held.get(quantity, {}) and ("current" in topic.lower()) == is_current
-        ]
-        if not holding:
+    log_joints = list(topics[main]["position"])
+    order = _joint_order(log_joints, path, joint_names)
+    joints = [log_joints[j] for j in order.indices]
+    for quantity in _SERIES_QUANTITIES:
+        candidates = {
+            topic: columns
+            for topic, columns in topics.items()
+            if joints[0] in columns.get(quantity.name, {})
+            and ("current" in topic.lower()) == quantity.of_current_topic
+        }
+        if not candidates:
             continue
-        topic = main if main in holding else holding[0]
-        if topic != main and len(holding) > 1:
-            topic = _topic_of({one: topics[one] for one in holding}, quantity, path, joint_names)
-        held = topics[topic][quantity]
-        missing = [joint for joint in joints if joint not in held]
+        topic = main if main in candidates else next(iter(candidates))
+        if topic != main and len(candidates) > 1:
+            topic = _topic_of(candidates, quantity.name, path, joint_names)
+        column_of = topics[topic][quantity.name]
+        missing = [joint for joint in joints if joint not in column_of]
         if missing:
-            problem = f"{topic} lacks the {quantity} of {', '.join(missing)}"
+            problem = f"{topic} lacks the {quantity.name} of {', '.join(missing)}"
             raise InputError(path, "header", problem, "record all joints, " + _DESCRIBE)
-        setattr(form, key, by_number([held[joint] for joint in joints]))
-    first = f"joints read from the columns of {main or 'each joint'}"
-    return KnownLayout(form, (first, *notices), effort=form.motor_torque is not None)
+        setattr(form, quantity.key, by_number([column_of[joint] for joint in joints]))
+    notice = f"joints read from the columns of {main or 'each joint'}"
+    is_effort = form.motor_torque is not None
+    return KnownLayout(form, (notice, *order.notices), torque_is_effort=is_effort)
 
 
-def _topic_of(
-    topics: dict[str, dict[str, dict[str, int]]],
-    quantity: str,
-    path: Path,
-    joint_names: Sequence[str] | None,
-) -> str:
-    """The only topic that holds a quantity of the robot's joints."""
-    holding = [
+def _topic_of(topics: _Topics, quantity: str, path: Path, joint_names: Sequence[str] | None) -> str:
+    """The only topic that holds a quantity of the robot's joints.
+
+    Of several, the one that is called joint_states.
+
+    Raises:
+        InputError: there is no such topic, or there are several.
+    """
+    candidates = [
         topic
-        for topic, held in topics.items()
-        if quantity in held and (joint_names is None or set(joint_names) <= held[quantity].keys())
+        for topic, columns in topics.items()
+        if quantity in columns
+        and (joint_names is None or set(joint_names) <= columns[quantity].keys())
     ]
-    usual = [topic for topic in holding if topic.split("/")[-1] == "joint_states"]
-    if len(holding) == 1 or len(usual) == 1:
-        return (usual or holding)[0]
-    if not holding:
-        listed = sorted({joint for held in topics.values() for joint in held.get(quantity, {})})
-        problem = f"no topic holds the {quantity} of the robot's joints; it has {', '.join(listed)}"
-        remedy = (
-            f"the robot's are {', '.join(joint_names or ())}; give the robot that the log comes "
-            "from, " + _DESCRIBE
+    joint_states = [topic for topic in candidates if topic.split("/")[-1] == "joint_states"]
+    if len(joint_states) == 1:
+        return joint_states[0]
+    if len(candidates) == 1:
+        return candidates[0]
+    if not candidates:
+        joints = {joint for columns in topics.values() for joint in columns.get(quantity, {})}
+        problem = (
+            f"no topic holds the {quantity} of the robot's joints {', '.join(joint_names or ())}; "
+            f"the log's joints are {', '.join(sorted(joints))}"
         )
-        raise InputError(path, "header", problem, remedy)
-    problem = f"{len(holding)} topics hold the joints' {quantity}: {', '.join(holding)}"
+        raise InputError(
+            path, "header", problem, "give the robot that the log comes from, " + _DESCRIBE
+        )
+    problem = f"{len(candidates)} topics hold the joints' {quantity}: {', '.join(candidates)}"
     remedy = "name the columns of one of them in a description (--log-format)"
     raise InputError(path, "header", problem, remedy)
 
 
-def _order(
-    joints: list[str], path: Path, joint_names: Sequence[str] | None
-) -> tuple[list[int], list[str]]:
-    """Where each joint of the robot stands among those of the log, and what to say of the rest."""
+def _joint_order(joints: list[str], path: Path, joint_names: Sequence[str] | None) -> _JointOrder:
+    """The places of the robot's joints among those of the log.
+
+    Raises:
+        InputError: the log lacks a joint of the robot.
+    """
     if joint_names is None:
-        return list(range(len(joints))), [f"joints in the log's order: {', '.join(joints)}"]
+        notice = f"joints are taken in the log's order: {', '.join(joints)}"
+        return _JointOrder(list(range(len(joints))), [notice])
     missing = [name for name in joint_names if name not in joints]
     if missing:
         problem = f"lacks {', '.join(missing)}; it has {', '.join(joints)}"
@@ -199,7 +242,7 @@ def _order(
         raise InputError(path, "joints", problem, remedy)
     others = [name for name in joints if name not in joint_names]
     notices = [f"joints that are not the arm's are left out: {', '.join(others)}"] if others else []
-    return [joints.index(name) for name in joint_names], notices
+    return _JointOrder([joints.index(name) for name in joint_names], notices)
 
 
 def _wrenches(names: Sequence[str]) -> dict[str, SignalColumns]:
@@ -207,22 +250,24 @@ def _wrenches(names: Sequence[str]) -> dict[str, SignalColumns]:
     wrenches: dict[str, SignalColumns] = {}
     for name in names:
         topic = name.removesuffix("/" + _WRENCH[0])
-        wanted = [f"{topic}/{part}" for part in _WRENCH]
-        if topic != name and all(part in names for part in wanted):
-            short = topic.removesuffix("/wrench").strip("/").replace("/", "_") or "wrench"
-            wrenches[short] = by_number([list(names).index(part) for part in wanted])
+        parts = [f"{topic}/{part}" for part in _WRENCH]
+        if topic != name and all(part in names for part in parts):
+            signal_name = topic.removesuffix("/wrench").strip("/").replace("/", "_") or "wrench"
+            wrenches[signal_name] = by_number([list(names).index(part) for part in parts])
     return wrenches
 
 
-def _plain_signals(topics: dict[str, dict[str, dict[str, int]]]) -> dict[str, SignalColumns]:
-    """Signals that are no joints': TOPIC/1/position to TOPIC/k/position; taken out of `topics`."""
-    found: dict[str, SignalColumns] = {}
-    for topic, held in list(topics.items()):
-        parts = held.get("position", {})
-        if parts and len(held) == 1 and list(parts) == [str(k + 1) for k in range(len(parts))]:
-            found[topic.strip("/").replace("/", "_") or "signal"] = by_number(list(parts.values()))
+def _pop_plain_signals(topics: _Topics) -> dict[str, SignalColumns]:
+    """Removes and returns signals without joints: TOPIC/1/position to TOPIC/k/position."""
+    signals: dict[str, SignalColumns] = {}
+    for topic, columns in list(topics.items()):
+        entries = columns.get("position", {})
+        numbers = [str(k + 1) for k in range(len(entries))]
+        if entries and len(columns) == 1 and list(entries) == numbers:
+            signal_name = topic.strip("/").replace("/", "_") or "signal"
+            signals[signal_name] = by_number(list(entries.values()))
             del topics[topic]
-    return found
+    return signals
 
 
 def _is_whole(text: str) -> bool:

@@ -1,10 +1,11 @@
-"""The layout of a log whose header says it all: t,q1..qn,v1..vn,i1..in."""
+"""The layout of a log with the standard header t,q1..qn,v1..vn,i1..in."""
 
 import difflib
 import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.layouts.header_layouts import time_columns
@@ -19,81 +20,110 @@ _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "moto
 def header_format(
     names: Sequence[str], path: Path, num_joints: int | None = None
 ) -> RecordingFormat:
-    """The description of a log whose header says it all: t,q1..qn,v1..vn,i1..in.
+    """The description of a log with the header t,q1..qn,v1..vn,i1..in.
 
-    Motor torque is tau1..taun, a flag for bridged samples dropout, and name.1..name.k a further
+    Motor torque is tau1..taun, a flag of bridged samples dropout, and name.1..name.k a further
     signal.
 
     Args:
-        num_joints: n, if it is known.
+        names: of the columns.
+        path: of the log, for error lines.
+        num_joints: n; None: the largest number of a column q or v.
 
     Raises:
-        InputError: a column is missing, unknown or there twice.
+        InputError: a column is missing, unknown or named twice.
     """
-    place = "header"
-    stamps = None if "t" in names else time_columns(names) or _single_time(names)
-    split = [int(column) - 1 for column in str(stamps.columns).split(",")] if stamps else []
-    # Without a name: a table's index, or a separator at the line's end.
-    names = [name for k, name in enumerate(names) if name and k not in split]
-    times_there = Counter(names)
-    for name in names:
-        if times_there[name] > 1:
-            what = f'the column "{name}" is there twice'
-            raise InputError(path, place, what, "correct the header, " + _DESCRIBE)
-    joints: dict[str, list[int]] = {letter: [] for letter in _JOINT_SIGNALS}
-    extra: dict[str, list[int]] = {}
-    for name in names:
-        joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
-        part = re.fullmatch(r"(.+)\.(\d{1,4})", name)
-        if joint and int(joint[2]) > 0:
-            joints[joint[1]].append(int(joint[2]))
-        elif part and part[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
-            extra.setdefault(part[1], []).append(int(part[2]))
-        elif name not in ("t", "dropout") and not (stamps and name in _ID_COLUMNS):
-            raise _unknown(name, names, path)
-    size = num_joints or max((max(v) for k, v in joints.items() if v and k in "qv"), default=1)
-    wanted = ["q"] + (["v"] if joints["v"] else []) + (["tau"] if joints["tau"] else [])
-    wanted += ["i"] if joints["i"] or not joints["tau"] else []
-    missing = ["t"] if "t" not in names and stamps is None else []
-    missing += [f"{k}{j}" for k in wanted for j in range(1, size + 1) if j not in joints[k]]
-    missing += [f"{k}.{j}" for k, v in extra.items() for j in range(1, max(v) + 1) if j not in v]
+    time = None if "t" in names else time_columns(names) or _single_time(names)
+    time_numbers = [int(column) - 1 for column in str(time.columns).split(",")] if time else []
+    # A column without a name is a table's index, or follows a separator at the end of the line.
+    names = [name for k, name in enumerate(names) if name and k not in time_numbers]
+    header = _read_names(names, path, has_time_columns=time is not None)
+    numbers = header.joint_numbers
+    size = num_joints or max([*numbers["q"], *numbers["v"]], default=1)
+    signals = ["q"]  # that the log must hold for every joint
+    signals += [letter for letter in ("v", "tau") if numbers[letter]]
+    if numbers["i"] or not numbers["tau"]:
+        signals.append("i")
+    missing = ["t"] if "t" not in names and time is None else []
+    missing += [f"{x}{j}" for x in signals for j in range(1, size + 1) if j not in numbers[x]]
+    for name, entries in header.extra.items():
+        missing += [f"{name}.{k}" for k in range(1, max(entries) + 1) if k not in entries]
     if missing:
         problem = f"lacks the column{'s' if len(missing) > 1 else ''} {_listed(missing)}"
         remedy = f"expected t,q1..q{size},v1..v{size},i1..i{size}; correct the header, {_DESCRIBE}"
-        raise InputError(path, place, problem, remedy)
-    surplus = [f"{k}{j}" for k in wanted for j in joints[k] if j > size]
+        raise InputError(path, "header", problem, remedy)
+    surplus = [f"{x}{j}" for x in signals for j in numbers[x] if j > size]
     if surplus:
         problem = (
             f"has the column{'s' if len(surplus) > 1 else ''} {_listed(surplus)}, expected {size} "
             "joints"
         )
         remedy = "give the robot that the log comes from, or correct the header"
-        raise InputError(path, place, problem, remedy)
-    form = RecordingFormat(time=stamps or SignalColumns("t"))
-    for letter in wanted:
+        raise InputError(path, "header", problem, remedy)
+    form = RecordingFormat(time=time or SignalColumns("t"))
+    for letter in signals:
         setattr(form, _JOINT_SIGNALS[letter], SignalColumns(f"{letter}{{1..{size}}}"))
-    form.extra = {k: SignalColumns(f"{k}.{{1..{max(v)}}}") for k, v in extra.items()}
+    for name, entries in header.extra.items():
+        form.extra[name] = SignalColumns(f"{name}.{{1..{max(entries)}}}")
     if "dropout" in names:
         form.extra["dropout"] = SignalColumns("dropout")
     return form
 
 
+class _HeaderNumbers(NamedTuple):
+    """The numbers that a header names."""
+
+    joint_numbers: dict[str, list[int]]  # of the joints, by letter: a key of _JOINT_SIGNALS
+    extra: dict[str, list[int]]  # of the entries of further signals, by name
+
+
+def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _HeaderNumbers:
+    """Sorts the names of a header.
+
+    Args:
+        has_time_columns: whether other columns than t hold the time; identifiers of messages may
+            then stand beside them.
+
+    Raises:
+        InputError: a name is unknown, or stands for two columns.
+    """
+    counts = Counter(names)
+    for name in names:
+        if counts[name] > 1:
+            problem = f'names the column "{name}" twice'
+            raise InputError(path, "header", problem, "correct the header, " + _DESCRIBE)
+    header = _HeaderNumbers({letter: [] for letter in _JOINT_SIGNALS}, {})
+    for name in names:
+        joint = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name)  # no more than MOST_COLUMNS
+        entry = re.fullmatch(r"(.+)\.(\d{1,4})", name)
+        if joint and int(joint[2]) > 0:
+            header.joint_numbers[joint[1]].append(int(joint[2]))
+        elif entry and entry[1] not in ("t", "q", "v", "current", "tau_J", "dropout"):
+            header.extra.setdefault(entry[1], []).append(int(entry[2]))
+        elif name not in ("t", "dropout") and not (has_time_columns and name in _ID_COLUMNS):
+            raise _unknown_column(name, path)
+    return header
+
+
 def _single_time(names: Sequence[str]) -> SignalColumns | None:
-    there = [k for k, name in enumerate(names) if name in TIME_WORDS]
-    return SignalColumns(str(there[0] + 1)) if len(there) == 1 else None
+    """The only column that is called time; None where there are none or several."""
+    columns = [k for k, name in enumerate(names) if name in TIME_WORDS]
+    return SignalColumns(str(columns[0] + 1)) if len(columns) == 1 else None
 
 
-def _unknown(name: str, names: Sequence[str], path: Path) -> InputError:
+def _unknown_column(name: str, path: Path) -> InputError:
+    """The error of a name that no signal has, with the name that may be meant."""
     remedy = "remove it, " + _DESCRIBE
+    joint = re.fullmatch(r"(q|v|i|tau)[^\d]*(\d+)", name)
+    similar = difflib.get_close_matches(name, ["t", "dropout"], n=1)
     if re.fullmatch(r"(q|v|i|tau)0", name):
         remedy = "joints are numbered from 1"
-    elif match := re.fullmatch(r"(q|v|i|tau)[^\d]*(\d+)", name):
-        remedy = f'did you mean "{match[1]}{match[2]}"? Otherwise {remedy}'
-    elif near := difflib.get_close_matches(name, ["t", "dropout"], n=1):
-        remedy = f'did you mean "{near[0]}"? Otherwise {remedy}'
-    return InputError(
-        path, "header", f'unknown column "{name}", expected t, q1.., v1.., i1..', remedy
-    )
+    elif joint:
+        remedy = f'did you mean "{joint[1]}{joint[2]}"? Otherwise {remedy}'
+    elif similar:
+        remedy = f'did you mean "{similar[0]}"? Otherwise {remedy}'
+    problem = f'unknown column "{name}", expected t, q1.., v1.., i1..'
+    return InputError(path, "header", problem, remedy)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,12 +1,12 @@
-"""A LeRobot data set on disk: what meta/info.json and the table of episodes say.
+"""A LeRobot data set on disk: its description and its table of episodes.
 
-    ROOT/meta/info.json                        version, rate, features
-    ROOT/meta/episodes.jsonl                   v2: index and length of each episode
-    ROOT/data/chunk-000/episode_000000.parquet
-    ROOT/meta/episodes/chunk-000/*.parquet     v3: and the file of each, of which many share one
-    ROOT/data/chunk-000/file-000.parquet
+    ROOT/meta/info.json                         version, rate, features
+    ROOT/meta/episodes.jsonl                    v2: index and length of each episode
+    ROOT/data/chunk-000/episode_000000.parquet  v2: the frames of an episode
+    ROOT/meta/episodes/chunk-000/*.parquet      v3: index, length, file and first row of each
+    ROOT/data/chunk-000/file-000.parquet        v3: the frames of several episodes
 
-As a log an episode is ROOT/episode_000012, whichever version it is; v2's own file is the same.
+As a log, an episode is ROOT/episode_000012 in either version; the file of v2 is the same log.
 Source of the layout: LeRobot 0.3.3 (v2.1) and 0.4.4 (v3.0), `lerobot.datasets`.
 """
 
@@ -29,7 +29,9 @@ INFO = "meta/info.json"
 MOST_EPISODES = 100_000
 _LARGEST_META = 256 << 20  # bytes of a file of meta/
 _MOST_FEATURES, _MOST_ENTRIES = 1000, 4096
-_ENDS = ("min", "max")  # of a feature's statistics
+_LARGEST_SIZE = 1 << 40  # numbers of a feature
+_EXTREMES = ("min", "max")  # of a feature's statistics
+_VERSIONS = {"v2.0": 2, "v2.1": 2, "v3.0": 3}
 _EPISODE = re.compile(r"episode_(\d{1,9})(?:\.parquet)?")
 _FIELD = re.compile(r"\{(\w+)(?::0?(\d)d)?\}")
 _V3_COLUMNS = ["episode_index", "length", "data/chunk_index", "data/file_index",
@@ -38,10 +40,12 @@ _V3_COLUMNS = ["episode_index", "length", "data/chunk_index", "data/file_index",
 
 @dataclass(frozen=True)
 class Feature:
-    """One of info.json's features.
+    """A feature that info.json describes.
 
     Attributes:
-        names: of its entries; empty where it states none, or another number of them.
+        dtype: type of its entries, as info.json names it.
+        size: number of its entries in a frame.
+        names: of its entries; empty where info.json states none, or another number of them.
     """
 
     name: str
@@ -56,9 +60,11 @@ class Feature:
 
 @dataclass(frozen=True)
 class Episode:
-    """Where an episode lies.
+    """The place of an episode.
 
     Attributes:
+        length: number of frames.
+        file: that holds its frames.
         begin: its first row in the file, from 0.
     """
 
@@ -67,14 +73,22 @@ class Episode:
     file: Path
     begin: int
 
+    @property
+    def rows(self) -> range:
+        """Its rows in the file, from 0."""
+        return range(self.begin, self.begin + self.length)
+
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """A data set's description.
+    """The description of a data set.
 
     Attributes:
+        root: its folder.
         version: 2 or 3.
-        info: info.json as it is.
+        info: the content of info.json.
+        fps: frames a second.
+        features: by name.
     """
 
     root: Path
@@ -94,46 +108,62 @@ class DataSet:
         Raises:
             InputError: there is none.
         """
-        found = next((one for one in self.episodes if one.index == index), None)
-        if found is None:
-            have = f"has the episodes {self.episodes[0].index} to {self.episodes[-1].index}"
-            raise InputError(self.root, f"episode {index}", have, "name one of them")
-        return found
+        for episode in self.episodes:
+            if episode.index == index:
+                return episode
+        problem = f"has the episodes {self.episodes[0].index} to {self.episodes[-1].index}"
+        raise InputError(self.root, f"episode {index}", problem, "name one of them")
 
     def largest(self, feature: str) -> Array | None:
-        """(k,) the largest absolute value of each entry of a feature, as its statistics say.
+        """(k,) the largest absolute value of each entry of a feature, by the data set's statistics.
 
         None where the data set holds no statistics of it.
         """
         size = self.features[feature].size
-        rows = [one.get(feature) for one in _statistics(self)]
-        ends = [_row(row.get(end), size) for row in rows if isinstance(row, dict) for end in _ENDS]
-        told = [np.abs(end) for end in ends if end is not None]
-        if not told or len(told) < len(ends):
+        magnitudes: list[Array] = []
+        for all_statistics in _statistics(self):
+            statistics = all_statistics.get(feature)
+            if not isinstance(statistics, dict):
+                continue
+            for extreme in _EXTREMES:
+                numbers = _row(statistics.get(extreme), size)
+                if numbers is None:
+                    return None
+                magnitudes.append(np.abs(numbers))
+        if not magnitudes:
             return None
-        found = np.max(told, axis=0)
-        return None if np.isnan(found).any() else np.asarray(found)
+        largest = np.max(magnitudes, axis=0)
+        return None if np.isnan(largest).any() else np.asarray(largest)
 
 
 def root_of(path: Path) -> Path | None:
-    """The folder of the data set that a path names, or an episode of it; None: it names none."""
+    """The folder of the data set to which a path belongs; None: it belongs to none.
+
+    Args:
+        path: of the folder, of an episode (ROOT/episode_000012), of a file of frames or of
+            info.json.
+    """
     if path.is_dir():
-        return path if (path / INFO).is_file() else None
-    if not path.exists():
-        named = _EPISODE.fullmatch(path.name) and (path.parent / INFO).is_file()
-        return path.parent if named else None
-    # ROOT/data/chunk-000/file.parquet, or ROOT/meta/info.json
-    at = 3 if path.suffix == ".parquet" and len(path.resolve().parents) > 2 else 2
-    if at == 2 and not (path.name == "info.json" and path.parent.name == "meta"):
-        return None
-    root = path.resolve().parents[at - 1]
-    if at == 3 and path.resolve().parents[1].name != "data":
-        return None
+        root = path
+    elif not path.exists():
+        if not _EPISODE.fullmatch(path.name):
+            return None
+        root = path.parent
+    else:
+        parents = path.resolve().parents
+        if path.suffix == ".parquet" and len(parents) > 2:  # ROOT/data/chunk-000/file.parquet
+            if parents[1].name != "data":
+                return None
+            root = parents[2]
+        elif path.name == "info.json" and path.parent.name == "meta":  # ROOT/meta/info.json
+            root = parents[1]
+        else:
+            return None
     return root if (root / INFO).is_file() else None
 
 
 def episode_paths(path: Path) -> list[Path]:
-    """The logs that a path stands for: each episode of a data set, else the path alone.
+    """The logs that a path names: each episode of a data set, else the path itself.
 
     Raises:
         InputError: the data set is damaged.
@@ -141,7 +171,7 @@ def episode_paths(path: Path) -> list[Path]:
     root = root_of(path)
     if root is None or episode_index(path) is not None:
         return [path]
-    return [root / f"episode_{one.index:06d}" for one in load_data_set(root).episodes]
+    return [root / f"episode_{episode.index:06d}" for episode in load_data_set(root).episodes]
 
 
 def episode_index(path: Path) -> int | None:
@@ -166,10 +196,10 @@ def load_data_set(root: Path) -> DataSet:
     """
     path = root / INFO
     info = _json(read_limited(path, _LARGEST_META, "an info.json"), path)
-    known = {"v2.0": 2, "v2.1": 2, "v3.0": 3}
-    version = known.get(str(info.get("codebase_version")))
+    version_name = str(info.get("codebase_version"))
+    version = _VERSIONS.get(version_name)
     if version is None:
-        problem = f"is {str(info.get('codebase_version'))[:20]!r}, expected {', '.join(known)}"
+        problem = f"is {version_name[:20]!r}, expected {', '.join(_VERSIONS)}"
         raise InputError(path, "codebase_version", problem, "convert the data set with LeRobot")
     fps = info.get("fps")
     if not (isinstance(fps, int | float) and 1.0 <= fps <= 1e5):
@@ -182,25 +212,26 @@ def load_data_set(root: Path) -> DataSet:
 
 
 def _features(value: object, path: Path) -> dict[str, Feature]:
+    """The features of an info.json, by name."""
     if not isinstance(value, dict) or len(value) > _MOST_FEATURES:
         raise InputError(path, "features", "expected the data set's features by name")
-    found: dict[str, Feature] = {}
+    features: dict[str, Feature] = {}
     for name, entry in value.items():
         shape = entry.get("shape") if isinstance(entry, dict) else None
         if not isinstance(shape, list) or not all(isinstance(n, int) and n >= 0 for n in shape):
             raise InputError(path, f"features, {name[:60]}", "has no shape of whole numbers")
         size = 1
         for n in shape:
-            size = min(size * n, 1 << 40)
+            size = min(size * n, _LARGEST_SIZE)
         names = _names(entry.get("names"))
-        found[name] = Feature(
+        features[name] = Feature(
             name, str(entry.get("dtype")), size, names if len(names) == size else ()
         )
-    return found
+    return features
 
 
 def _names(value: object) -> tuple[str, ...]:
-    """Of a feature's entries: a list, a list in a list, or {"motors": a list}."""
+    """The names of a feature's entries: of a list, a list in a list, or {"motors": a list}."""
     if isinstance(value, dict) and value:
         inner = list(value.values())
         return _names(inner[0]) if len(inner) == 1 else ()
@@ -208,26 +239,28 @@ def _names(value: object) -> tuple[str, ...]:
         return ()
     if len(value) == 1 and isinstance(value[0], list):
         return _names(value[0])
-    return tuple(str(one) for one in value) if all(isinstance(x, str) for x in value) else ()
+    return tuple(value) if all(isinstance(name, str) for name in value) else ()
 
 
 def _episodes_v2(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
+    """The episodes of version 2: one line each in episodes.jsonl."""
     path = root / "meta" / "episodes.jsonl"
     template = info.get("data_path")
     size = info.get("chunks_size")
     if not isinstance(size, int) or size < 1:
         raise InputError(root / INFO, "chunks_size", "expected a whole number")
-    found: list[Episode] = []
+    episodes: list[Episode] = []
     for row in json_lines(path):
         index, length = row.get("episode_index"), row.get("length")
         if not (isinstance(index, int) and isinstance(length, int) and index >= 0 < length):
-            raise InputError(path, f"line {len(found) + 1}", "lacks episode_index or length")
+            raise InputError(path, f"line {len(episodes) + 1}", "lacks episode_index or length")
         values = {"episode_chunk": index // size, "episode_index": index}
-        found.append(Episode(index, length, _file(root, template, values), 0))
-    return tuple(sorted(found, key=lambda one: one.index))
+        episodes.append(Episode(index, length, _file(root, template, values), 0))
+    return tuple(sorted(episodes, key=lambda episode: episode.index))
 
 
 def _episodes_v3(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
+    """The episodes of version 3: one row each in a table, many to a file of frames."""
     rows: list[dict[str, Any]] = []
     for path in v3_episode_files(root):
         about_to_read(path)
@@ -242,22 +275,26 @@ def _episodes_v3(root: Path, info: dict[str, Any]) -> tuple[Episode, ...]:
             ) from error
     for row in rows:
         if not all(isinstance(row.get(name), int) and row[name] >= 0 for name in _V3_COLUMNS):
-            lacks = f"an episode lacks one of {', '.join(_V3_COLUMNS)}"
-            raise InputError(root / "meta/episodes", "", lacks, "copy the data set again")
+            problem = f"an episode lacks one of {', '.join(_V3_COLUMNS)}"
+            raise InputError(root / "meta/episodes", "", problem, "copy the data set again")
     rows.sort(key=lambda row: row["episode_index"])
-    first: dict[tuple[int, int], int] = {}
-    found = []
+    files: list[Path] = []  # of the rows
+    file_begins: dict[Path, int] = {}  # first frame of each file in the whole data set
     for row in rows:
-        place = (row["data/chunk_index"], row["data/file_index"])
-        begin = row["dataset_from_index"]
-        first[place] = min(first.get(place, begin), begin)
-    for row in rows:
-        place = (row["data/chunk_index"], row["data/file_index"])
-        values = {"chunk_index": place[0], "file_index": place[1]}
+        values = {"chunk_index": row["data/chunk_index"], "file_index": row["data/file_index"]}
         file = _file(root, info.get("data_path"), values)
-        begin = row["dataset_from_index"] - first[place]
-        found.append(Episode(row["episode_index"], row["length"], file, begin))
-    return tuple(found)
+        files.append(file)
+        begin = row["dataset_from_index"]
+        file_begins[file] = min(file_begins.get(file, begin), begin)
+    return tuple(
+        Episode(
+            index=row["episode_index"],
+            length=row["length"],
+            file=file,
+            begin=row["dataset_from_index"] - file_begins[file],
+        )
+        for row, file in zip(rows, files, strict=True)
+    )
 
 
 def v3_episode_files(root: Path) -> list[Path]:
@@ -279,17 +316,21 @@ def json_lines(path: Path) -> list[dict[str, Any]]:
 
 
 def _file(root: Path, template: object, values: dict[str, int]) -> Path:
-    """A data file by info.json's pattern, below the root; only plain fields count."""
-    text = _FIELD.sub(
-        lambda m: f"{values[m[1]]:0{m[2] or 1}d}" if m[1] in values else m[0], str(template)
-    )
+    """A data file by info.json's pattern, below the root; other than plain fields are refused."""
+
+    def filled(field: re.Match[str]) -> str:
+        name, width = field[1], field[2] or 1
+        return f"{values[name]:0{width}d}" if name in values else field[0]
+
+    text = _FIELD.sub(filled, str(template))
     if not isinstance(template, str) or "{" in text or ".." in Path(text).parts or text[:1] == "/":
         problem = f"is {str(template)[:80]!r}, expected a path below the data set's folder"
-        raise InputError(root / INFO, "data_path", problem, "write LeRobot's own")
+        raise InputError(root / INFO, "data_path", problem, "write the pattern that LeRobot writes")
     return root / text
 
 
 def _json(text: bytes, path: Path, place: str = "") -> dict[str, Any]:
+    """The JSON object that a text holds."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -301,17 +342,18 @@ def _json(text: bytes, path: Path, place: str = "") -> dict[str, Any]:
 
 def _statistics(data_set: DataSet) -> list[dict[str, Any]]:
     """Statistics by feature, of the whole data set or of each episode."""
-    whole, each = (data_set.root / "meta" / name for name in ("stats.json", "episodes_stats.jsonl"))
-    if whole.is_file():
-        return [_json(read_limited(whole, _LARGEST_META, "statistics"), whole)]
-    if each.is_file():
-        rows = [row.get("stats") for row in json_lines(each)]
+    of_data_set = data_set.root / "meta/stats.json"
+    of_episodes = data_set.root / "meta/episodes_stats.jsonl"
+    if of_data_set.is_file():
+        return [_json(read_limited(of_data_set, _LARGEST_META, "statistics"), of_data_set)]
+    if of_episodes.is_file():
+        rows = [row.get("stats") for row in json_lines(of_episodes)]
         return [row for row in rows if isinstance(row, dict)]
     return []
 
 
 def _row(value: object, size: int) -> Array | None:
-    """(size,); None where it is no row of so many numbers."""
+    """(size,) the numbers of a value; None where it does not hold so many."""
     try:
         numbers = np.asarray(value, float).ravel()
     except (TypeError, ValueError):

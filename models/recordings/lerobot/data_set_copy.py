@@ -1,4 +1,4 @@
-"""A copy of a LeRobot data set with further features, valid for LeRobot's own loader.
+"""A copy of a LeRobot data set with further features, which LeRobot's loader accepts.
 
 Frames, videos and images stay as they are (large files are hard links where the disk can). Data
 files, info.json, the statistics and, in v3, the table of episodes gain the features.
@@ -25,32 +25,39 @@ from wrenchsight.models.files.whole_file import writing_to
 from wrenchsight.models.recordings.lerobot.data_set import (
     INFO,
     DataSet,
+    Episode,
     json_lines,
     v3_episode_files,
 )
 
 _LINKED = 1 << 20  # bytes, from which on a file is linked rather than copied
-_STATS, _EACH_STATS = "meta/stats.json", "meta/episodes_stats.jsonl"
-_HF = b"huggingface"  # key of a Parquet schema's metadata under which `datasets` keeps its own
+_STATS, _EPISODE_STATS = "meta/stats.json", "meta/episodes_stats.jsonl"
+_HF = b"huggingface"  # key of a Parquet schema's metadata that `datasets` writes
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _LARGEST_META = 256 << 20
 
 
 @dataclass(frozen=True, eq=False)
 class NewFeature:
-    """A feature that the copy has besides.
+    """A feature that the copy has in addition.
 
     Attributes:
+        names: of its k entries.
         frames: by episode index, (length, k) or (length,) values.
     """
 
     name: str
-    names: tuple[str, ...]  # of the k entries
+    names: tuple[str, ...]
     frames: Mapping[int, NDArray[Any]]
 
     @property
+    def example(self) -> NDArray[Any]:
+        """The frames of an episode; those of all have the same type and number of entries."""
+        return next(iter(self.frames.values()))
+
+    @property
     def dtype(self) -> str:
-        return str(next(iter(self.frames.values())).dtype)
+        return str(self.example.dtype)
 
 
 def write_copy(
@@ -61,33 +68,34 @@ def write_copy(
     """Writes the copy.
 
     Args:
-        folder: that becomes the copy's root; made.
-        features: of all episodes; names that the data set has are replaced.
+        folder: the root of the copy, which is created.
+        features: of all episodes; they replace features of the same name.
 
     Raises:
         InputError: a file of the data set is damaged, or the copy cannot be written.
     """
     root = data_set.root
-    data_files = {one.file for one in data_set.episodes}
+    data_files = {episode.file for episode in data_set.episodes}
     tables = set(v3_episode_files(root)) if data_set.version == 3 else set()
-    ours = data_files | tables | {root / name for name in (INFO, _STATS, _EACH_STATS)}
+    rewritten = data_files | tables | {root / name for name in (INFO, _STATS, _EPISODE_STATS)}
     with writing_to(folder):
         for path in _files(root):
-            if path not in ours:
-                _put(path, folder / path.relative_to(root))
+            if path not in rewritten:
+                _link_or_copy(path, folder / path.relative_to(root))
     for path in sorted(data_files):
         _write_data(data_set, path, folder / path.relative_to(root), features)
     info = dict(data_set.info)
-    info["features"] = {**info["features"], **{one.name: _description(one) for one in features}}
+    descriptions = {feature.name: _description(feature) for feature in features}
+    info["features"] = {**info["features"], **descriptions}
     _write_text(folder / INFO, json.dumps(info, indent=4, ensure_ascii=False))
     _write_statistics(data_set, folder, features, tables)
 
 
 def statistics(values: NDArray[Any], quantiles: bool = False) -> dict[str, list[Any]]:
-    """LeRobot's statistics of a feature, (length, k) or (length,): lists of k."""
+    """LeRobot's statistics of a feature, (length, k) or (length,): lists of k numbers."""
     flat = values.reshape(len(values), -1)
     numbers = flat.astype(np.float64)
-    found: dict[str, list[Any]] = {
+    computed: dict[str, list[Any]] = {
         "min": flat.min(axis=0).tolist(),
         "max": flat.max(axis=0).tolist(),
         "mean": numbers.mean(axis=0).tolist(),
@@ -96,8 +104,8 @@ def statistics(values: NDArray[Any], quantiles: bool = False) -> dict[str, list[
     }
     if quantiles:
         for name, share in _QUANTILES.items():
-            found[name] = np.quantile(numbers, share, axis=0).tolist()
-    return found
+            computed[name] = np.quantile(numbers, share, axis=0).tolist()
+    return computed
 
 
 def _files(folder: Path) -> Iterator[Path]:
@@ -111,7 +119,8 @@ def _files(folder: Path) -> Iterator[Path]:
             yield folder / entry.name
 
 
-def _put(source: Path, target: Path) -> None:
+def _link_or_copy(source: Path, target: Path) -> None:
+    """A hard link to a large file where the disk allows it, else a copy."""
     about_to_read(source)
     target.parent.mkdir(parents=True, exist_ok=True)
     if source.stat().st_size >= _LINKED:
@@ -131,24 +140,21 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _description(feature: NewFeature) -> dict[str, Any]:
+    """A feature as info.json describes it."""
     return {"dtype": feature.dtype, "shape": [len(feature.names)], "names": [*feature.names]}
 
 
 def _write_data(data_set: DataSet, source: Path, target: Path, features: list[NewFeature]) -> None:
-    episodes = [one for one in data_set.episodes if one.file == source]
+    """A file of frames, with the features."""
+    episodes = [episode for episode in data_set.episodes if episode.file == source]
     about_to_read(source)
     try:
         with pq.ParquetFile(source) as file:
             schema = _with_features(file.schema_arrow, features)
-            count = file.metadata.num_rows
-            columns = []
-            for feature in features:
-                first = next(iter(feature.frames.values()))
-                whole = np.zeros((count, *first.shape[1:]), first.dtype)
-                for one in episodes:
-                    part = feature.frames[one.index][: max(0, count - one.begin)]
-                    whole[one.begin : one.begin + len(part)] = part
-                columns.append(whole)
+            columns = {
+                feature.name: _file_column(feature, episodes, file.metadata.num_rows)
+                for feature in features
+            }
             with writing_to(target):
                 target.parent.mkdir(parents=True, exist_ok=True)
                 begin = 0
@@ -156,14 +162,23 @@ def _write_data(data_set: DataSet, source: Path, target: Path, features: list[Ne
                     for group in range(file.num_row_groups):
                         table = file.read_row_group(group)
                         rows = slice(begin, begin + table.num_rows)
-                        for feature, values in zip(features, columns, strict=True):
-                            kind = schema.field(feature.name).type
-                            table = _appended(table, feature.name, values[rows], kind)
+                        for name, values in columns.items():
+                            kind = schema.field(name).type
+                            table = _appended(table, name, values[rows], kind)
                         writer.write_table(table.select(schema.names).cast(schema))
                         begin += table.num_rows
     except (pa.ArrowException, OSError) as error:
         problem = f"is damaged ({error})"
         raise InputError(source, "", problem, "copy the data set again") from error
+
+
+def _file_column(feature: NewFeature, episodes: list[Episode], num_rows: int) -> NDArray[Any]:
+    """(num_rows, k) or (num_rows,) a feature of the episodes of a file; 0 in other rows."""
+    column = np.zeros((num_rows, *feature.example.shape[1:]), feature.example.dtype)
+    for episode in episodes:
+        frames = feature.frames[episode.index][: max(0, num_rows - episode.begin)]
+        column[episode.begin : episode.begin + len(frames)] = frames
+    return column
 
 
 def _appended(table: pa.Table, name: str, values: NDArray[Any], kind: pa.DataType) -> pa.Table:
@@ -173,14 +188,16 @@ def _appended(table: pa.Table, name: str, values: NDArray[Any], kind: pa.DataTyp
 
 
 def _with_features(schema: pa.Schema, features: list[NewFeature]) -> pa.Schema:
-    """The schema of a data file with the features, as the file has its own lists."""
-    lists = [field for field in schema if pa.types.is_fixed_size_list(field.type)]
-    plain = [field for field in schema if pa.types.is_list(field.type)]
+    """The schema of a data file with the features, whose lists are of the file's kind."""
+    has_fixed_lists = any(pa.types.is_fixed_size_list(field.type) for field in schema)
+    has_plain_lists = any(pa.types.is_list(field.type) for field in schema)
     for feature in features:
-        first = next(iter(feature.frames.values()))
-        kind: pa.DataType = pa.from_numpy_dtype(first.dtype)
-        if first.ndim > 1:
-            kind = pa.list_(kind) if plain and not lists else pa.list_(kind, first.shape[1])
+        example = feature.example
+        kind: pa.DataType = pa.from_numpy_dtype(example.dtype)
+        if example.ndim > 1 and has_plain_lists and not has_fixed_lists:
+            kind = pa.list_(kind)
+        elif example.ndim > 1:
+            kind = pa.list_(kind, example.shape[1])
         if feature.name in schema.names:
             schema = schema.remove(schema.names.index(feature.name))
         schema = schema.append(pa.field(feature.name, kind))
@@ -190,43 +207,49 @@ def _with_features(schema: pa.Schema, features: list[NewFeature]) -> pa.Schema:
 def _hf_metadata(
     metadata: Mapping[bytes, bytes] | None, features: list[NewFeature]
 ) -> dict[bytes, bytes] | None:
-    """What `datasets` keeps of a file's features, with the new ones; without it, it reads types."""
+    """The metadata of a file, in which the entry of `datasets` has the new features.
+
+    An entry that cannot be read is left out; `datasets` then reads the types of the columns.
+    """
     if not metadata:
         return None
-    kept = dict(metadata)
+    other_entries = dict(metadata)
     try:
-        held = json.loads(kept.pop(_HF))
-        known = held["info"]["features"]
-        example = next(one for one in known.values() if isinstance(one.get("feature"), dict))
+        description = json.loads(other_entries.pop(_HF))
+        described = description["info"]["features"]
+        list_entry = next(
+            entry for entry in described.values() if isinstance(entry.get("feature"), dict)
+        )
         for feature in features:
             value = {"dtype": feature.dtype, "_type": "Value"}
             entry: dict[str, Any] = value
-            if next(iter(feature.frames.values())).ndim > 1:
-                entry = copy.deepcopy(example) | {"feature": value}
-                if "length" in example:
+            if feature.example.ndim > 1:
+                entry = copy.deepcopy(list_entry) | {"feature": value}
+                if "length" in list_entry:
                     entry["length"] = len(feature.names)
-            known[feature.name] = entry
+            described[feature.name] = entry
     except (KeyError, ValueError, TypeError, AttributeError, StopIteration):
-        return kept
-    return kept | {_HF: json.dumps(held).encode()}
+        return other_entries
+    return other_entries | {_HF: json.dumps(description).encode()}
 
 
 def _write_statistics(
     data_set: DataSet, folder: Path, features: list[NewFeature], tables: set[Path]
 ) -> None:
+    """The statistics of the data set and of its episodes, where it has them."""
     root = data_set.root
     path = root / _STATS
     if path.is_file():
         try:
-            held = json.loads(read_limited(path, _LARGEST_META, "statistics"))
+            by_feature = json.loads(read_limited(path, _LARGEST_META, "statistics"))
         except ValueError as error:
             raise InputError(path, "", f"is no JSON ({error})", "copy it again") from error
-        more = any(isinstance(one, dict) and "q50" in one for one in held.values())
+        has_quantiles = any(isinstance(s, dict) and "q50" in s for s in by_feature.values())
         for feature in features:
-            values = np.concatenate([feature.frames[one.index] for one in data_set.episodes])
-            held[feature.name] = statistics(values, more)
-        _write_text(folder / _STATS, json.dumps(held, indent=4))
-    path = root / _EACH_STATS
+            values = np.concatenate([feature.frames[e.index] for e in data_set.episodes])
+            by_feature[feature.name] = statistics(values, has_quantiles)
+        _write_text(folder / _STATS, json.dumps(by_feature, indent=4))
+    path = root / _EPISODE_STATS
     if path.is_file():
         rows = json_lines(path)
         for row in rows:
@@ -234,7 +257,7 @@ def _write_statistics(
                 frames = feature.frames.get(row.get("episode_index", -1))
                 if frames is not None and isinstance(row.get("stats"), dict):
                     row["stats"][feature.name] = statistics(frames)
-        _write_text(folder / _EACH_STATS, "\n".join(json.dumps(row) for row in rows))
+        _write_text(folder / _EPISODE_STATS, "\n".join(json.dumps(row) for row in rows))
     for path in sorted(tables):
         _write_episodes(path, folder / path.relative_to(root), features)
 
@@ -245,11 +268,11 @@ def _write_episodes(source: Path, target: Path, features: list[NewFeature]) -> N
     try:
         with pq.ParquetFile(source) as file:
             table = file.read()
-        with_statistics = any(name.startswith("stats/") for name in table.column_names)
-        more = any(name.endswith("/q50") for name in table.column_names)
+        has_statistics = any(name.startswith("stats/") for name in table.column_names)
+        has_quantiles = any(name.endswith("/q50") for name in table.column_names)
         indices = table.column("episode_index").to_pylist()
-        for feature in features if with_statistics else ():
-            rows = [statistics(feature.frames[index], more) for index in indices]
+        for feature in features if has_statistics else ():
+            rows = [statistics(feature.frames[index], has_quantiles) for index in indices]
             for key in rows[0] if rows else ():
                 name = f"stats/{feature.name}/{key}"
                 if name in table.column_names:

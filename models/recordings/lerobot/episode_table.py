@@ -35,16 +35,16 @@ class EpisodeTable(ParquetTable):
     def __init__(self, data_set: DataSet, index: int) -> None:
         episode = data_set.episode(index)
         about_to_read(episode.file)
-        super().__init__(episode.file, (episode.begin, episode.length))
+        super().__init__(episode.file, episode.rows)
         self.data_set = data_set
 
     def layout(self, robot: Robot | None, angle: str) -> KnownLayout:
-        """Which columns hold the robot's joints; as `feature_layout`."""
+        """The columns of the robot's joints; as `feature_layout`."""
         assert self.names is not None
         if robot is None:
             return feature_layout(self.data_set, self.names, None, None, angle)
-        slides = [bool(one) for one in robot.chain.prismatic]
-        return feature_layout(self.data_set, self.names, robot.joint_names, slides, angle)
+        prismatic = [bool(slides) for slides in robot.chain.prismatic]
+        return feature_layout(self.data_set, self.names, robot.joint_names, prismatic, angle)
 
 
 class LeRobotContainer:
@@ -53,24 +53,26 @@ class LeRobotContainer:
     suffixes: tuple[str, ...] = ()
 
     def open(self, path: Path, form: RecordingFormat | None) -> EpisodeTable:
-        """As the protocol; a data set of one episode stands for it."""
+        """As the protocol; the path of a data set with a single episode opens this episode."""
         root = root_of(path)
         assert root is not None
         data_set = loaded(root)
         index = episode_index(path)
         if index is None:
             if len(data_set.episodes) > 1:
-                first = data_set.episodes[0].index
-                problem = (
-                    f"is a data set of {len(data_set.episodes)} episodes, of which one is read"
-                )
-                remedy = f"name one, such as {root / f'episode_{first:06d}'}"
-                raise InputError(path, "", problem, remedy)
+                example = root / f"episode_{data_set.episodes[0].index:06d}"
+                count = len(data_set.episodes)
+                problem = f"is a data set of {count} episodes, expected a single episode"
+                raise InputError(path, "", problem, f"name one, such as {example}")
             index = data_set.episodes[0].index
         return EpisodeTable(data_set, index)
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Raises InputError: a data set is not written from one log."""
+        """Refuses to write.
+
+        Raises:
+            InputError: always; a log cannot be written as part of a data set.
+        """
         raise InputError(path, "", "lies in a LeRobot data set", "give the log another name")
 
 
@@ -78,11 +80,11 @@ DATA_SETS = LeRobotContainer()
 
 
 def loaded(root: Path) -> DataSet:
-    """`load_data_set`, once for all episodes as long as info.json stays as it is."""
+    """`load_data_set`, cached for all episodes as long as info.json does not change."""
     about_to_read(root / INFO)
     return _loaded(root, (root / INFO).stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=4)
-def _loaded(root: Path, changed: int) -> DataSet:
+def _loaded(root: Path, modification_time: int) -> DataSet:
     return load_data_set(root)

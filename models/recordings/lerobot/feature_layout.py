@@ -1,14 +1,15 @@
-"""Which features of a LeRobot data set hold the joints' positions, velocities and torques.
+"""Finds the features of a LeRobot data set that hold joint positions, velocities and torques.
 
-A feature, or an entry of one, says by its name what it holds: observation.state (positions),
+The name of a feature, or of an entry, states its quantity: observation.state (positions),
 observation.velocity, observation.effort, joint1.effort, joint_efforts.0, shoulder_pan.pos. Goals,
-actions and poses of the tool are left out. Load of a servo is its duty cycle, and a goal current is
-what was asked for: neither is torque.
+actions and poses of the tool are left out. The load of a servo is its duty cycle, and a goal
+current is a command: neither is torque.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,22 +19,24 @@ from wrenchsight.models.recordings.lerobot.data_set import INFO, DataSet
 from wrenchsight.models.recordings.log_words import IN_DEGREES, IN_RADIANS
 from wrenchsight.models.recordings.recording_format import RecordingFormat, by_number
 
-_KINDS = {
+_QUANTITY_WORDS = {
     "position": ("pos", "position", "positions", "qpos", "q", "state", "angle", "angles"),
     "velocity": ("vel", "velocity", "velocities", "qvel", "dq", "qd"),
     "motor_torque": ("effort", "efforts", "torque", "torques", "tau", "eff"),
     "current": ("current", "currents", "cur"),
     "load": ("load", "loads", "pwm"),
 }
-_NO_MEASUREMENT = ("goal", "target", "command", "commanded", "cmd", "action", "desired", "leader")
-_NO_JOINTS = ("ee", "eef", "tcp", "cartesian", "pose", "env", "environment", "image", "images",
-              "wrench", "force", "ft", "base", "object", "gripper")  # fmt: skip
+_COMMAND_WORDS = ("goal", "target", "command", "commanded", "cmd", "action", "desired", "leader")
+_OTHER_WORDS = ("ee", "eef", "tcp", "cartesian", "pose", "env", "environment", "image", "images",
+                "wrench", "force", "ft", "base", "object", "gripper")  # fmt: skip
+_NO_JOINT_FEATURE = {*_COMMAND_WORDS, *_OTHER_WORDS}  # words of a feature that holds no joints
+_NO_JOINT_ENTRY = _NO_JOINT_FEATURE - {"gripper", "base"}  # words of an entry that is no joint
 _HANDS = ("gripper", "finger", "hand", "jaw")
 _FILLERS = ("observation", "state", "states", "main", "follower", "joint", "joints", "arm", "motor",
             "motors", "present", "robot", "measured", "filtered")  # fmt: skip
 _POSE = {"x", "y", "z", "rx", "ry", "rz", "qw", "qx", "qy", "qz", "roll", "pitch", "yaw", "delta"}
 _LARGEST_RAD = 4.0 * np.pi
-_NORMALISED = 100.5  # LeRobot's own normalised positions end at 100
+_NORMALISED = 100.5  # LeRobot's normalised positions end at 100
 _DESCRIBE = (
     'name the columns with --log-format, such as position: {columns: "observation.state.{1..6}"}'
 )
@@ -41,14 +44,21 @@ _DESCRIBE = (
 
 @dataclass(frozen=True)
 class _Entry:
-    """One number of a frame."""
+    """One number of a frame that may be a joint's."""
 
-    kind: str
-    joint: str  # what its name says besides the kind; '' where it says nothing
-    source: str  # what it shares with the other joints' entries
-    column: int
+    quantity: str  # a key of _QUANTITY_WORDS
+    joint: str  # its name without the words of the quantity; '' where none are left
+    group: str  # the same for the entries of all joints
+    column: int  # of the table
     feature: str
     index: int  # in the feature
+
+
+class _JointEntries(NamedTuple):
+    """The entries of a quantity that are the robot's joints, base to tool."""
+
+    entries: list[_Entry]
+    note: str  # what was assumed of them, or why there are none; '' for nothing
 
 
 def feature_layout(
@@ -63,142 +73,152 @@ def feature_layout(
     Args:
         columns: of its tables, as `parquet_table` names them: FEATURE.1..FEATURE.k.
         joint_names: of the robot, base to tool; None: all joints, in the data set's order.
-        prismatic: which of them slide; None: none.
-        angle: unit of the positions, deg or rad; '': what their size says.
+        prismatic: which of the joints slide; None: none.
+        angle: unit of the positions, deg or rad; '': decided by their size.
 
     Raises:
-        InputError: it holds no joint positions, those of other joints, or in a unit that its
-            numbers do not tell.
+        InputError: the data set holds no joint positions, those of other joints, or positions
+            whose size does not decide their unit.
     """
     entries = _entries(data_set, columns)
-    path = data_set.root / INFO
-    found = {
-        kind: _joints_of([one for one in entries if one.kind == kind], joint_names)
-        for kind in ("position", "velocity", "motor_torque", "current")
+    joints = {
+        quantity: _joints_of(
+            [entry for entry in entries if entry.quantity == quantity], joint_names
+        )
+        for quantity in ("position", "velocity", "motor_torque", "current")
     }
-    position, said = found["position"]
-    if not position:
-        there = sorted({one.feature for one in entries if one.kind == "position"})
-        lacks = f"; {', '.join(there)} {said or 'are of other joints'}" if there else ""
-        problem = f"no feature holds the joints' positions{lacks}"
-        raise InputError(path, "features", problem, _DESCRIBE)
-    time = list(columns).index("timestamp") if "timestamp" in columns else None
-    if time is None:
+    positions = joints["position"]
+    if not positions.entries:
+        raise _no_positions(data_set, entries, positions.note)
+    if "timestamp" not in columns:
+        path = data_set.root / INFO
         raise InputError(path, "features", "lacks timestamp", "convert the data set with LeRobot")
-    form = RecordingFormat(time=by_number([time]))
-    unit, notices = _angle_unit(data_set, position, prismatic, angle)
-    read = []
-    for kind, (joints, _) in found.items():
-        if joints and len(joints) == len(position):
-            turned = {"position": unit, "velocity": f"{unit}/s" if unit == "deg" else ""}
-            setattr(form, kind, by_number([one.column for one in joints], turned.get(kind, "")))
-            sources = ", ".join(dict.fromkeys(one.feature for one in joints))
-            read.append(f"{kind.replace('_', ' ')} from {sources}"[:200])
+    form = RecordingFormat(time=by_number([list(columns).index("timestamp")]))
+    unit, unit_notices = _angle_unit(data_set, positions.entries, prismatic, angle)
+    units = {"position": unit, "velocity": "deg/s" if unit == "deg" else ""}
+    assignments = []
+    for quantity, (joint_entries, _) in joints.items():
+        if joint_entries and len(joint_entries) == len(positions.entries):
+            numbers = [entry.column for entry in joint_entries]
+            setattr(form, quantity, by_number(numbers, units.get(quantity, "")))
+            features = ", ".join(dict.fromkeys(entry.feature for entry in joint_entries))
+            assignments.append(f"{quantity.replace('_', ' ')} from {features}"[:200])
     if form.current is not None and form.motor_torque is not None:
-        form.current = None  # torque needs no constant
-    notices = [f"data set read: {'; '.join(read)}", *([said] if said else []), *notices]
+        form.current = None  # torque needs no torque constant
+    notices = [f"data set read: {'; '.join(assignments)}"]
+    if positions.note:
+        notices.append(positions.note)
+    notices += unit_notices
+    torque_substitute = ""
     if form.motor_torque is None and form.current is None:
-        notices += _no_torque(entries, columns)
-    effort = form.motor_torque is not None and any(
-        "eff" in (one.feature + one.joint + columns[one.column]).lower()
-        for one in found["motor_torque"][0]
+        torque_substitute = _torque_substitute(entries, columns)
+    is_effort = form.motor_torque is not None and any(
+        "eff" in (entry.feature + entry.joint + columns[entry.column]).lower()
+        for entry in joints["motor_torque"].entries
     )
-    return KnownLayout(form, tuple(notices), effort=effort)
+    return KnownLayout(form, tuple(notices), torque_substitute, is_effort)
 
 
-def _no_torque(entries: Sequence[_Entry], columns: Sequence[str]) -> list[str]:
-    loads = list(dict.fromkeys(one.feature for one in entries if one.kind == "load"))
-    goals = [
-        name
-        for name in columns
-        if {"current", "torque", "effort", "load"} & set(_words(name))
-        and set(_words(name)) & set(_NO_MEASUREMENT)
-    ]
+def _no_positions(data_set: DataSet, entries: Sequence[_Entry], note: str) -> InputError:
+    """The error of a data set without the positions of the robot's joints."""
+    problem = "no feature holds the joints' positions"
+    features = sorted({entry.feature for entry in entries if entry.quantity == "position"})
+    if features:
+        problem += f"; {', '.join(features)} {note or 'are of other joints'}"
+    return InputError(data_set.root / INFO, "features", problem, _DESCRIBE)
+
+
+def _torque_substitute(entries: Sequence[_Entry], columns: Sequence[str]) -> str:
+    """A notice of features that may be taken for torque but are none; '' where there are none."""
+    loads = list(dict.fromkeys(entry.feature for entry in entries if entry.quantity == "load"))
     if loads:
-        return [f"{', '.join(loads)[:100]} is a servo's duty cycle, no torque: not read"]
-    if goals:
-        return [f"{goals[0][:60]} is what was asked for, no torque that was measured: not read"]
-    return []
+        return f"{', '.join(loads)[:100]} is not read: a servo's duty cycle is no torque"
+    for name in columns:
+        words = set(_words(name))
+        if words & {"current", "torque", "effort", "load"} and words & set(_COMMAND_WORDS):
+            return f"{name[:60]} is not read: a commanded value is no torque that was measured"
+    return ""
 
 
 def _entries(data_set: DataSet, columns: Sequence[str]) -> list[_Entry]:
     """Every number of a frame that may be a joint's."""
-    places = {name: k for k, name in enumerate(columns)}
+    column_numbers = {name: k for k, name in enumerate(columns)}
     entries: list[_Entry] = []
     for feature in data_set.features.values():
-        own = _words(feature.name)
-        if not feature.is_number or set(own) & {*_NO_MEASUREMENT, *_NO_JOINTS}:
+        feature_words = _words(feature.name)
+        if not feature.is_number or _NO_JOINT_FEATURE.intersection(feature_words):
             continue
+        group = feature.name if feature.size > 1 else "one number a feature"
         for k in range(min(feature.size, len(columns))):
-            name = feature.name if feature.size == 1 else f"{feature.name}.{k + 1}"
-            if name not in places:
+            column_name = feature.name if feature.size == 1 else f"{feature.name}.{k + 1}"
+            if column_name not in column_numbers:
                 continue
-            entry = feature.names[k] if feature.names else ""
-            words = _words(entry)
-            if set(words) & {*_NO_MEASUREMENT, *(set(_NO_JOINTS) - {"gripper", "base"})}:
+            entry_words = _words(feature.names[k]) if feature.names else []
+            if _NO_JOINT_ENTRY.intersection(entry_words):
                 continue
-            kind = _kind(words) or _kind(own)
-            if not kind:
+            quantity = _quantity(entry_words) or _quantity(feature_words)
+            if not quantity:
                 continue
-            inner = [word for word in (words or own) if word not in _KINDS[kind]]
-            if set(inner) and set(inner) <= _POSE:
+            quantity_words = _QUANTITY_WORDS[quantity]
+            other_words = [w for w in (entry_words or feature_words) if w not in quantity_words]
+            if other_words and set(other_words) <= _POSE:
                 continue
-            joint = "_".join(word for word in inner if word not in _FILLERS)
-            source = feature.name if feature.size > 1 else "one number a feature"
-            entries.append(_Entry(kind, joint, source, places[name], feature.name, k))
+            joint = "_".join(word for word in other_words if word not in _FILLERS)
+            column = column_numbers[column_name]
+            entries.append(_Entry(quantity, joint, group, column, feature.name, k))
     return entries
 
 
-def _kind(words: Sequence[str]) -> str:
-    """What the words of a name say of its kind, the last one first."""
+def _quantity(words: Sequence[str]) -> str:
+    """The quantity that the words of a name state, the last word first; '' where none does."""
     for word in reversed(words):
-        for kind, own in _KINDS.items():
-            if word in own:
-                return kind
+        for quantity, quantity_words in _QUANTITY_WORDS.items():
+            if word in quantity_words:
+                return quantity
     return ""
 
 
-def _joints_of(
-    entries: Sequence[_Entry], joint_names: Sequence[str] | None
-) -> tuple[list[_Entry], str]:
-    """The entries of one kind that are the robot's joints, base to tool, and what is assumed."""
-    sources: dict[str, list[_Entry]] = {}
-    for one in entries:
-        sources.setdefault(one.source, []).append(one)
-    said = ""
-    for own in sources.values():
-        joints, said = _matched(own, joint_names)
-        if joints:
-            return joints, said
-    return [], said
+def _joints_of(entries: Sequence[_Entry], joint_names: Sequence[str] | None) -> _JointEntries:
+    """The joints among the entries of one quantity, from the first group that holds them."""
+    groups: dict[str, list[_Entry]] = {}
+    for entry in entries:
+        groups.setdefault(entry.group, []).append(entry)
+    joints = _JointEntries([], "")
+    for group in groups.values():
+        joints = _joints_of_group(group, joint_names)
+        if joints.entries:
+            return joints
+    return joints
 
 
-def _matched(own: list[_Entry], joint_names: Sequence[str] | None) -> tuple[list[_Entry], str]:
-    arm = [one for one in own if not any(hand in one.joint for hand in _HANDS)]
+def _joints_of_group(group: list[_Entry], joint_names: Sequence[str] | None) -> _JointEntries:
+    """The joints of a group: by their names, else in the data set's order."""
+    arm = [entry for entry in group if not any(hand in entry.joint for hand in _HANDS)]
     if joint_names is None:
-        return arm, "joints in the data set's order"
+        return _JointEntries(arm, "joints are taken in the data set's order")
     by_name: dict[str, _Entry] = {}
-    for one in own:
-        by_name.setdefault(_plain(one.joint), one)
-    wanted = [_plain(name) for name in joint_names]
-    if "" not in wanted and len(set(wanted)) == len(wanted) and set(wanted) <= by_name.keys():
-        return [by_name[name] for name in wanted], ""
+    for entry in group:
+        by_name.setdefault(_without_fillers(entry.joint), entry)
+    names = [_without_fillers(name) for name in joint_names]
+    if "" not in names and len(set(names)) == len(names) and set(names) <= by_name.keys():
+        return _JointEntries([by_name[name] for name in names], "")
     size = len(joint_names)
-    unnamed = all(not one.joint or one.joint.isdecimal() for one in own)
+    is_unnamed = all(not entry.joint or entry.joint.isdecimal() for entry in group)
     if len(arm) == size:
-        order = ", ".join(one.joint or str(one.index + 1) for one in arm)
-        return arm, f"joints taken in the data set's order: {order}"
-    if unnamed and len(arm) == size + 1:
-        return arm[:size], "joints taken in the data set's order, its last number as the gripper"
-    return [], f"hold {len(arm)} joints, the robot has {size}"
+        order = ", ".join(entry.joint or str(entry.index + 1) for entry in arm)
+        return _JointEntries(arm, f"joints are taken in the data set's order: {order}")
+    if is_unnamed and len(arm) == size + 1:
+        note = "joints are taken in the data set's order, its last number as the gripper"
+        return _JointEntries(arm[:size], note)
+    return _JointEntries([], f"hold {len(arm)} joints, the robot has {size}")
 
 
-def _plain(name: str) -> str:
+def _without_fillers(name: str) -> str:
     return "".join(word for word in _words(name) if word not in _FILLERS)
 
 
 def _words(name: str) -> list[str]:
-    """In lower case, letters and digits apart."""
+    """The words and numbers of a name, in lower case."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1_\2", name[:200])
     return re.findall(r"[a-z]+|\d+", spaced.lower())
 
@@ -206,27 +226,30 @@ def _words(name: str) -> list[str]:
 def _angle_unit(
     data_set: DataSet, joints: Sequence[_Entry], prismatic: Sequence[bool] | None, angle: str
 ) -> tuple[str, list[str]]:
-    """Unit of the positions of turning joints, and what is said of it."""
+    """Unit of the positions of revolute joints, and notices of how it was decided.
+
+    Raises:
+        InputError: the size of the positions does not decide it.
+    """
     if angle:
-        return angle, [f"positions read in {angle}, as asked for"]
-    sliding = list(prismatic or [False] * len(joints))
+        return angle, [f"positions are read in {angle}, as --log-format says"]
+    is_prismatic = list(prismatic or [False] * len(joints))
     largest = 0.0
-    for one, slides in zip(joints, sliding, strict=False):
-        limits = data_set.largest(one.feature)
+    for joint, slides in zip(joints, is_prismatic, strict=False):
+        limits = data_set.largest(joint.feature)
         if limits is not None and not slides:
-            largest = max(largest, float(limits[one.index]))
+            largest = max(largest, float(limits[joint.index]))
     if largest <= _LARGEST_RAD:
         return "rad", []
     if largest > _NORMALISED:
-        return "deg", [f"positions reach {largest:.0f}: read as degrees"]
-    servo = f" ({data_set.robot_type[:40]})" if data_set.robot_type else ""
+        return "deg", [f"positions are read in degrees: they reach {largest:.0f}"]
+    robot_type = f" ({data_set.robot_type[:40]})" if data_set.robot_type else ""
     problem = (
         f"positions reach {largest:.0f}: degrees, or LeRobot's positions normalised to -100..100"
-        f"{servo}; the data set does not say which"
+        f"{robot_type}; the data set does not state which"
     )
     remedy = (
-        f"for degrees add --log-format {IN_DEGREES}; normalised ones need the calibration of the "
-        f"arm: describe gain and offset of each joint (--log-format FILE.yaml); {IN_RADIANS} for "
-        "radians"
+        f"add --log-format {IN_DEGREES} or {IN_RADIANS}; for normalised positions describe gain "
+        "and offset of each joint, from the arm's calibration (--log-format FILE.yaml)"
     )
     raise InputError(data_set.root / INFO, joints[0].feature, problem, remedy)

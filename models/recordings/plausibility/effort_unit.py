@@ -1,13 +1,13 @@
-"""Whether what a log calls effort is torque in N m or current in A: gravity says.
+"""Decides from gravity whether the effort of a log is torque in N m or current in A.
 
-ROS' JointState says N m, and drivers of some arms (Universal Robots', by version) put amperes
-there. Held still or moved slowly, a joint's motor torque is about its gravity torque G. The ratio
-of effort to G, by least squares a joint, is
+ROS' JointState defines effort in N m, but drivers of some arms (Universal Robots', by version)
+report amperes. At rest or in slow motion, a joint's motor torque is about its gravity torque G. The
+ratio of effort to G, by least squares for each joint, is
 
-    about 1      the effort is in N m
-    about 1 / K  it is in A, with K the torque per ampere of robot.yaml
+    about 1      if the effort is in N m
+    about 1 / K  if it is in A, with K the torque per ampere of robot.yaml
 
-A joint is asked if K is far from one, gravity loads it and the effort follows gravity.
+Only joints count whose K is far from one, that gravity loads, and whose effort follows gravity.
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,58 +26,64 @@ from wrenchsight.models.recordings.plausibility.product_sums import (
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
-NEARER = 0.7  # natural logarithm by which one ratio must be nearer than the other, joints' mean
+NEARER = 0.7  # by which the logarithm of one ratio must be nearer than the other, joints' mean
 _LEAST_SAMPLES = 20
 NAMES = {"N m": IN_NEWTON_METRES, "A": IN_AMPERES}
-"""Words of --log-format that decide it, by unit."""
+"""Words of --log-format that state the unit, by unit."""
 REMEDIES = {unit: f"--log-format {word}" for unit, word in NAMES.items()}
-"""Options that decide it, by unit."""
+"""Options that state the unit, by unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class EffortUnit:
-    """What gravity says of a log's effort.
+    """The unit of a log's effort, and the ratios that decided it.
 
     Attributes:
-        unit: "N m", "A", or "" where it cannot be told.
+        unit: "N m", "A", or "" where gravity does not decide.
         ratio: (n,) effort over gravity torque.
-        asked: (n,) the joints that were asked.
+        is_telling: (n,) whether the joint's ratio counted.
     """
 
     unit: str
     ratio: Array
-    asked: Flags
+    is_telling: Flags
 
     def sentence(self, robot: Robot, remedies: Mapping[str, str] = REMEDIES) -> str:
-        """What the effort is read as, why, and by which option to have it otherwise."""
-        other = remedies["N m" if self.unit == "A" else "A"]
+        """Says in which unit the effort is read, why, and how to state the other one.
+
+        Args:
+            remedies: what to add for effort in N m and in A, by unit.
+        """
         if not self.unit:
-            why = "gravity does not tell in this log whether it is amperes"
+            reason = "gravity does not show in this log whether it is in amperes"
             if robot.has_inertias and not telling_joints(robot).any():
-                why = "torque_per_ampere is near 1 in robot.yaml, so that gravity cannot tell"
+                reason = "torque_per_ampere is near 1 in robot.yaml, so gravity cannot show it"
             return (
-                f"effort is read as joint torque in N m: {why}; of a driver that reports amperes "
-                f"add {other}"
+                f"effort is read as joint torque in N m: {reason}; if the driver reports amperes, "
+                f"add {remedies['A']}"
             )
-        joints = np.flatnonzero(self.asked)
-        shown = ", ".join(f"{robot.joint_names[j]} {self.ratio[j]:.2g}" for j in joints)
+        ratios = ", ".join(
+            f"{robot.joint_names[j]} {self.ratio[j]:.2g}" for j in np.flatnonzero(self.is_telling)
+        )
         if self.unit == "A":
             return (
-                f"effort is read as motor current in A: it is {shown} of the gravity torque, as "
-                f"robot.yaml's torque_per_ampere has it; {other} reads it as N m"
+                f"effort is read as motor current in A: its ratio to the gravity torque ({ratios}) "
+                "agrees with torque_per_ampere in robot.yaml; if the driver reports N m, add "
+                f"{remedies['N m']}"
             )
         return (
-            f"effort is read as joint torque in N m: it is {shown} of the gravity torque; "
-            f"{other} reads it as motor current"
+            f"effort is read as joint torque in N m: its ratio to the gravity torque ({ratios}) is "
+            f"about 1; if the driver reports amperes, add {remedies['A']}"
         )
 
 
 def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
-    """Decides by logs whose `tau_J` holds their effort.
+    """The unit of the effort of logs of a robot.
 
     Args:
-        recordings: parts of the logs; samples that lack a number are passed over.
-        robot: whose gravity torque and torque per ampere count.
+        recordings: parts of the logs, with their effort in `tau_J`; samples that lack a number are
+            skipped.
+        robot: with its gravity torque and torque per ampere.
     """
     n = robot.num_joints
     unknown = EffortUnit("", np.full(n, np.nan), np.zeros(n, np.bool_))
@@ -91,11 +97,14 @@ def effort_unit(recordings: Iterable[Recording], robot: Robot) -> EffortUnit:
         return unknown
     ratio = np.abs(sums.ratio())
     loaded = sums.gravity() > LEAST_GRAVITY
-    asked = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
-    if not asked.any():
+    is_telling = loaded & telling_joints(robot) & (np.abs(sums.cosine()) > FOLLOWS)
+    if not is_telling.any():
         return unknown
     K = robot.torque_per_ampere
-    # How much nearer, by factors, the ratio is to that of N m than to that of A.
-    nearer = (np.abs(np.log((ratio * K)[asked])) - np.abs(np.log(ratio[asked]))).mean()
-    unit = "" if abs(nearer) < NEARER else "N m" if nearer > 0.0 else "A"
-    return EffortUnit(unit, ratio, asked)
+    distance_to_amperes = np.abs(np.log((ratio * K)[is_telling]))
+    distance_to_newton_metres = np.abs(np.log(ratio[is_telling]))
+    difference = (distance_to_amperes - distance_to_newton_metres).mean()
+    unit = ""
+    if abs(difference) >= NEARER:
+        unit = "N m" if difference > 0.0 else "A"
+    return EffortUnit(unit, ratio, is_telling)

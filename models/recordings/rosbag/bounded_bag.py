@@ -1,6 +1,6 @@
-"""`rosbags`' reader with a bound on what a compressed bag unpacks to.
+"""The reader of `rosbags` with a bound on the size of decompressed data.
 
-A chunk of zeros packs to a thousandth: without a bound a small file fills memory or the disk.
+A chunk of zeros compresses to a thousandth: without a bound, a small file fills memory or the disk.
 """
 
 from collections.abc import Iterator
@@ -10,8 +10,8 @@ from types import SimpleNamespace
 from typing import Any, Final
 
 LARGEST_PART: Final = 1 << 26  # bytes of one chunk or message
-_LARGEST_WHOLE: Final = 1 << 28  # bytes of a file that is unpacked, or
-_LARGEST_RATIO: Final = 50  # so many times what it is packed, whichever is more
+_LARGEST_FILE: Final = 1 << 28  # bytes of a decompressed file, or
+_LARGEST_RATIO: Final = 50  # times its compressed size, whichever is more
 
 
 @contextmanager
@@ -19,8 +19,8 @@ def bounded_reader(path: Path) -> Iterator[Any]:
     """An opened `rosbags.rosbag2.Reader`.
 
     Raises:
-        ValueError: what the bag unpacks to is not bounded; also while its messages are read.
-        Exception: of any kind that rosbags raises over a damaged bag.
+        ValueError: the bag decompresses to more than the bound; also while its messages are read.
+        Exception: of any kind, raised by rosbags over a damaged bag.
     """
     from backports import zstd
     from rosbags.rosbag2 import Reader, storage_mcap
@@ -40,12 +40,13 @@ def bounded_reader(path: Path) -> Iterator[Any]:
 
 
 def _refuse_above(size: int, packed: int) -> None:
-    if size > max(_LARGEST_WHOLE, _LARGEST_RATIO * packed):
+    """Refuses a decompressed size that is beyond the bound of its compressed size."""
+    if size > max(_LARGEST_FILE, _LARGEST_RATIO * packed):
         raise ValueError(f"{packed} bytes that unpack to {size} or more")
 
 
 def _refuse_packed_files(folder: Path) -> None:
-    """Unpacks packed files once, to nowhere: rosbags would unpack them to the disk."""
+    """Measures compressed files by decompressing them once: rosbags would do so to the disk."""
     from backports import zstd
 
     for path in folder.glob("*.zstd"):

@@ -1,8 +1,9 @@
-"""ROS 2 messages as they stand in a bag (CDR), many at a time, to and from arrays.
+"""Converts ROS 2 messages in their serialised form (CDR) to and from arrays, many at a time.
 
-`rosbags` reads and writes each message. A topic's messages almost always differ in their stamp and
-their numbers alone: where these stand is found by writing one message with two sets of numbers, and
-then all messages that agree elsewhere are one array of bytes. One that does not is read by itself.
+`rosbags` reads and writes single messages, which is slow. A topic's messages almost always differ
+only in their stamp and numbers. The bytes of these are found by serialising one message with two
+sets of numbers. All messages that agree in the other bytes are decoded as one array; any other
+message is decoded by `rosbags`.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,16 +21,16 @@ Stamps = NDArray[np.int64]
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 KINDS: Final = (JOINT_STATE, WRENCH)
-"""The messages that are read, by the name of their type."""
+"""The types of messages that are read."""
 QUANTITIES: Final = ("position", "velocity", "effort")
 WRENCH_PARTS: Final = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
-_ONES: Final = 0x01010101  # a whole number, and a double, none of whose bytes is zero
-_ONES_DOUBLE: Final = float(np.frombuffer(b"\x01" * 8)[0])
+_ONES: Final = 0x01010101  # a whole number none of whose bytes is zero
+_ONES_DOUBLE: Final = float(np.frombuffer(b"\x01" * 8)[0])  # such a double
 
 
 @cache
 def typestore() -> Any:
-    """The types of messages that rosbags knows; those read here are the same in all of ROS 2."""
+    """The message types of rosbags; those read here are the same in all versions of ROS 2."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
@@ -43,13 +44,13 @@ def header(frame: str, stamp: int = 0) -> Any:
 
 
 class Layout:
-    """Where stamp and doubles stand in messages that are alike in all else.
+    """The bytes of stamp and doubles in messages that agree in all other bytes.
 
     Args:
-        kind: of the messages.
-        make: a message of them with this number in its stamp, and this one in its doubles.
+        kind: type of the messages.
+        make: returns such a message, given the number in its stamp and the one in its doubles.
         stamped: whether they have a stamp, before all doubles.
-        little: whether their byte order is.
+        little: whether their byte order is little-endian.
     """
 
     def __init__(
@@ -59,10 +60,10 @@ class Layout:
         stamped: bool = True,
         little: bool = True,
     ) -> None:
-        both = (make(0, 0.0), make(_ONES, _ONES_DOUBLE))
-        raw = [bytes(typestore().serialize_cdr(one, kind, little_endian=little)) for one in both]
-        self._template, ones = (np.frombuffer(one, np.uint8) for one in raw)
-        self._varies = self._template != ones
+        zeros = typestore().serialize_cdr(make(0, 0.0), kind, little_endian=little)
+        ones = typestore().serialize_cdr(make(_ONES, _ONES_DOUBLE), kind, little_endian=little)
+        self._template = np.frombuffer(bytes(zeros), np.uint8)
+        self._varies = self._template != np.frombuffer(bytes(ones), np.uint8)
         self._stamp_bytes = 8 if stamped else 0
         order = "<" if little else ">"
         self._double = np.dtype(order + "f8")
@@ -74,52 +75,55 @@ class Layout:
         return len(self._template)
 
     def alike(self, block: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(N,) which of (N, size) messages differ in stamp and doubles alone."""
-        same = block[:, ~self._varies] == self._template[~self._varies]
-        return np.asarray(same.all(axis=1))
+        """(N,) which of (N, size) messages have this layout: only stamp and doubles differ."""
+        is_same = block[:, ~self._varies] == self._template[~self._varies]
+        return np.asarray(is_same.all(axis=1))
 
     def decode(self, block: NDArray[np.uint8]) -> tuple[Stamps, Array]:
-        """(N,) stamps in ns and (N, k) doubles of (N, size) messages that are alike."""
-        own = block[:, self._varies]
-        stamp = np.ascontiguousarray(own[:, : self._stamp_bytes]).view(self._time)[:, 0]
-        values = np.ascontiguousarray(own[:, self._stamp_bytes :]).view(self._double)
+        """(N,) stamps in ns and (N, k) doubles of (N, size) messages of this layout."""
+        varying = block[:, self._varies]
+        stamp = np.ascontiguousarray(varying[:, : self._stamp_bytes]).view(self._time)[:, 0]
+        values = np.ascontiguousarray(varying[:, self._stamp_bytes :]).view(self._double)
         stamps = stamp["s"].astype(np.int64) * 10**9 + stamp["ns"]
         return stamps, values.astype(np.float64, copy=False)
 
     def encode(self, stamps: Stamps, values: Array) -> NDArray[np.uint8]:
         """(N, size) messages with stamps (N,) in ns, not negative, and doubles (N, k)."""
-        own = [np.ascontiguousarray(values, self._double).view(np.uint8)]
+        varying = np.ascontiguousarray(values, self._double).view(np.uint8)
         if self._stamp_bytes:
             time = np.empty(len(stamps), self._time)
             time["s"], time["ns"] = stamps // 10**9, stamps % 10**9
-            own.insert(0, time[:, None].view(np.uint8))
+            varying = np.concatenate([time[:, None].view(np.uint8), varying], axis=1)
         messages = np.tile(self._template, (len(stamps), 1))
-        messages[:, self._varies] = np.concatenate(own, axis=1)
+        messages[:, self._varies] = varying
         return messages
 
 
 class Messages:
-    """Reads the messages of one topic, as its first one is laid out.
+    """Decodes the messages of one topic, in the layout of its first message.
 
     Args:
         kind: one of `KINDS`.
-        first: a message of the topic; it says which joints there are, or in which frame wrenches
-            are.
+        example: a message of the topic, with the names of its joints or the frame of its wrenches.
 
     Attributes:
-        names: of the numbers in a message: JOINT/position, JOINT/velocity and JOINT/effort of what
-            a JointState holds, force/x to torque/z of a WrenchStamped.
+        names: of the numbers in a message: JOINT/position, JOINT/velocity and JOINT/effort for each
+            quantity of a JointState, force/x to torque/z of a WrenchStamped.
     """
 
-    def __init__(self, kind: str, first: bytes) -> None:
+    def __init__(self, kind: str, example: bytes) -> None:
         self._kind = kind
-        message = typestore().deserialize_cdr(first, kind)
+        message = typestore().deserialize_cdr(example, kind)
         self._frame = message.header.frame_id
-        numbers = self._numbers(message, whole=True)
-        self.names = tuple(name for name in numbers if name is not None)
-        self._columns = [place for place, name in enumerate(numbers) if name is not None]
-        little = bool(first[1] & 1)
-        self._layout = Layout(kind, lambda *fill: _filled(message, *fill), little=little)
+        names = self._names(message)
+        self.names = tuple(name for name in names if name is not None)
+        self._columns = [k for k, name in enumerate(names) if name is not None]
+        is_little = bool(example[1] & 1)
+
+        def filled(stamp: int, number: float) -> Any:
+            return _filled(message, stamp, number)
+
+        self._layout = Layout(kind, filled, little=is_little)
 
     def decode(self, raw: Sequence[bytes]) -> tuple[Stamps, Array]:
         """(N,) stamps of the headers in ns, and (N, k) numbers; NaN where a message lacks one.
@@ -129,64 +133,72 @@ class Messages:
         """
         stamps, values = np.empty(len(raw), np.int64), np.empty((len(raw), len(self.names)))
         size = self._layout.size
-        like = np.fromiter((len(data) == size for data in raw), bool, len(raw))
-        if like.any():
-            joined = b"".join(raw) if like.all() else b"".join(d for d in raw if len(d) == size)
+        has_layout = np.fromiter((len(data) == size for data in raw), bool, len(raw))
+        if has_layout.any():
+            joined = b"".join(data for data in raw if len(data) == size)
             block = np.frombuffer(joined, np.uint8).reshape(-1, size)
-            alike = self._layout.alike(block)
-            like[np.flatnonzero(like)[~alike]] = False
-            stamps[like], doubles = self._layout.decode(block[alike])
-            values[like] = doubles[:, self._columns]
-        for k in np.flatnonzero(~like).tolist():
+            is_alike = self._layout.alike(block)
+            has_layout[np.flatnonzero(has_layout)[~is_alike]] = False
+            stamps[has_layout], doubles = self._layout.decode(block[is_alike])
+            values[has_layout] = doubles[:, self._columns]
+        for k in np.flatnonzero(~has_layout).tolist():
             message = typestore().deserialize_cdr(raw[k], self._kind)
             stamp = message.header.stamp
             stamps[k] = int(stamp.sec) * 10**9 + int(stamp.nanosec)
-            held = dict(self._numbers(message))
-            values[k] = [held.get(name, np.nan) for name in self.names]
+            numbers = self._numbers(message)
+            values[k] = [numbers.get(name, np.nan) for name in self.names]
         return stamps, values
 
-    def _numbers(self, message: Any, whole: bool = False) -> Any:
-        """The numbers of a message by name.
+    def _names(self, message: Any) -> Sequence[str | None]:
+        """A name for each double of a message.
 
-        Args:
-            whole: the names alone, one for each double that the message has; None where a quantity
-                does not have one number a joint.
+        None for the doubles of a quantity that does not have one number for each joint.
         """
         if self._kind == WRENCH:
-            sides = message.wrench.force, message.wrench.torque
-            values = [getattr(side, axis) for side in sides for axis in "xyz"]
-            if message.header.frame_id != self._frame:
-                values = [np.nan] * 6
-            return WRENCH_PARTS if whole else zip(WRENCH_PARTS, values, strict=True)
-        found: list[Any] = []
+            return WRENCH_PARTS
+        names: list[str | None] = []
         for quantity in QUANTITIES:
-            values = getattr(message, quantity)
-            names = [f"{joint}/{quantity}" for joint in message.name]
-            if not whole:
-                found += zip(names, values, strict=False)
-            else:
-                found += names if len(names) == len(values) else [None] * len(values)
-        return found
+            count = len(getattr(message, quantity))
+            has_all_joints = count == len(message.name)
+            names += [
+                f"{message.name[k]}/{quantity}" if has_all_joints else None for k in range(count)
+            ]
+        return names
+
+    def _numbers(self, message: Any) -> dict[str, float]:
+        """The numbers of a message by name; NaN for a wrench in another frame."""
+        numbers: dict[str, float] = {}
+        if self._kind == WRENCH:
+            if message.header.frame_id != self._frame:
+                return dict.fromkeys(WRENCH_PARTS, np.nan)
+            for part in WRENCH_PARTS:
+                vector, axis = part.split("/")
+                numbers[part] = getattr(getattr(message.wrench, vector), axis)
+            return numbers
+        for quantity in QUANTITIES:
+            for joint, number in zip(message.name, getattr(message, quantity), strict=False):
+                numbers[f"{joint}/{quantity}"] = number
+        return numbers
 
 
 def _filled(message: Any, stamp: int, number: float) -> Any:
-    """A JointState or WrenchStamped as it is, but for its stamp and numbers."""
-    own = {"header": header(message.header.frame_id, stamp)}
+    """A copy of a JointState or WrenchStamped with another stamp and other numbers."""
+    stamped = replace(message, header=header(message.header.frame_id, stamp))
     if hasattr(message, "wrench"):
         vector = type(message.wrench.force)(number, number, number)
-        return replace(message, **own, wrench=replace(message.wrench, force=vector, torque=vector))
+        return replace(stamped, wrench=replace(message.wrench, force=vector, torque=vector))
     values = {name: np.full(len(getattr(message, name)), number) for name in QUANTITIES}
-    return replace(message, **own, **values)
+    return replace(stamped, **values)
 
 
 def nanoseconds(t: Array) -> Stamps:
-    """(N,) whole nanoseconds of times in s; what `seconds` gives back where t has no finer part."""
+    """(N,) whole nanoseconds of times in s; inverse of `seconds` where t has no finer part."""
     whole = np.floor(t)
     return whole.astype(np.int64) * 10**9 + np.rint((t - whole) * 1e9).astype(np.int64)
 
 
 def seconds(stamps: Stamps) -> Array:
-    """(N,) s of times in ns: the double that is nearest."""
-    small = np.abs(stamps) < 1 << 53  # one rounding instead of two
+    """(N,) s of times in ns, rounded to the nearest double."""
+    is_exact = np.abs(stamps) < 1 << 53  # as a double, so that one rounding suffices
     whole = stamps // 10**9
-    return np.where(small, stamps / 1e9, whole + (stamps - whole * 10**9) / 1e9)
+    return np.where(is_exact, stamps / 1e9, whole + (stamps - whole * 10**9) / 1e9)

@@ -1,9 +1,9 @@
 """Logs in ROS 2 bags (MCAP and SQLite, one file or a folder of them), read without ROS.
 
 Columns are named as PlotJuggler names its series: TOPIC/JOINT/position and so on of
-sensor_msgs/JointState, TOPIC/force/x and so on of geometry_msgs/WrenchStamped; `time` is the
-messages' own stamp in s. Where columns of several topics are wanted, the topic of the positions
-gives the rows, and the others are interpolated linearly at its stamps.
+sensor_msgs/JointState, TOPIC/force/x and so on of geometry_msgs/WrenchStamped. `time` is the stamp
+in the messages' headers, in s. If the columns come from several topics, each message of the topic
+of the positions is a row. The other topics are interpolated linearly at its stamps.
 """
 
 import re
@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,40 @@ from wrenchsight.models.recordings.table_checks import refuse_missing, rows_with
 Rows = NDArray[np.int64]
 
 _BLOCK_MESSAGES = 1 << 14
-_PROBED = 64  # messages that show whether a driver fills a quantity, or leaves NaN in it
-_LONGEST_BRIDGE = 0.1  # s between two messages of a topic that is interpolated, or
-_BRIDGED_STEPS = 3.0  # its median steps, whichever is longer
+_PROBED = 64  # messages that show whether a driver fills a quantity, or leaves it NaN
+_LONGEST_BRIDGE = 0.1  # s, longest step of a topic that is interpolated, or
+_BRIDGED_STEPS = 3.0  # median steps, whichever is longer
+_LARGEST_STAMP = 2**32 * 10**9  # ns
 _METADATA = "metadata.yaml"
-_CURRENT_TOPIC = "/motor_current"
+_JOINT_TOPIC, _CURRENT_TOPIC = "/joint_states", "/motor_current"
+_QUANTITY_OF_LETTER = {"q": "position", "v": "velocity", "tau": "effort", "i": "effort"}
+
+
+class _Column(NamedTuple):
+    """Where a column of the table comes from."""
+
+    topic: str
+    entry: int  # among the numbers of its messages
+
+
+class _WrittenColumn(NamedTuple):
+    """Where a column of a log is written."""
+
+    topic: str
+    quantity: str
+    joint: str
+
+
+def _written_column(name: str) -> _WrittenColumn:
+    """The place in a bag of a column with this name."""
+    joint = re.fullmatch(r"(q|v|tau|i)(\d+)", name)
+    if joint:
+        topic = _CURRENT_TOPIC if joint[1] == "i" else _JOINT_TOPIC
+        return _WrittenColumn(topic, _QUANTITY_OF_LETTER[joint[1]], f"joint_{joint[2]}")
+    entry = re.fullmatch(r"(.+)\.(\d+)", name)
+    if entry:
+        return _WrittenColumn("/" + re.sub(r"\W", "_", entry[1]), "position", entry[2])
+    return _WrittenColumn("/" + name, "position", "1")
 
 
 class RosbagContainer:
@@ -51,35 +80,30 @@ class RosbagContainer:
     suffixes: tuple[str, ...] = (".mcap", ".db3")
 
     def open(self, path: Path, form: RecordingFormat | None) -> "RosbagTable":
-        """As the protocol; the bag says all by itself, so that `form` is not read."""
+        """As the protocol; the bag describes itself, so that `form` is not used."""
         return RosbagTable(path)
 
     def write(self, path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-        """As the protocol, in MCAP; times are rounded to the nanosecond that a stamp holds.
+        """As the protocol, in MCAP; times are rounded to the nanosecond of a stamp.
 
         q, v and tau go to /joint_states, i to /motor_current as efforts, and a signal NAME.1.. to
         /NAME as positions.
 
         Raises:
-            InputError: a time that a stamp cannot hold; the file cannot be written.
+            InputError: a stamp cannot hold a time, or the file cannot be written.
         """
-        joints: dict[str, dict[str, dict[str, NDArray[Any]]]] = {}  # topic, quantity, joint
-        own = {"q": "position", "v": "velocity", "tau": "effort", "i": "effort"}
-        for name, column in columns.items():
-            if match := re.fullmatch(r"(q|v|tau|i)(\d+)", name):
-                topic = _CURRENT_TOPIC if match[1] == "i" else "/joint_states"
-                held = joints.setdefault(topic, {}).setdefault(own[match[1]], {})
-                held[f"joint_{match[2]}"] = column
-            elif match := re.fullmatch(r"(.+)\.(\d+)", name):
-                topic = "/" + re.sub(r"\W", "_", match[1])
-                joints.setdefault(topic, {}).setdefault("position", {})[match[2]] = column
-            elif name != "t":
-                joints.setdefault("/" + name, {}).setdefault("position", {})["1"] = column
+        topics: dict[str, dict[str, dict[str, NDArray[Any]]]] = {}  # by topic, quantity, joint
+        for name, values in columns.items():
+            if name != "t":
+                column = _written_column(name)
+                quantities = topics.setdefault(column.topic, {})
+                quantities.setdefault(column.quantity, {})[column.joint] = values
         stamps = nanoseconds(np.asarray(columns["t"], float))
-        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < 2**32 * 10**9:
-            raise InputError(path, "", "a stamp of ROS holds 0 to 2^32 s", "shift the times")
+        if len(stamps) and not 0 <= stamps.min() <= stamps.max() < _LARGEST_STAMP:
+            problem = "has times that no ROS stamp can hold, expected 0 to 2^32 s"
+            raise InputError(path, "", problem, "shift the times")
         with BagWriter(path) as writer:
-            for topic, quantities in joints.items():
+            for topic, quantities in topics.items():
                 writer.write_joint_states(topic, stamps, quantities)
 
 
@@ -100,7 +124,7 @@ class BagWriter:
         with ExitStack() as stack:
             self._partial = stack.enter_context(whole_file(self.path))
             with writing_to(self.path):
-                # rosbags writes a folder; the file in it is a bag by itself.
+                # rosbags writes a folder, whose file is moved to the path at the end.
                 folder = stack.enter_context(
                     tempfile.TemporaryDirectory(
                         prefix=".bag", dir=self.path.parent, ignore_cleanup_errors=True
@@ -127,18 +151,19 @@ class BagWriter:
         self, topic: str, stamps: Rows, quantities: Mapping[str, Mapping[str, NDArray[Any]]]
     ) -> None:
         """Appends sensor_msgs/JointState: (N,) numbers by quantity and joint."""
-        joints = list(dict.fromkeys(name for held in quantities.values() for name in held))
-        held = [quantity for quantity in QUANTITIES if quantity in quantities]
-        values = np.concatenate(
-            [
-                np.stack([np.asarray(quantities[q][name], float) for name in joints], axis=1)
-                for q in held
-            ],
-            axis=1,
+        joints = list(
+            dict.fromkeys(joint for by_joint in quantities.values() for joint in by_joint)
         )
+        columns = [
+            np.asarray(quantities[quantity][joint], float)
+            for quantity in QUANTITIES
+            if quantity in quantities
+            for joint in joints
+        ]
+        values = np.stack(columns, axis=1)
 
         def message(stamp: int, number: float) -> Any:
-            sizes = [len(joints) if quantity in held else 0 for quantity in QUANTITIES]
+            sizes = [len(joints) if quantity in quantities else 0 for quantity in QUANTITIES]
             numbers = [np.full(size, number) for size in sizes]
             return typestore().types[JOINT_STATE](header("", stamp), joints, *numbers)
 
@@ -153,8 +178,8 @@ class BagWriter:
                 raise error
             with writing_to(self.path):
                 self._writer.close()
-                (found,) = self._bag.glob("*.mcap")
-                found.replace(self._partial)
+                (file,) = self._bag.glob("*.mcap")
+                file.replace(self._partial)
 
 
 def is_bag(path: Path) -> bool:
@@ -177,30 +202,31 @@ class RosbagTable:
         self.progress = 0.0
         self._topics: dict[str, Messages] = {}
         self._counts: dict[str, int] = {}
-        self._columns: list[tuple[str, int]] = []  # topic and place in its messages
-        self._bag_time: set[str] = set()  # topics whose headers bear no stamp
+        self._columns: list[_Column] = []  # all but the first one, the time
+        self._unstamped: set[str] = set()  # topics whose headers have no stamp
         names = ["time"]
         kinds: set[str] = set()
         with self._reading() as reader:
             for connection in reader.connections:
                 kinds.add(connection.msgtype)
                 topic = connection.topic
-                known = connection.msgtype in KINDS
-                if not known or topic in self._topics or connection.msgcount == 0:
+                is_readable = connection.msgtype in KINDS and connection.msgcount > 0
+                if not is_readable or topic in self._topics:
                     continue
                 probe = [data for *_, data in islice(reader.messages([connection]), _PROBED)]
                 messages = Messages(connection.msgtype, probe[0])
                 stamps, values = messages.decode(probe)
                 if not stamps.any():
-                    self._bag_time.add(topic)
+                    self._unstamped.add(topic)
                     self.notices.append(
-                        f"{topic}: its headers bear no stamp; the time of recording stands for it"
+                        f"{topic}: its headers have no stamp; the time of recording is used"
                     )
-                self._topics[topic], self._counts[topic] = messages, connection.msgcount
+                self._topics[topic] = messages
+                self._counts[topic] = connection.msgcount
                 for k, name in enumerate(messages.names):
                     if np.isfinite(values[:, k]).any():
                         names.append(f"{topic}/{name}")
-                        self._columns.append((topic, k))
+                        self._columns.append(_Column(topic, k))
         if not self._columns:
             listed = ", ".join(sorted(kinds)) or "nothing"
             problem = f"holds no topic of {' or '.join(KINDS)}; it holds {listed}"
@@ -216,13 +242,11 @@ class RosbagTable:
     ) -> Iterator[tuple[Array, Rows]]:
         """As the protocol."""
         assert self.names is not None
-        wanted = [self._columns[column - 1] for column in columns if column > 0]
         main = self._main_topic(columns)
         count = self._counts[main]
         first, last = rows_within(self.path, rows, count, f"messages on {main}")
-        followers = {
-            topic: _Follower(self._stream(topic)) for topic in {t for t, _ in wanted} - {main}
-        }
+        topics = {self._columns[column - 1].topic for column in columns if column > 0}
+        interpolated = {topic: _InterpolatedTopic(self._stream(topic)) for topic in topics - {main}}
         row = 1
         for t, block in self._stream(main):
             begin, end = max(first - row, 0), min(last + 1 - row, len(t))
@@ -230,27 +254,28 @@ class RosbagTable:
             self.progress = min(1.0, (row - 1) / count)
             if end <= begin:
                 continue
-            read = {topic: one.at(t[begin:end]) for topic, one in followers.items()}
-            read[main] = block[begin:end]
+            numbers_of = {topic: source.at(t[begin:end]) for topic, source in interpolated.items()}
+            numbers_of[main] = block[begin:end]
             values = np.empty((end - begin, len(columns)))
             for i, column in enumerate(columns):
                 if column == 0:
                     values[:, i] = t[begin:end]
                 else:
-                    topic, k = self._columns[column - 1]
-                    values[:, i] = read[topic][:, k]
-            numbers = np.arange(row - len(t) + begin, row - len(t) + end)
-            refuse_missing(self, self.path, values, numbers, columns, may_be_empty)
-            yield values, numbers
+                    place = self._columns[column - 1]
+                    values[:, i] = numbers_of[place.topic][:, place.entry]
+            row_numbers = np.arange(row - len(t) + begin, row - len(t) + end)
+            refuse_missing(self, self.path, values, row_numbers, columns, may_be_empty)
+            yield values, row_numbers
             if row > last:
                 break
 
     def _main_topic(self, columns: Sequence[int]) -> str:
+        """The topic whose messages are the rows: that of the positions, if it is among them."""
         assert self.names is not None
-        held = [column for column in columns if column > 0]
-        positions = [column for column in held if self.names[column].endswith("/position")]
-        if positions or held:
-            return self._columns[(positions or held)[0] - 1][0]
+        signals = [column for column in columns if column > 0]
+        positions = [column for column in signals if self.names[column].endswith("/position")]
+        if signals:
+            return self._columns[(positions or signals)[0] - 1].topic
         return max(self._counts, key=lambda topic: self._counts[topic])
 
     def _stream(self, topic: str) -> Iterator[tuple[Array, Array]]:
@@ -260,13 +285,13 @@ class RosbagTable:
             source = reader.messages([c for c in reader.connections if c.topic == topic])
             while part := list(islice(source, _BLOCK_MESSAGES)):
                 stamps, values = messages.decode([data for *_, data in part])
-                if topic in self._bag_time:
+                if topic in self._unstamped:
                     stamps = np.array([recorded for _, recorded, _ in part], np.int64)
                 yield seconds(stamps), values
 
     @contextmanager
     def _reading(self) -> Iterator[Any]:
-        """The opened bag; what goes wrong in it is the user's line."""
+        """The opened bag; errors while it is read become an InputError."""
         try:
             with bounded_reader(self.path) as reader:
                 yield reader
@@ -274,7 +299,7 @@ class RosbagTable:
             raise InputError(self.path, "", "no such bag", "check the path") from error
         except InputError:
             raise
-        except Exception as error:  # damaged bytes raise whatever they meet first
+        except Exception as error:  # rosbags raises errors of any kind over damaged bytes
             raise InputError(
                 self.path,
                 "",
@@ -283,8 +308,8 @@ class RosbagTable:
             ) from error
 
 
-class _Follower:
-    """Another topic's numbers at the times of the main one."""
+class _InterpolatedTopic:
+    """The numbers of a topic, interpolated at the times of the main topic."""
 
     def __init__(self, source: Iterator[tuple[Array, Array]]) -> None:
         self._source = source
@@ -293,17 +318,21 @@ class _Follower:
         self._step = np.inf
 
     def at(self, t: Array) -> Array:
-        """(N, k) interpolated at increasing times (N,); NaN where there is nothing to either side.
+        """(N, k) numbers at times (N,); NaN in long gaps, and before and after the messages.
 
-        Times must not lie before those of the call before.
+        Args:
+            t: increasing, and not before the times of an earlier call.
         """
         while not len(self._t) or self._t[-1] < t[-1]:
             block = next(self._source, None)
             if block is None:
                 break
-            self._t = np.concatenate([self._t, block[0]])
-            held = [block[1]] if self._values is None else [self._values, block[1]]
-            self._values = np.concatenate(held)
+            times, numbers = block
+            self._t = np.concatenate([self._t, times])
+            if self._values is None:
+                self._values = numbers
+            else:
+                self._values = np.concatenate([self._values, numbers])
             if not np.isfinite(self._step) and len(self._t) > 1:
                 self._step = float(np.median(np.diff(self._t)))
         assert self._values is not None
@@ -314,6 +343,6 @@ class _Follower:
         values = np.stack(columns, axis=1)
         longest = max(_LONGEST_BRIDGE, _BRIDGED_STEPS * self._step)
         values[self._t[right] - self._t[right - 1] > longest] = np.nan
-        keep = max(int(right[-1]) - 1, 0)
-        self._t, self._values = self._t[keep:], self._values[keep:]
+        start = max(int(right[-1]) - 1, 0)  # of the messages that later times may need
+        self._t, self._values = self._t[start:], self._values[start:]
         return values

@@ -26,7 +26,7 @@ def _velocities(recording: Recording, num_chunks: int = 1) -> np.ndarray:
     return again.v
 
 
-def test_an_even_motion_is_exact_at_any_sampling() -> None:
+def test_the_velocity_of_an_even_motion_is_exact_at_any_sampling() -> None:
     rng = np.random.default_rng(0)
     t = np.cumsum(0.002 * rng.uniform(0.3, 1.7, 400))
     v = _velocities(_recording(t, np.outer(t, [0.5, -2.0]) + 1.0))
@@ -34,7 +34,7 @@ def test_an_even_motion_is_exact_at_any_sampling() -> None:
     np.testing.assert_allclose(v, np.tile([0.5, -2.0], (400, 1)), rtol=1e-11)
 
 
-def test_it_is_scipy_s_filter_on_an_even_grid() -> None:
+def test_on_an_even_grid_it_equals_scipys_savitzky_golay_filter() -> None:
     step, half = 0.005, round(HALF_WINDOW_S / 0.005)
     t = step * np.arange(300)
     q = np.sin(3 * t) + 0.2 * np.cos(7 * t)
@@ -57,7 +57,7 @@ def test_a_sine_keeps_its_phase(frequency: float) -> None:
 
 
 @pytest.mark.parametrize("num_chunks", [2, 7, 150, 400])
-def test_chunks_do_not_matter(num_chunks: int) -> None:
+def test_the_size_of_chunks_does_not_change_velocities(num_chunks: int) -> None:
     rng = np.random.default_rng(1)
     t = np.cumsum(0.01 * rng.uniform(0.9, 1.1, 400))
     recording = _recording(t, np.sin(np.outer(t, [2.0, 3.0])))
@@ -66,13 +66,13 @@ def test_chunks_do_not_matter(num_chunks: int) -> None:
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5])
-def test_a_log_of_a_few_samples(size: int) -> None:
+def test_a_log_of_a_few_samples_has_velocities(size: int) -> None:
     t = 0.01 * np.arange(size)
     v = _velocities(_recording(t, 2.0 * t[:, None]))
     np.testing.assert_allclose(v, np.full((size, 1), 2.0 if size > 2 else 0.0), rtol=1e-12)
 
 
-def test_the_drive_of_a_ur10e_says_the_same(data: Callable[[str], Path]) -> None:
+def test_velocities_agree_with_those_of_a_ur10e_drive(data: Callable[[str], Path]) -> None:
     recording = read_recording(data("ur10e_more/ur-20_02_19_15harm50sec.csv"))
     error = _velocities(recording) - recording.v
     # The drive's own velocity is off by 2 to 3 mrad/s whatever filter it is held against.

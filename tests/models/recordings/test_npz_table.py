@@ -31,7 +31,7 @@ def _saved(tmp_path: Path, **arrays: object) -> Path:
 
 @pytest.mark.parametrize("block", [7, 1 << 16])
 @pytest.mark.parametrize("compressed", [False, True])
-def test_one_array_per_signal(
+def test_an_npz_of_one_array_per_signal_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, compressed: bool
 ) -> None:
     monkeypatch.setattr(npz_table, "_BLOCK_ROWS", block)
@@ -51,11 +51,11 @@ def test_one_array_per_signal(
     )
     assert recording.row is not None
     assert recording.row.tolist() == list(range(1, _ROWS + 1))
-    assert any("names holds no numbers" in notice for notice in recording.notices)
+    assert any("names is left out: it holds no numbers" in notice for notice in recording.notices)
     assert any("left out: rate" in notice for notice in recording.notices)
 
 
-def test_rows_of_a_description(tmp_path: Path) -> None:
+def test_a_description_selects_rows_of_an_npz(tmp_path: Path) -> None:
     path = _saved(tmp_path, **_arrays())
     form = tmp_path / "form.yaml"
     form.write_text(
@@ -63,11 +63,11 @@ def test_rows_of_a_description(tmp_path: Path) -> None:
     )
     np.testing.assert_array_equal(read_recording(path, form).q, _arrays()["q"][4:30])
     form.write_text("time: {columns: t}\nrows: {log.npz: [5, 300]}\n")
-    with pytest.raises(InputError, match="has 50 rows, but rows 5 to 300"):
+    with pytest.raises(InputError, match="has 50 rows, but the description selects rows 5 to 300"):
         read_recording(path, form)
 
 
-def test_what_is_no_log(tmp_path: Path) -> None:
+def test_files_without_arrays_of_a_log_are_refused(tmp_path: Path) -> None:
     path = _saved(tmp_path, **_arrays())
     data = path.read_bytes()
     for content, words in (
@@ -92,7 +92,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
 @pytest.mark.parametrize("order", [False, True])
 @pytest.mark.parametrize("name", ["q", "extra"])
 @pytest.mark.parametrize("shape", [(40, 10**9), (40, -3), (10**12,), (2**40, 2**40)])
-def test_what_a_header_states_is_not_made(
+def test_a_huge_shape_in_a_header_allocates_nothing(
     tmp_path: Path, name: str, shape: tuple[int, ...], order: bool
 ) -> None:
     arrays = {**_arrays(), "extra": np.zeros((40, 3))}

@@ -25,7 +25,7 @@ def _written(tmp_path: Path, kind: pa.DataType, rows: list[object], group: int =
 @pytest.mark.parametrize(
     "kind", [pa.list_(pa.float64(), 3), pa.list_(pa.float64()), pa.large_list(pa.float64())]
 )
-def test_a_list_column_is_described_by_its_entries(tmp_path: Path, kind: pa.DataType) -> None:
+def test_a_list_column_becomes_a_column_per_entry(tmp_path: Path, kind: pa.DataType) -> None:
     path = _written(tmp_path, kind, _Q.tolist())
     form = tmp_path / "form.yaml"
     form.write_text(
@@ -39,42 +39,44 @@ def test_a_list_column_is_described_by_its_entries(tmp_path: Path, kind: pa.Data
     assert log.row[0] == 5
 
 
-def test_lists_of_lists_row_by_row(tmp_path: Path) -> None:
+def test_lists_of_lists_are_read_row_by_row(tmp_path: Path) -> None:
     kind = pa.list_(pa.list_(pa.float64(), 2), 2)
     values = np.arange(4.0 * _ROWS).reshape(_ROWS, 2, 2)
     table = ParquetTable(_written(tmp_path, kind, values.tolist()))
     assert table.names == ("stamp", "joints.1", "joints.2", "joints.3", "joints.4")
-    found = np.concatenate([x for x, _ in table.blocks([2, 3])])
-    np.testing.assert_array_equal(found, values.reshape(_ROWS, 4)[:, 1:3])
+    entries = np.concatenate([x for x, _ in table.blocks([2, 3])])
+    np.testing.assert_array_equal(entries, values.reshape(_ROWS, 4)[:, 1:3])
 
 
-@pytest.mark.parametrize("part", [(0, 12), (6, 8), (7, 7), (30, 10)])
-def test_a_part_is_a_table_of_its_own(tmp_path: Path, part: tuple[int, int]) -> None:
+@pytest.mark.parametrize("part", [range(12), range(6, 14), range(7, 14), range(30, 40)])
+def test_a_part_of_a_file_is_a_table(tmp_path: Path, part: range) -> None:
     """Whatever groups of rows the file has."""
     path = _written(tmp_path, pa.list_(pa.float64(), 3), _Q.tolist())
     table = ParquetTable(path, part)
     blocks = list(table.blocks([1, 2, 3]))
-    begin, count = part
-    np.testing.assert_array_equal(np.concatenate([x for x, _ in blocks]), _Q[begin:][:count])
-    assert np.concatenate([rows for _, rows in blocks]).tolist() == list(range(1, count + 1))
+    np.testing.assert_array_equal(
+        np.concatenate([x for x, _ in blocks]), _Q[part.start : part.stop]
+    )
+    row_numbers = np.concatenate([rows for _, rows in blocks]).tolist()
+    assert row_numbers == list(range(1, len(part) + 1))
     assert table.progress <= 1.0
     with pytest.raises(InputError, match="has 40 rows, expected 41"):
-        ParquetTable(path, (31, 10))
+        ParquetTable(path, range(31, 41))
 
 
 @pytest.mark.parametrize(
-    ("entry", "what"),
+    ("entry", "problem"),
     [([1.0, 2.0], "a list of 2 numbers"), (None, "is empty"), ([1.0, np.nan, 2.0], "not finite")],
 )
-def test_a_row_of_another_length_is_named(tmp_path: Path, entry: object, what: str) -> None:
+def test_a_row_of_another_length_is_named(tmp_path: Path, entry: object, problem: str) -> None:
     rows: list[object] = [*_Q.tolist()]
     rows[16] = entry
     table = ParquetTable(_written(tmp_path, pa.list_(pa.float64()), rows))
-    with pytest.raises(InputError, match=rf"row 17, column joints.*{what}"):
+    with pytest.raises(InputError, match=rf"row 17, column joints.*{problem}"):
         list(table.blocks([1, 2, 3]))
 
 
 def test_a_list_that_is_too_long_is_left_out(tmp_path: Path) -> None:
     table = ParquetTable(_written(tmp_path, pa.list_(pa.float64()), [[0.0] * 5000] * 12))
     assert table.names == ("stamp",)
-    assert "lists of 5000 numbers: left out" in table.notices[0]
+    assert "is left out: it holds lists of 5000 numbers" in table.notices[0]

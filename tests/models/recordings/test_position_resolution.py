@@ -16,24 +16,24 @@ def rounded(q: np.ndarray, step: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("step", [1e-4, 1.7e-5, 2.0 * np.pi / 2**17])
-def test_a_known_step(step: float) -> None:
-    found = position_resolution(rounded(motion(), step))
-    np.testing.assert_allclose(found, step, rtol=1e-3)
+def test_a_rounding_step_is_found(step: float) -> None:
+    resolution = position_resolution(rounded(motion(), step))
+    np.testing.assert_allclose(resolution, step, rtol=1e-3)
 
 
-def test_in_single_precision() -> None:
+def test_a_step_is_found_in_single_precision() -> None:
     q = rounded(motion(), 1e-4).astype(np.float32)
     np.testing.assert_allclose(position_resolution(q), 1e-4, rtol=1e-2)
 
 
-def test_smooth_positions_have_none() -> None:
+def test_smooth_positions_have_no_step() -> None:
     np.testing.assert_array_equal(position_resolution(motion()), 0.0)
     rng = np.random.default_rng(0)
     noisy = motion() + rng.normal(scale=1e-4, size=(4000, 3))
     np.testing.assert_array_equal(position_resolution(noisy), 0.0)
 
 
-def test_a_resampled_log_has_none() -> None:
+def test_a_resampled_log_has_no_step() -> None:
     q, t = rounded(motion(), 1e-4), np.arange(4000.0)
     other = np.stack([np.interp(t + 0.37, t, column) for column in q.T], axis=1)
     np.testing.assert_array_equal(position_resolution(other[:-1]), 0.0)
@@ -45,7 +45,7 @@ def test_a_flickering_joint_at_rest_shows_its_step() -> None:
     np.testing.assert_allclose(position_resolution(q), 1e-4, rtol=1e-9)
 
 
-def test_a_joint_that_hardly_moves_takes_the_others() -> None:
+def test_a_joint_that_hardly_moves_is_given_the_step_of_the_others() -> None:
     q = rounded(motion(), 1e-4)
     q[:, 1] = 0.25
     np.testing.assert_allclose(position_resolution(q), 1e-4, rtol=1e-3)

@@ -31,7 +31,7 @@ def _recording(num_samples: int = 50, num_joints: int = 3) -> Recording:
 
 @pytest.mark.parametrize("begin", [0.0, 1.7e9])
 @pytest.mark.parametrize("ending", ["csv", "parquet", "npz", "mcap"])
-def test_a_file_reads_back_exactly(tmp_path: Path, ending: str, begin: float) -> None:
+def test_a_written_log_reads_back_exactly(tmp_path: Path, ending: str, begin: float) -> None:
     recording = _recording()
     recording = replace(recording, t=begin + np.round(recording.t - 1.7e9, 6))
     if ending == "mcap":  # which has no flags
@@ -45,7 +45,7 @@ def test_a_file_reads_back_exactly(tmp_path: Path, ending: str, begin: float) ->
     np.testing.assert_array_equal(again.extra["file"], recording.extra["file"])
 
 
-def test_the_csv_is_what_the_estimator_documents(tmp_path: Path) -> None:
+def test_a_written_csv_has_the_documented_columns(tmp_path: Path) -> None:
     plain = replace(_recording(12, 2), tau_J=None, dropout=np.zeros(0, bool), extra={})
     write_recording(plain, tmp_path / "log.csv")
     lines = (tmp_path / "log.csv").read_text().splitlines()
@@ -57,7 +57,7 @@ def test_the_csv_is_what_the_estimator_documents(tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "log.parquet").column_names == lines[0].split(",")
 
 
-def test_slices_and_joins() -> None:
+def test_slices_join_to_the_whole_recording() -> None:
     recording = _recording()
     joined = concatenated([recording[:20], recording[20:21], recording[21:]])
     for name in ("t", "q", "v", "current", "tau_J", "dropout"):
@@ -71,7 +71,7 @@ def test_slices_and_joins() -> None:
         concatenated([])
 
 
-def test_shapes_must_agree() -> None:
+def test_signals_of_different_shapes_are_refused() -> None:
     recording = _recording()
     with pytest.raises(ValueError, match="one row per time stamp"):
         replace(recording, t=recording.t[:-1])

@@ -106,9 +106,10 @@ def test_a_plausible_log_passes(num_chunks: int) -> None:
 
 def test_a_log_at_rest_passes() -> None:
     log = _log()
-    rest = replace(log, q=np.full_like(log.q, 0.3), v=0.002 * np.sin(np.outer(log.t, [70, 90])))
-    current = np.broadcast_to(_gravity(rest.q) / (_GAIN * _SIGN), log.q.shape)
-    _check_plausible(replace(rest, current=current), _robot())
+    v = 0.002 * np.sin(np.outer(log.t, [70, 90]))
+    at_rest = replace(log, q=np.full_like(log.q, 0.3), v=v)
+    current = np.broadcast_to(_gravity(at_rest.q) / (_GAIN * _SIGN), log.q.shape)
+    _check_plausible(replace(at_rest, current=current), _robot())
 
 
 def test_a_small_excess_of_a_soft_limit_passes() -> None:
@@ -118,13 +119,13 @@ def test_a_small_excess_of_a_soft_limit_passes() -> None:
     _check_plausible(log, robot)
 
 
-def test_degrees() -> None:
+def test_positions_in_degrees_are_refused() -> None:
     log = _log()
     _refused(
         replace(log, q=np.rad2deg(log.q), v=np.rad2deg(log.v)),
         "q1, joint 1 (shoulder)",
         "expected -3 to 3 rad",
-        "if these are degrees",
+        "if positions are in degrees",
     )
     _refused(replace(log, v=np.rad2deg(log.v)), "v1", "the joint reaches 3 rad/s", "deg/s")
     # Within all limits: only dq/dt tells.
@@ -133,13 +134,13 @@ def test_degrees() -> None:
     _refused(replace(small, v=np.rad2deg(small.v)), "dq/dt is 0.0174", "unit: deg/s")
 
 
-def test_beyond_a_limit() -> None:
+def test_a_position_beyond_its_limit_is_refused() -> None:
     log = _log()
     q = log.q + np.array([2.6, 0.0])
     _refused(replace(log, q=q), "q1, joint 1 (shoulder)", "of this robot")
 
 
-def test_one_joint_in_degrees() -> None:
+def test_one_joint_in_degrees_is_refused() -> None:
     log = _log()
     mixed = log.v * [1.0, 180 / np.pi]
     _refused(replace(log, v=mixed), "v2, joint 2 (elbow)", "dq/dt is 0.0174")
@@ -157,7 +158,7 @@ def test_one_joint_in_degrees() -> None:
     ],
     ids=["sign", "scale", "zero", "swapped", "shifted"],
 )
-def test_velocity_against_position(
+def test_a_velocity_that_contradicts_the_position_is_refused(
     change: Callable[[np.ndarray], np.ndarray], words: list[str], num_chunks: int
 ) -> None:
     log = _log()
@@ -166,7 +167,7 @@ def test_velocity_against_position(
 
 
 @pytest.mark.parametrize("duration", [0.2, 0.3, 0.5, 0.9])
-def test_one_wrong_velocity_shows_in_a_log_of_parts_of_a_second(duration: float) -> None:
+def test_a_wrong_velocity_of_one_joint_is_refused_in_a_short_log(duration: float) -> None:
     log = _log(duration)
     _check_plausible(log, _robot())
     for wrong in (np.full(log.num_samples, 0.3), 1.9 * log.v[:, 1], log.v[:, 0]):
@@ -176,12 +177,12 @@ def test_one_wrong_velocity_shows_in_a_log_of_parts_of_a_second(duration: float)
     _check_plausible(replace(log, v=np.column_stack([log.v[:, 0], late])), _robot())
 
 
-def test_position_that_stands_still() -> None:
+def test_a_position_that_stands_still_is_refused() -> None:
     log = _log()
     _refused(replace(log, q=np.full_like(log.q, 0.5)), "q stands still while v moves")
 
 
-def test_jumps() -> None:
+def test_jumps_of_a_position_are_refused() -> None:
     log = _log()
     q = log.q.copy()
     q[700:, 1] += 2 * np.pi
@@ -192,12 +193,12 @@ def test_jumps() -> None:
 
 
 @pytest.mark.parametrize("num_chunks", [1, 20])
-def test_currents_of_the_wrong_sign(num_chunks: int) -> None:
+def test_currents_of_the_wrong_sign_are_refused(num_chunks: int) -> None:
     log = _log()
     _refused(
         replace(log, current=-log.current),
         "i1, joint 1 (shoulder)",
-        "pulls with gravity",
+        "contradict the sign of the current",
         # Chunk by chunk the shoulder's sign is sure before the elbow has said anything.
         "joints shoulder, elbow" if num_chunks == 1 else "joints shoulder",
         "all joints together",
@@ -209,19 +210,23 @@ def test_currents_of_the_wrong_sign(num_chunks: int) -> None:
     _refused(replace(log, current=log.current * [1, -1]), "i2, joint 2", "(joints elbow)")
 
 
-def test_currents_that_are_not_there() -> None:
+def test_currents_that_are_zero_are_refused() -> None:
     log = _log()
     dead = log.current * [1, 0]
-    _refused(replace(log, current=dead), "i2, joint 2 (elbow)", "the current is zero, but gravity")
+    _refused(
+        replace(log, current=dead),
+        "i2, joint 2 (elbow)",
+        "the current is zero, but the gravity torque is",
+    )
 
 
-def test_currents_in_another_unit() -> None:
+def test_currents_in_another_unit_are_refused() -> None:
     log = _log()
     _refused(replace(log, current=1000 * log.current), "median torque", "unit: mA")
     _refused(replace(log, current=0.001 * log.current), "0.001", "amperes, not mA")
 
 
-def test_currents_in_another_unit_are_seen_also_where_friction_hides_gravity_s_shape() -> None:
+def test_currents_in_another_unit_are_refused_also_with_large_friction() -> None:
     """Friction as large as gravity: the cosine is .66, as it was on a real log."""
     log = _log()
     friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)
@@ -230,7 +235,7 @@ def test_currents_in_another_unit_are_seen_also_where_friction_hides_gravity_s_s
     _refused(replace(log, current=small), "times the gravity torque", "amperes, not mA")
 
 
-def test_torque_that_is_given_as_current() -> None:
+def test_torque_that_is_given_as_current_is_refused() -> None:
     log = _log()
     torque = log.current * _GAIN * _SIGN
     robot = _robot()
@@ -248,7 +253,7 @@ def test_torque_that_is_given_as_current() -> None:
         RecordingChecks(robot, layout).feed(small)
 
 
-def test_a_heavy_load_is_no_torque_in_place_of_current() -> None:
+def test_a_heavy_load_is_not_taken_for_torque_in_place_of_current() -> None:
     """Three times gravity on both joints, and ten times on one of them alone."""
     log = _log()
     gravity = _gravity(log.q) / (_GAIN * _SIGN)
@@ -258,23 +263,26 @@ def test_a_heavy_load_is_no_torque_in_place_of_current() -> None:
         RecordingChecks(robot, _LAYOUT).feed(replace(log, current=log.current + factor * gravity))
 
 
-def test_a_log_of_torques_is_refused_in_words_of_torques() -> None:
+def test_errors_of_a_log_of_torques_speak_of_torques() -> None:
     log = _log()
-    found = []
-    # Turned, in another unit either way, and so for a joint that friction moves more than gravity.
-    friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)
-    for signal in (-log.current, 1000 * log.current, 0.001 * (log.current + friction)):
+    friction = np.array([40.0, 8.0]) * np.sign(log.v) / (_GAIN * _SIGN)  # larger than gravity
+    cases = (
+        (-log.current, ("contradict the sign of the torque", "set gain: -1")),
+        (1000 * log.current, ("motor_torque: {unit: mN m}",)),
+        (0.001 * (log.current + friction), ("motor_torque: {unit: ...}",)),
+    )
+    for signal, words in cases:
         wrong = replace(log, current=signal, tau_J=signal * _GAIN * _SIGN)
-        with pytest.raises(InputError) as error:
+        with pytest.raises(InputError) as caught:
             RecordingChecks(_robot()).feed(wrong)
-        found.append(str(error.value))
-        assert "current" not in found[-1] and "torque_per_ampere" not in found[-1]
-    assert "the torque pulls with gravity" in found[0] and "set gain: -1" in found[0]
-    assert "motor_torque: {unit: mN m}" in found[1]
-    assert "motor_torque: {unit: ...}" in found[2]
+        line = str(caught.value)
+        assert "current" not in line
+        assert "torque_per_ampere" not in line
+        for word in words:
+            assert word in line
 
 
-def test_a_load_does_not_turn_the_sign() -> None:
+def test_a_load_is_no_wrong_sign() -> None:
     """A payload of the arm's own weight upwards or downwards stays within what is accepted."""
     log = _log()
     load = np.stack([0.8 * _gravity(log.q)[:, 0], np.zeros(log.num_samples)], axis=1)
@@ -288,7 +296,12 @@ def test_a_load_does_not_turn_the_sign() -> None:
 
 _LOGS = (
     "ur-20_01_17-ptp_10_points.csv",
-    *(f"ur-20_01_22-joint_{j}.csv" for j in range(1, 7)),
+    "ur-20_01_22-joint_1.csv",
+    "ur-20_01_22-joint_2.csv",
+    "ur-20_01_22-joint_3.csv",
+    "ur-20_01_22-joint_4.csv",
+    "ur-20_01_22-joint_5.csv",
+    "ur-20_01_22-joint_6.csv",
     "ur-20_02_10-30sec_12harm.csv",
     "ur-20_02_12-40sec_12harm.csv",
     "ur-20_02_12-50sec_12harm.csv",
@@ -298,7 +311,7 @@ _LOGS = (
 
 
 @pytest.mark.parametrize("name", _LOGS)
-def test_real_logs_pass_and_their_distortions_do_not(
+def test_real_logs_pass_and_distorted_ones_are_refused(
     ur10e: Robot, data: Callable[[str], Path], name: str
 ) -> None:
     recording = read_recording(data(f"ur10e/{name}"), robot=ur10e)
@@ -316,7 +329,7 @@ def test_real_logs_pass_and_their_distortions_do_not(
             _check_plausible(replace(recording, current=torque), ur10e)
     if np.sqrt(np.mean(ur10e.chain.gravity_torque(recording.q) ** 2)) < 5:
         return  # an upright arm carries no gravity: nothing tells the sign
-    with pytest.raises(InputError, match="pulls with gravity"):
+    with pytest.raises(InputError, match="contradict the sign of the current"):
         _check_plausible(turned, ur10e)
     with pytest.raises(InputError, match="mA"):
         _check_plausible(replace(recording, current=1000 * recording.current), ur10e)

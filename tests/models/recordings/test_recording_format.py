@@ -9,6 +9,7 @@ from wrenchsight.models.files.bundled_files import bundled_files
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording_format import (
     FORMATS,
+    LogHeader,
     RecordingFormat,
     SignalColumns,
     load_format,
@@ -26,7 +27,8 @@ def _written(tmp_path: Path, text: str) -> Path:
 
 
 def _layout(form: RecordingFormat, names=None, num_columns=0):
-    return resolve_layout(form, "format.yaml", _LOG, names, num_columns or len(names))
+    header = LogHeader(_LOG, names, num_columns or len(names))
+    return resolve_layout(form, "format.yaml", header)
 
 
 def _columns(text: str, names: list[str]) -> tuple[int, ...]:
@@ -42,7 +44,7 @@ def test_numbers_names_and_series_name_columns() -> None:
     assert _columns("a_{0..1}_{0..1}", names) == (1, 2, 3, 4)  # the last one runs fastest
 
 
-def test_units_gains_and_offsets() -> None:
+def test_units_gains_and_offsets_give_si_units() -> None:
     form = RecordingFormat(
         header=False,
         time=SignalColumns(1, "ms"),
@@ -67,7 +69,7 @@ def test_the_bundled_descriptions_load() -> None:
     assert rows_for(ur10e, Path("x/ur-20_02_19_14harm50secLoad.csv")) == (308, 5071)
     assert rows_for(ur10e, Path("ur-20_01_22-joint_3.csv")) is None
     assert rows_for(ur10e, Path("another.csv")) is None
-    layout = resolve_layout(ur10e, "", _LOG, None, 31)
+    layout = resolve_layout(ur10e, "", LogHeader(_LOG, None, 31))
     assert layout.signal("current").columns == tuple(range(13, 19))
     assert layout.column_of("v", 2) == "column 10"
 
@@ -85,10 +87,13 @@ def test_the_bundled_descriptions_load() -> None:
         ("time: {columns: 1}\nrows: {a.csv: [5]}", r"rows, a\.csv: expected the first and the la"),
         ("time: {columns: 1}\nrows: {a.csv: [9, 5]}", r"rows, a\.csv"),
         ("time: {columns: 1}\nrows: {a.csv: [0, 5]}", r"rows, a\.csv"),
-        ("time: {columns: 1}\nextra: {q: {columns: 2}}", "extra, q: this name is taken"),
+        (
+            "time: {columns: 1}\nextra: {q: {columns: 2}}",
+            "extra, q: this is the name of a standard signal",
+        ),
     ],
 )
-def test_a_wrong_description_is_one_line(tmp_path: Path, text: str, line: str) -> None:
+def test_a_wrong_description_is_refused_in_one_line(tmp_path: Path, text: str, line: str) -> None:
     with pytest.raises(InputError, match=line) as caught:
         load_format(_written(tmp_path, text))
     assert "format.yaml" in str(caught.value)
@@ -133,14 +138,16 @@ _T = SignalColumns("t")
             "extra, J, shape: .* holds 4 numbers, but 2 columns",
         ),
         (RecordingFormat(time=_T, position=SignalColumns("q1", shape=[1])), "only an extra"),
-        (RecordingFormat(time=_T, position=SignalColumns("w")), 'the column "w" is there twice'),
+        (RecordingFormat(time=_T, position=SignalColumns("w")), 'names the column "w" twice'),
     ],
 )
-def test_a_description_that_does_not_fit_the_log(form: RecordingFormat, line: str) -> None:
+def test_a_description_that_does_not_fit_the_log_is_refused(
+    form: RecordingFormat, line: str
+) -> None:
     with pytest.raises(InputError, match=line):
         _layout(form, ["t", "q1", "q2", "w", "w"] if "twice" in line else ["t", *"ab", "q1", "q2"])
 
 
-def test_names_need_a_header() -> None:
+def test_names_of_columns_need_a_header() -> None:
     with pytest.raises(InputError, match="the log has no header"):
         _layout(RecordingFormat(time=_T), num_columns=3)

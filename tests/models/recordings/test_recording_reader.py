@@ -73,7 +73,7 @@ def _refused(path: Path, *words: str, description: Path | None = None) -> None:
 # --- what reads well ---------------------------------------------------------------------------
 
 
-def test_a_csv_with_the_plain_header(tmp_path: Path) -> None:
+def test_a_csv_with_the_plain_header_is_read(tmp_path: Path) -> None:
     recording = read_recording(_good(tmp_path))
     _same(recording, _table())
     assert recording.notices == ()
@@ -83,7 +83,7 @@ def test_a_csv_with_the_plain_header(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [1, 64, 700])
-def test_small_blocks_read_the_same(
+def test_the_size_of_blocks_does_not_change_the_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
     path = _csv(tmp_path, _HEADER, *_lines(_table())[:7], "", *_lines(_table())[7:])
@@ -109,7 +109,9 @@ def test_small_blocks_read_the_same(
     ],
     ids=["crlf", "bom", "no-last-newline", "blank-tail", "savetxt", "spaces", "quotes-capitals"],
 )
-def test_harmless_variants(tmp_path: Path, change: Callable[[bytes], bytes]) -> None:
+def test_harmless_variants_of_a_csv_are_read(
+    tmp_path: Path, change: Callable[[bytes], bytes]
+) -> None:
     path = _good(tmp_path)
     path.write_bytes(change(path.read_bytes()))
     recording = read_recording(path)
@@ -117,7 +119,7 @@ def test_harmless_variants(tmp_path: Path, change: Callable[[bytes], bytes]) -> 
     assert recording.notices == ()
 
 
-def test_columns_in_any_order(tmp_path: Path) -> None:
+def test_columns_may_have_any_order(tmp_path: Path) -> None:
     order = [3, 0, 6, 2, 5, 1, 4]
     names = [_HEADER.split(",")[k] for k in order]
     path = _csv(tmp_path, ",".join(names), *_lines(_table()[:, order]))
@@ -132,7 +134,7 @@ def test_columns_without_a_name_are_left_out(tmp_path: Path) -> None:
     assert recording.notices == ("a column without a name is left out",)
 
 
-def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
+def test_semicolons_and_decimal_commas_are_recognised(tmp_path: Path) -> None:
     lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
     recording = read_recording(_csv(tmp_path, _HEADER.replace(",", ";"), *lines))
     _same(recording, _table())
@@ -140,7 +142,7 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     assert "semicolons" in recording.notices[1]
 
 
-def test_positions_in_degrees_by_a_word(tmp_path: Path) -> None:
+def test_a_word_of_log_format_states_degrees(tmp_path: Path) -> None:
     table = _table()
     columns = slice(1, 5)
     turned = table.copy()
@@ -150,10 +152,10 @@ def test_positions_in_degrees_by_a_word(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.q, table[:, 1:3], atol=1e-8)  # six decimals of a degree
     np.testing.assert_allclose(recording.v, table[:, 3:5], atol=1e-8)
     np.testing.assert_array_equal(recording.current, table[:, 5:7])
-    assert any("in degrees, as asked for" in text for text in recording.notices)
+    assert any("are read in degrees" in text for text in recording.notices)
 
 
-def test_a_description_of_another_layout(tmp_path: Path) -> None:
+def test_a_description_states_another_layout(tmp_path: Path) -> None:
     table = _table()
     scaled = table * [1e3, 180 / np.pi, 180 / np.pi, *[180 / np.pi] * 2, -1e3, 1e3]
     text = [";".join(map(str, row)) + ";idle" for row in scaled]  # a last column with words
@@ -181,7 +183,7 @@ def test_a_description_of_another_layout(tmp_path: Path) -> None:
     assert recording.row[0] == 4  # line of the file
 
 
-def test_the_description_names_its_file(tmp_path: Path) -> None:
+def test_a_description_may_name_its_log(tmp_path: Path) -> None:
     _csv(tmp_path, *_lines(_table()), name="numbers.csv")
     path = _description(tmp_path, "header: false\nfile: numbers.csv\n")
     _same(read_recording(path), _table())
@@ -216,7 +218,7 @@ def test_a_truncated_last_line_is_left_out_with_a_notice(tmp_path: Path) -> None
     recording = read_recording(path)
     _same(recording, _table()[:-1])
     assert recording.notices == (
-        f"line {_NUM_ROWS + 1}, the last one, is cut off after 4 of 7 columns: left out",
+        f"line {_NUM_ROWS + 1}, the last one, is left out: it is cut off after 4 of 7 columns",
     )
 
 
@@ -231,13 +233,13 @@ def _parquet(tmp_path: Path, **columns: object) -> Path:
     return path
 
 
-def test_parquet_reads_alike(tmp_path: Path) -> None:
+def test_a_parquet_file_reads_like_a_csv(tmp_path: Path) -> None:
     recording = read_recording(_parquet(tmp_path))
     _same(recording, _table())
     assert recording.row.tolist() == list(range(1, _NUM_ROWS + 1))
 
 
-def test_parquet_of_other_types_with_a_description(tmp_path: Path) -> None:
+def test_a_description_reads_parquet_columns_of_other_types(tmp_path: Path) -> None:
     stamps = (1.7e9 + _table()[:, 0]) * 1e9
     path = _parquet(
         tmp_path,
@@ -263,7 +265,7 @@ def _empty_cell(values: np.ndarray) -> pa.Array:
     return pa.array(values, mask=mask)
 
 
-def test_broken_parquet_is_one_line(tmp_path: Path) -> None:
+def test_a_damaged_parquet_file_is_refused_in_one_line(tmp_path: Path) -> None:
     table = _table()
     bad = table[:, 2].copy()
     bad[17] = np.inf
@@ -287,13 +289,15 @@ def test_broken_parquet_is_one_line(tmp_path: Path) -> None:
     path = _parquet(tmp_path)
     description = tmp_path / "format.yaml"
     description.write_text("time: {columns: t}\nrows: {log.parquet: [30, 60]}\n")
-    _refused(path, "has 40 rows, but rows 30 to 60", description=description)
+    _refused(
+        path, "has 40 rows, but the description selects rows 30 to 60", description=description
+    )
 
 
 # --- files that are no log ---------------------------------------------------------------------
 
 
-def test_files_that_are_no_log(tmp_path: Path) -> None:
+def test_files_that_are_no_log_are_refused(tmp_path: Path) -> None:
     _refused(tmp_path, "is a directory")
     _good(tmp_path)
     _refused(tmp_path / "lgo.csv", "no such file", 'did you mean "log.csv"?')
@@ -321,14 +325,14 @@ def test_files_that_are_no_log(tmp_path: Path) -> None:
         (b"1,2,3\r4,5,6\r7,8,9", "carriage returns alone"),
     ],
 )
-def test_binary_files(tmp_path: Path, content: bytes, word: str) -> None:
+def test_binary_files_are_refused_by_their_kind(tmp_path: Path, content: bytes, word: str) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     _refused(path, word)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_a_file_without_permission(tmp_path: Path) -> None:
+def test_a_file_without_permission_is_refused(tmp_path: Path) -> None:
     path = _good(tmp_path)
     path.chmod(0)
     _refused(path, "cannot be read", "Permission denied")
@@ -345,16 +349,18 @@ def test_a_file_without_permission(tmp_path: Path) -> None:
         ("t,q0,q1,v0,v1,i0,i1", ['unknown column "q0"', "numbered from 1"]),
         ("t,q_1,q2,v1,v2,i1,i2", ['unknown column "q_1"', 'did you mean "q1"?']),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
-        ("t,q1,q2,v1,v2,i1,i1", ['the column "i1" is there twice']),
+        ("t,q1,q2,v1,v2,i1,i1", ['names the column "i1" twice']),
         ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
         ("t;q1;q2;v1,v2,i1,i2", ['unknown column "v1,v2,i1,i2"']),
     ],
 )
-def test_wrong_headers(tmp_path: Path, header: str, words: list[str]) -> None:
+def test_wrong_headers_are_refused_with_a_remedy(
+    tmp_path: Path, header: str, words: list[str]
+) -> None:
     _refused(_csv(tmp_path, header, *_lines(_table())), "header", *words)
 
 
-def test_numbers_without_names(tmp_path: Path) -> None:
+def test_numbers_without_names_are_refused(tmp_path: Path) -> None:
     path = _csv(tmp_path, *_lines(_table()))
     _refused(path, "line 1: holds 7 numbers and no names", "--log-format")
     _refused(path, "line 1", "holds numbers where the names", description=_description(tmp_path))
@@ -363,13 +369,13 @@ def test_numbers_without_names(tmp_path: Path) -> None:
     _refused(path, "line 1, column 1", 'holds "t"', "header: true", description=description)
 
 
-def test_another_number_of_joints(tmp_path: Path) -> None:
+def test_another_number_of_joints_is_refused(tmp_path: Path) -> None:
     three = SimpleNamespace(name="three", num_joints=3)
     with pytest.raises(InputError, match=r"lacks the columns q3, v3, i3"):
         read_recording(_good(tmp_path), robot=three)
-    one = SimpleNamespace(name="one", num_joints=1)
+    robot = SimpleNamespace(name="one", num_joints=1)
     with pytest.raises(InputError, match=r"has the columns q2, v2, i2, expected 1 joints"):
-        read_recording(_good(tmp_path), robot=one)
+        read_recording(_good(tmp_path), robot=robot)
     description = _description(tmp_path)
     with pytest.raises(InputError, match="holds 2 joints, but three has 3"):
         read_recording(_good(tmp_path), description, robot=three)
@@ -383,7 +389,7 @@ def test_another_number_of_joints(tmp_path: Path) -> None:
     [
         ("-Inf", ["line 12, column 4 (v1)", "holds -Inf"]),
         ("error", ["line 12, column 4 (v1)", 'holds "error"']),
-        ("1e999", ["line 12, column 4 (v1)", "beyond any number"]),
+        ("1e999", ["line 12, column 4 (v1)", "too large a number"]),
         ("0x1F", ["line 12, column 4 (v1)", 'holds "0x1F"']),
         ("1_000", ["line 12, column 4 (v1)", 'holds "1_000"']),
         ("0,5", ["line 12", "has 8 columns, expected 7", "decimal commas"]),
@@ -391,7 +397,7 @@ def test_another_number_of_joints(tmp_path: Path) -> None:
         ("\0\0\0", ["line 12", "zero bytes", "power failure"]),
     ],
 )
-def test_broken_cells(tmp_path: Path, cell: str, words: list[str]) -> None:
+def test_broken_cells_are_named(tmp_path: Path, cell: str, words: list[str]) -> None:
     lines = _lines(_table())
     cells = lines[10].split(",")
     lines[10] = ",".join([*cells[:3], cell, *cells[4:]])
@@ -399,7 +405,7 @@ def test_broken_cells(tmp_path: Path, cell: str, words: list[str]) -> None:
     _refused(_csv(tmp_path, _HEADER, *lines, end="\r\n"), *words)
 
 
-def test_a_short_line(tmp_path: Path) -> None:
+def test_a_short_line_is_refused(tmp_path: Path) -> None:
     lines = _lines(_table())
     lines[20] = lines[20].rsplit(",", 2)[0]
     _refused(_csv(tmp_path, _HEADER, *lines), "line 22", "has 5 columns, expected 7")
@@ -408,12 +414,12 @@ def test_a_short_line(tmp_path: Path) -> None:
     _refused(_csv(tmp_path, _HEADER, *lines), f"line {_NUM_ROWS + 1}", "has 5 columns")
 
 
-def test_a_repeated_header(tmp_path: Path) -> None:
+def test_a_repeated_header_is_refused(tmp_path: Path) -> None:
     lines = _lines(_table())
     _refused(_csv(tmp_path, _HEADER, *lines, _HEADER, *lines), "line 42", "repeats the header")
 
 
-def test_mixed_decimal_marks(tmp_path: Path) -> None:
+def test_mixed_decimal_marks_are_refused(tmp_path: Path) -> None:
     lines = [line.replace(".", ",") for line in _lines(_table(), ";")]
     lines[4] = lines[4].replace(",", ".")
     path = _csv(tmp_path, _HEADER.replace(",", ";"), *lines)
@@ -424,7 +430,7 @@ def test_mixed_decimal_marks(tmp_path: Path) -> None:
     _refused(path, "line 2, column 1", 'set decimal_mark: ","', description=description)
 
 
-def test_the_first_fault_is_found_in_a_late_block(
+def test_the_first_fault_is_named_also_in_a_late_block(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(text_table, "BLOCK_BYTES", 200)
@@ -433,20 +439,22 @@ def test_the_first_fault_is_found_in_a_late_block(
     _refused(_csv(tmp_path, _HEADER, *lines), "line 35, column 1 (t)", 'holds "O.330000"')
 
 
-def test_a_faulty_row_outside_the_wanted_rows_does_not_matter(tmp_path: Path) -> None:
+def test_a_faulty_row_outside_the_selected_rows_does_not_matter(tmp_path: Path) -> None:
     lines = _lines(_table())
     lines[2] = "way to the start"
     path = _csv(tmp_path, _HEADER, *lines)
     description = _description(tmp_path, "rows: {log.csv: [4, 40]}\n")
     _same(read_recording(path, description), _table()[3:])
     description = _description(tmp_path, "rows: {log.csv: [4, 41]}\n")
-    _refused(path, "ends at row 40, but rows 4 to 41 are wanted", description=description)
+    _refused(
+        path, "ends at row 40, but the description selects rows 4 to 41", description=description
+    )
     description = _description(tmp_path, "rows: {log.csv: [400, 410]}\n")
-    _refused(path, "ends at row 40, but rows 400", description=description)
+    _refused(path, "selects rows 400 to 410", description=description)
 
 
 @pytest.mark.parametrize("block", [1 << 20, 150])
-def test_time_that_does_not_increase(
+def test_time_that_does_not_increase_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
     monkeypatch.setattr(text_table, "BLOCK_BYTES", block)
@@ -459,7 +467,7 @@ def test_time_that_does_not_increase(
     _refused(path, "line 23, column t", "runs backwards from 0.2 s to 0.18 s")
 
 
-def test_a_clock_of_too_few_digits(tmp_path: Path) -> None:
+def test_a_clock_of_too_few_digits_is_refused(tmp_path: Path) -> None:
     table = _table()
     table[:, 0] = np.round(0.001 * np.arange(_NUM_ROWS), 2)  # 1 kHz, two decimals
     path = _csv(tmp_path, _HEADER, *_lines(table))
@@ -467,7 +475,7 @@ def test_a_clock_of_too_few_digits(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
-def test_time_in_another_unit(tmp_path: Path, factor: float, unit: str) -> None:
+def test_time_in_another_unit_is_recognised(tmp_path: Path, factor: float, unit: str) -> None:
     table = _table() * [factor, 1, 1, 1, 1, 1, 1]
     path = _csv(tmp_path, _HEADER, *_lines(table))
     _refused(path, "column t", "the median step is", f"it looks like {unit}")
@@ -511,7 +519,7 @@ def test_samples_that_lack_a_number_are_left_out(tmp_path: Path, suffix: str) ->
     recording = read_recording(path, description)
     _same(recording, np.delete(table, [5, 6, 7], axis=0))
     (notice,) = recording.notices
-    assert notice.startswith("3 samples lack a number (first: ")
+    assert notice.startswith("samples left out because they lack a number: 3 (first: ")
     assert "6, column 2)" in notice if suffix == ".csv" else "row 6, c2)" in notice
     on_grid = resampled(recording)  # the gap of 40 ms is bridged there, and flagged
     np.testing.assert_array_equal(np.flatnonzero(on_grid.dropout), [5, 6, 7])
@@ -519,13 +527,13 @@ def test_samples_that_lack_a_number_are_left_out(tmp_path: Path, suffix: str) ->
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "NaN"])
-def test_a_cell_that_is_not_a_number(tmp_path: Path, cell: str) -> None:
+def test_a_sample_with_an_empty_cell_or_nan_is_left_out(tmp_path: Path, cell: str) -> None:
     lines = _lines(_table())
     cells = lines[10].split(",")
     lines[10] = ",".join([*cells[:3], cell, *cells[4:]])
     recording = read_recording(_csv(tmp_path, _HEADER, *lines))
     _same(recording, np.delete(_table(), 10, axis=0))
-    assert "1 samples lack a number (first: line 12, v1)" in recording.notices[0]
+    assert "lack a number: 1 (first: line 12, v1)" in recording.notices[0]
     lines[10] = ",".join([cell, *cells[1:]])
     _refused(_csv(tmp_path, _HEADER, *lines), "line 12, column 1 (t)")
 
@@ -535,15 +543,15 @@ def test_a_column_without_any_number_is_named(tmp_path: Path) -> None:
     _refused(_csv(tmp_path, _HEADER, *rows), "40 lack one, first line 2, i2")
 
 
-def test_rows_that_are_named_for_other_files(tmp_path: Path) -> None:
+def test_rows_that_are_selected_of_other_files_only_give_a_notice(tmp_path: Path) -> None:
     _csv(tmp_path, *_lines(_table()), name="numbers.csv")
     text = "header: false\nrows: {other.csv: [3, 20], third.csv: []}\n"
     recording = read_recording(tmp_path / "numbers.csv", _description(tmp_path, text))
     (notice,) = recording.notices
-    assert "names the rows to use of 2 files, but not of numbers.csv" in notice
+    assert "selects rows of 2 files, but not of numbers.csv" in notice
 
 
-def test_velocities_that_are_not_logged(tmp_path: Path) -> None:
+def test_velocities_that_are_not_logged_are_differentiated(tmp_path: Path) -> None:
     table = _table(200)
     names = [name for name in _HEADER.split(",") if not name.startswith("v")]
     path = _csv(tmp_path, ",".join(names), *_lines(np.delete(table, [3, 4], axis=1)))
@@ -557,7 +565,7 @@ def test_velocities_that_are_not_logged(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "header", ["sec,nanosec", "header.stamp.sec,header.stamp.nanosec,header.frame_id", "t_s,t_ns"]
 )
-def test_time_in_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None:
+def test_time_in_seconds_and_nanoseconds_is_read(tmp_path: Path, header: str) -> None:
     table = _table()
     stamps = np.round(table[:, 0] * 1e9).astype(int) + 1_700_000_000 * 10**9
     head = [f"{stamp // 10**9},{stamp % 10**9}" for stamp in stamps]
@@ -570,7 +578,7 @@ def test_time_in_seconds_and_nanoseconds(tmp_path: Path, header: str) -> None:
     np.testing.assert_array_equal(recording.q, table[:, 1:3])
     description = tmp_path / "two.yaml"
     description.write_text("time: {columns: '1, 2', unit: ms}\nposition: {columns: 'q{1..2}'}\n")
-    with pytest.raises(InputError, match="two columns is seconds and nanoseconds"):
+    with pytest.raises(InputError, match="two columns, seconds and nanoseconds"):
         read_recording(path, description)
 
 
@@ -589,7 +597,7 @@ def test_time_may_not_be_empty(tmp_path: Path) -> None:
         read_recording(path, description)
 
 
-def test_a_log_with_gaps_is_held_against_its_robot(
+def test_a_log_with_gaps_is_checked_against_its_robot(
     ur10e: Robot, data: Callable[[str], Path]
 ) -> None:
     path = data("ur10e_contact/straight_UR_F35_g1_v0.10.csv")
@@ -604,7 +612,7 @@ def test_a_log_with_gaps_is_held_against_its_robot(
 # --- real logs ---------------------------------------------------------------------------------
 
 
-def test_the_ur10e_log_is_known_by_its_name(data: Callable[[str], Path]) -> None:
+def test_the_ur10e_log_is_recognised_by_its_name(data: Callable[[str], Path]) -> None:
     path = data("ur10e/ur-20_02_19_14harm50secLoad.csv")
     recording = read_recording(path)
     table = np.loadtxt(path, delimiter=",")[307:5071]
@@ -626,7 +634,7 @@ def test_the_ur10e_log_under_another_name_needs_the_description(
     assert recording.num_samples == len(np.loadtxt(path, delimiter=","))
 
 
-def test_the_panda_log_is_known_by_its_columns(data: Callable[[str], Path]) -> None:
+def test_the_panda_log_is_recognised_by_its_columns(data: Callable[[str], Path]) -> None:
     path = data("panda_ati_gamma/data_pos_3.csv")
     recording = read_recording(path)
     table = np.genfromtxt(path, delimiter=",", names=True)

@@ -43,7 +43,7 @@ def _assert_same(a: Recording, b: Recording) -> None:
     np.testing.assert_array_equal(a.extra["matrix"], b.extra["matrix"])
 
 
-def test_a_uniform_log_is_left_alone() -> None:
+def test_a_uniform_log_is_returned_unchanged() -> None:
     noise = np.random.default_rng(0).uniform(-0.004, 0.004, 500)
     log = _linear(5 + 0.001 * (np.arange(500) + noise))  # steps within 0.8 %
     _assert_same(resampled(log), log)
@@ -68,7 +68,7 @@ def test_a_jittery_log_is_interpolated_on_its_median_step() -> None:
     assert not result.dropout.any()
 
 
-def test_another_step() -> None:
+def test_a_requested_step_gives_the_grid() -> None:
     log = _linear(np.arange(100) * 0.01)
     result = resampled(log, time_step=0.004)
     np.testing.assert_allclose(result.t, 0.004 * np.arange(248), atol=1e-15)
@@ -86,13 +86,10 @@ def test_chunks_of_any_size_give_the_samples_of_one_pass(
     seed: int, cuts: list[int], num_regular: int
 ) -> None:
     log = _jittery(seed, 300, jitter=0.7)
-    regular = log.t[0] + 0.01 * np.arange(num_regular)
-    t = (
-        np.r_[regular, log.t[num_regular:] - log.t[num_regular] + regular[-1] + 0.01]
-        if (num_regular)
-        else log.t
-    )
-    log = _linear(t)
+    if num_regular:
+        regular = log.t[0] + 0.01 * np.arange(num_regular)
+        irregular = log.t[num_regular:] - log.t[num_regular] + regular[-1] + 0.01
+        log = _linear(np.r_[regular, irregular])
     edges = [0, *sorted(cuts), 300]
     chunks = [log[a:b] for a, b in itertools.pairwise(edges)]
     with pytest.MonkeyPatch.context() as patch:
@@ -106,11 +103,11 @@ def test_a_short_dropout_is_bridged_and_flagged() -> None:
     assert result.num_samples == 400
     np.testing.assert_array_equal(np.flatnonzero(result.dropout), np.arange(120, 150))
     np.testing.assert_allclose(result.q, 1 + result.t[:, None] * _SLOPE, atol=1e-12)
-    again = resampled(result)  # a flag in the log itself is kept
+    again = resampled(result)  # a flag of the log stays set
     np.testing.assert_array_equal(again.dropout, result.dropout)
 
 
-def test_a_sample_after_one_that_lacks_a_number_is_whole() -> None:
+def test_a_sample_after_one_that_lacks_a_number_keeps_its_numbers() -> None:
     log = _linear(np.delete(np.arange(300) * 0.01, 20))  # interpolated from there on
     log.q[100::10] = np.nan
     result = resampled(replace(log, dropout=np.isnan(log.q[:, 0])))
@@ -128,7 +125,7 @@ def test_one_missing_sample_is_a_dropout() -> None:
     np.testing.assert_array_equal(np.flatnonzero(result.dropout), [77])
 
 
-def test_a_long_gap_is_one_line() -> None:
+def test_a_long_gap_is_refused_in_one_line() -> None:
     t = np.delete(np.arange(600) * 0.001, np.arange(120, 250))
     with pytest.raises(InputError) as caught:
         resampled(_linear(t))
@@ -148,7 +145,7 @@ def test_a_slow_log_may_miss_two_samples() -> None:
         resampled(_linear(np.delete(t, [40, 41, 42])))
 
 
-def test_a_gap_between_chunks_is_found() -> None:
+def test_a_gap_between_chunks_is_refused() -> None:
     log = _linear(np.delete(np.arange(600) * 0.001, np.arange(120, 250)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(resampling, "STEP_SAMPLES", 50)
@@ -156,7 +153,7 @@ def test_a_gap_between_chunks_is_found() -> None:
             list(resample_chunks([log[:120], log[120:]]))
 
 
-def test_bad_steps_are_one_line() -> None:
+def test_implausible_steps_are_refused_in_one_line() -> None:
     with pytest.raises(InputError, match=r"time repeats 0\.02 s"):
         resampled(_linear(np.array([0, 0.01, 0.02, 0.02, 0.03, 0.04])))
     with pytest.raises(InputError, match=r"median step is 10 s.*looks like ms"):

@@ -44,10 +44,10 @@ def test_each_frame_has_its_wrench(tmp_path, ur10e, no_figures, version, table):
     config = EstimateConfig(prior="60,3", table=table)
     result = estimate_log(root, "ur10e", tmp_path / "model.yaml", tmp_path / "out", config=config)
     assert result.num_samples == 3 * _ROWS - 1 + 1  # the gap of one frame is bridged
-    assert any("1 samples lack a number" in text for text in result.notices)
+    assert any("lack a number: 1 (first" in text for text in result.notices)
     copied = load_data_set(tmp_path / "out" / "data_set")
     for one, force in zip(copied.episodes, _FORCES, strict=True):
-        frames = ParquetTable(one.file, (one.begin, one.length))
+        frames = ParquetTable(one.file, one.rows)
         assert frames.names is not None
         wanted = [k for k, name in enumerate(frames.names) if name.startswith(WRENCH)]
         names = [frames.names[k] for k in wanted]

@@ -1,4 +1,4 @@
-"""npz and Parquet files of other tools, known by their arrays' names."""
+"""npz and Parquet files of other tools, recognised by the names of their arrays."""
 
 from pathlib import Path
 
@@ -24,11 +24,11 @@ _ARRAYS = np.random.default_rng(1).normal(size=(4, _ROWS, 2))
     ],
 )
 @pytest.mark.parametrize("kind", ["npz", "parquet"])
-def test_usual_names_are_read(
+def test_arrays_are_recognised_by_their_usual_names(
     tmp_path: Path, kind: str, time: str, position: str, velocity: str, torque: str
 ) -> None:
-    q, v, tau, more = _ARRAYS
-    arrays = {time: _T, "more": more, position: q, velocity: v, torque: tau}
+    q, v, tau, other_signal = _ARRAYS
+    arrays = {time: _T, "other": other_signal, position: q, velocity: v, torque: tau}
     path = tmp_path / f"log.{kind}"
     if kind == "npz":
         np.savez(path, **arrays)  # type: ignore[arg-type]
@@ -40,13 +40,13 @@ def test_usual_names_are_read(
     np.testing.assert_array_equal(log.q, q)
     np.testing.assert_array_equal(log.v, v)
     np.testing.assert_array_equal(log.tau_J, tau)
-    np.testing.assert_array_equal(log.extra["more"], more)
-    effort = any("effort is read as joint torque" in text for text in log.notices)
-    assert effort == (torque == "efforts")
+    np.testing.assert_array_equal(log.extra["other"], other_signal)
+    is_effort = any("effort is read as joint torque" in text for text in log.notices)
+    assert is_effort == (torque == "efforts")
 
 
-def test_time_under_another_name_is_time(tmp_path: Path) -> None:
-    """A plain header with "time" in place of t; milliseconds are told by their step."""
+def test_a_plain_header_may_call_the_time_otherwise(tmp_path: Path) -> None:
+    """A plain header with "time" in place of t."""
     path = tmp_path / "log.csv"
     rows = [f"{t:.3f},1,0.5,2" for t in _T]
     path.write_text("\n".join(["time,q1,v1,i1", *rows]) + "\n")

@@ -1,4 +1,4 @@
-"""Logs of external torque, known by their columns."""
+"""Logs of external torque, recognised by their columns."""
 
 from pathlib import Path
 
@@ -26,39 +26,41 @@ def layout_of(names: list[str]):
         [f"ExternalTorque_{j}" for j in range(7)],
     ],
 )
-def test_torques_are_known_by_their_usual_names(torque: list[str]) -> None:
-    known = layout_of(["other", "time", *torque[::-1], *(f"q{j + 1}" for j in range(7))])
-    assert known is not None
-    assert known.form.time.columns == "2"
+def test_torques_are_recognised_by_their_usual_names(torque: list[str]) -> None:
+    positions = [f"q{j + 1}" for j in range(7)]
+    layout = layout_of(["other", "time", *torque[::-1], *positions])
+    assert layout is not None
+    assert layout.form.time.columns == "2"
     # In the order of the joints, not of the columns.
-    assert known.form.extra["tau_ext"].columns == "9, 8, 7, 6, 5, 4, 3"
-    assert known.form.position is not None
+    assert layout.form.extra["tau_ext"].columns == "9, 8, 7, 6, 5, 4, 3"
+    assert layout.form.position is not None
 
 
-def test_franka_states_what_the_arm_exerts_and_is_turned() -> None:
-    names = ["t", *(f"q{j}" for j in range(7)), *(f"dq_{j}" for j in range(7))]
-    raw = layout_of([*names, *(f"tau_ext_hat_filtered_{j}" for j in range(7))])
-    plain = layout_of([*names, *(f"tau_ext_{j}" for j in range(7))])
-    assert raw is not None
+def test_the_sign_of_franka_torques_is_changed_with_a_notice() -> None:
+    names = ["t"] + [f"q{j}" for j in range(7)] + [f"dq_{j}" for j in range(7)]
+    franka = layout_of(names + [f"tau_ext_hat_filtered_{j}" for j in range(7)])
+    plain = layout_of(names + [f"tau_ext_{j}" for j in range(7)])
+    assert franka is not None
     assert plain is not None
-    assert raw.form.extra["tau_ext"].exerted_on == "environment"
-    assert "--torque-sign robot" in raw.notices[1]
+    assert franka.form.extra["tau_ext"].exerted_on == "environment"
+    assert "--torque-sign robot" in franka.notices[1]
     assert plain.form.extra["tau_ext"].exerted_on == "robot"
-    assert raw.form.velocity is not None
-    assert raw.form.velocity.columns == "9, 10, 11, 12, 13, 14, 15"
+    assert franka.form.velocity is not None
+    assert franka.form.velocity.columns == "9, 10, 11, 12, 13, 14, 15"
 
 
-def test_a_jacobian_is_two_numbers_or_one() -> None:
-    torque = ["t", *(f"tau_ext_{j}" for j in range(2))]
-    by_two = layout_of([*torque, *(f"J_{i + 1}_{j + 1}" for i in range(6) for j in range(2))])
-    by_one = layout_of([*torque, *(f"jacobian.{k + 1}" for k in range(12))])
-    for known in (by_two, by_one):
-        assert known is not None
-        assert known.form.extra["jacobian"].shape == [6, 2]
-        assert known.form.extra["jacobian"].columns == ", ".join(str(4 + k) for k in range(12))
+def test_jacobian_columns_have_two_indices_or_one() -> None:
+    torque = ["t", "tau_ext_0", "tau_ext_1"]
+    two_indices = [f"J_{i + 1}_{j + 1}" for i in range(6) for j in range(2)]
+    one_index = [f"jacobian.{k + 1}" for k in range(12)]
+    for entries in (two_indices, one_index):
+        layout = layout_of(torque + entries)
+        assert layout is not None
+        assert layout.form.extra["jacobian"].shape == [6, 2]
+        assert layout.form.extra["jacobian"].columns == ", ".join(str(4 + k) for k in range(12))
 
 
-def test_other_logs_are_none() -> None:
+def test_logs_without_torque_or_time_are_not_recognised() -> None:
     assert layout_of(["t", "q1", "v1", "i1"]) is None
     assert layout_of(["tau_ext_1", "q1"]) is None  # without time
 
@@ -72,7 +74,7 @@ def test_other_logs_are_none() -> None:
         (["t", "tau_ext_0", "J_0_0", "J_1_0"], ("lacks jacobian_2_0", "3 more")),
     ],
 )
-def test_what_is_missing_is_named(names: list[str], words: tuple[str, ...]) -> None:
+def test_a_missing_column_is_named(names: list[str], words: tuple[str, ...]) -> None:
     with pytest.raises(InputError) as caught:
         layout_of(names)
     for word in words:
@@ -96,7 +98,7 @@ def linear_first(J: np.ndarray) -> np.ndarray:
     return np.concatenate([J[:, 3:], J[:, :3]], axis=1)
 
 
-def test_linear_rows_come_first_in_files(J: np.ndarray) -> None:
+def test_a_jacobian_with_linear_rows_first_is_read(J: np.ndarray) -> None:
     np.testing.assert_array_equal(jacobians(recording(linear_first(J))), J)
 
 
@@ -109,12 +111,12 @@ def test_linear_rows_come_first_in_files(J: np.ndarray) -> None:
         (lambda J: np.degrees(linear_first(J)), "expected 1"),
     ],
 )
-def test_another_order_or_unit_is_told(J: np.ndarray, change, word: str) -> None:
+def test_another_order_or_unit_of_a_jacobian_is_refused(J: np.ndarray, change, word: str) -> None:
     with pytest.raises(InputError, match=word):
         jacobians(recording(change(J)))
 
 
-def test_a_prismatic_joint_and_a_missing_row_are_no_error(J: np.ndarray) -> None:
+def test_a_jacobian_may_have_a_prismatic_joint_and_a_missing_row(J: np.ndarray) -> None:
     J = J.copy()
     J[:, :, 2] = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     J[3] = np.nan

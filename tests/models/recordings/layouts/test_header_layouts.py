@@ -1,4 +1,4 @@
-"""Logs of other programs are known by their columns, and read with the joints in their order."""
+"""Logs of other programs are recognised by their columns; joints are put in the robot's order."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,7 +41,7 @@ def _rows(values: np.ndarray, separator: str = ",") -> list[str]:
 
 
 @pytest.mark.parametrize("separator", [",", " "])
-def test_a_ur_rtde_record(tmp_path: Path, separator: str) -> None:
+def test_a_ur_rtde_record_is_recognised(tmp_path: Path, separator: str) -> None:
     values = _numbers(24)
     names = ["timestamp"]
     for kind in ("target_moment", "actual_q", "actual_qd", "actual_current"):
@@ -63,7 +63,7 @@ _SERIES = (
 )
 
 
-def test_series_of_plotjuggler(tmp_path: Path) -> None:
+def test_series_of_plotjuggler_are_read_in_the_robots_order(tmp_path: Path) -> None:
     values = _numbers(7)
     path = _written(tmp_path, _SERIES, _rows(np.c_[_t(), values]))
     recording = read_recording(path, robot=_ROBOT, check=False)  # type: ignore[arg-type]
@@ -74,11 +74,11 @@ def test_series_of_plotjuggler(tmp_path: Path) -> None:
     assert "left out: finger" in text
     assert "effort is read as joint torque" in text
     other = SimpleNamespace(name="other", num_joints=1, joint_names=("wrist",))
-    with pytest.raises(InputError, match=r"no topic holds the position.*elbow.*wrist"):
+    with pytest.raises(InputError, match=r"no topic holds the position.*wrist.*elbow"):
         read_recording(path, robot=other)  # type: ignore[arg-type]
 
 
-def test_series_of_topics_that_were_not_published_together(tmp_path: Path) -> None:
+def test_samples_with_empty_cells_of_other_topics_are_left_out(tmp_path: Path) -> None:
     """PlotJuggler leaves cells empty where a topic has no message."""
     header = "__time,/js/shoulder/position,/js/elbow/position,/ft/wrench/force/x"
     rows = [f"{t:.3f},0.1,0.2," if k % 2 else f"{t:.3f},,,5" for k, t in enumerate(_t())]
@@ -88,7 +88,7 @@ def test_series_of_topics_that_were_not_published_together(tmp_path: Path) -> No
     np.testing.assert_array_equal(recording.t, _t()[1::2])
 
 
-def test_two_topics_that_hold_the_positions(tmp_path: Path) -> None:
+def test_of_two_topics_with_positions_joint_states_is_read(tmp_path: Path) -> None:
     header = "__time,/a/shoulder/position,/a/elbow/position,/b/shoulder/position,/b/elbow/position"
     path = _written(tmp_path, header, _rows(np.c_[_t(), _numbers(4)]))
     with pytest.raises(InputError, match="2 topics hold the joints' position: /a, /b"):
@@ -99,9 +99,9 @@ def test_two_topics_that_hold_the_positions(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_recording(path).q, values[:, 2:])
 
 
-@pytest.mark.parametrize("blocks", [1, 2, 3])
-def test_ros2_topic_echo(tmp_path: Path, blocks: int) -> None:
-    values = _numbers(3 * blocks)
+@pytest.mark.parametrize("num_quantities", [1, 2, 3])
+def test_rows_of_ros2_topic_echo_are_read(tmp_path: Path, num_quantities: int) -> None:
+    values = _numbers(3 * num_quantities)
     stamps = np.round(_t() * 1e9).astype(int)
     rows = [
         f"{1_700_000_000 + s // 10**9},{s % 10**9},,elbow,finger,shoulder,{row}"
@@ -111,9 +111,9 @@ def test_ros2_topic_echo(tmp_path: Path, blocks: int) -> None:
     recording = read_recording(path, robot=_ROBOT, check=False)  # type: ignore[arg-type]
     np.testing.assert_array_equal(recording.t, 1_700_000_000 + _t())
     np.testing.assert_array_equal(recording.q, values[:, [2, 0]])
-    if blocks > 1:
+    if num_quantities > 1:
         np.testing.assert_array_equal(recording.v, values[:, [5, 3]])
-    if blocks > 2:
+    if num_quantities > 2:
         np.testing.assert_array_equal(recording.tau_J, values[:, [8, 6]])
     other = SimpleNamespace(name="other", num_joints=1, joint_names=("wrist",))
     with pytest.raises(InputError, match="lacks wrist; it has elbow, finger, shoulder"):

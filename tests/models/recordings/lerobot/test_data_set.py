@@ -55,10 +55,10 @@ def test_episodes_are_logs(
         inner = slice(10, -10)
         rate = np.gradient(frames["observation.state"], log.t, axis=0)
         np.testing.assert_allclose(log.v[inner], rate[inner], atol=2e-3)
-    if version == "v2.1":  # the file of an episode stands for it, with the names of info.json
-        own = root / "data/chunk-000/episode_000002.parquet"
-        assert root_of(own) == root.resolve()
-        assert read_recording(own, robot=ur10e).num_samples == 62
+    if version == "v2.1":  # the file of an episode is the same log, with the names of info.json
+        episode_file = root / "data/chunk-000/episode_000002.parquet"
+        assert root_of(episode_file) == root.resolve()
+        assert read_recording(episode_file, robot=ur10e).num_samples == 62
     with pytest.raises(InputError, match=r"data set of 3 episodes.*name one, such as .*episode_0"):
         read_recording(root, robot=ur10e)
     with pytest.raises(InputError, match="episode 7: has the episodes 0 to 2"):
@@ -78,14 +78,14 @@ def test_all_episodes_are_one_log_with_breaks(
     rows = np.concatenate([chunk.row for chunk in chunks])  # type: ignore[misc]
     q = np.concatenate([chunk.q for chunk in chunks])
     np.testing.assert_allclose(np.diff(t), 1 / FPS, rtol=1e-2)
-    measured = rows > 0
-    assert rows[measured].tolist() == list(range(1, 60 + 61 + 62 + 1))
-    whole = np.concatenate([frames["observation.state"] for frames in episodes])
-    np.testing.assert_allclose(q[measured], whole, atol=1e-5)
-    assert np.isnan(q[~measured]).all()
-    borders = np.flatnonzero(np.diff(measured.astype(int)))
-    assert len(borders) == 4  # two breaks, of half a second and no less than any check's memory
-    assert (~measured).sum() == pytest.approx(2 * 0.5 * FPS, abs=4)
+    is_measured = rows > 0
+    assert rows[is_measured].tolist() == list(range(1, 60 + 61 + 62 + 1))
+    all_positions = np.concatenate([frames["observation.state"] for frames in episodes])
+    np.testing.assert_allclose(q[is_measured], all_positions, atol=1e-5)
+    assert np.isnan(q[~is_measured]).all()
+    borders = np.flatnonzero(np.diff(is_measured.astype(int)))
+    assert len(borders) == 4  # two breaks of half a second
+    assert (~is_measured).sum() == pytest.approx(2 * 0.5 * FPS, abs=4)
     assert reader.sign_evidence is not None
     assert len([text for text in reader.notices if "effort is read" in text]) == 1
 
@@ -99,31 +99,31 @@ _NAMES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", _NAMES)
-def test_names_of_joints(
+def test_joints_are_matched_by_name_else_by_order(
     tmp_path: Path, ur10e: Robot, case: str, episodes: list[dict[str, np.ndarray]]
 ) -> None:
-    """In another order than the robot's where they are named."""
-    named, said = _NAMES[case]
-    order = list(range(6)) if said else [5, 3, 4, 1, 2, 0]
+    """Joints with names stand in another order than the robot's."""
+    patterns, note = _NAMES[case]
+    order = list(range(6)) if note else [5, 3, 4, 1, 2, 0]
     names: dict[str, Any] = {}
     frames = dict(episodes[0])
-    for feature, pattern in named.items():
+    for feature, pattern in patterns.items():
         words = next(iter(pattern.values())) if isinstance(pattern, dict) else pattern
         if words is None:
             continue
-        names_of = [words[0].format(ur10e.joint_names[j], k=j + 1) for j in order]
-        names[feature] = {"motors": names_of} if isinstance(pattern, dict) else names_of
+        entry_names = [words[0].format(ur10e.joint_names[j], k=j + 1) for j in order]
+        names[feature] = {"motors": entry_names} if isinstance(pattern, dict) else entry_names
     for feature in frames:
         if feature in names:
             frames[feature] = frames[feature][:, order]
     root = write_data_set(tmp_path / "set", "v2.1", [frames], FPS, names)
     log = read_recording(root, robot=ur10e)
     np.testing.assert_allclose(log.q, episodes[0]["observation.state"], atol=1e-6)
-    assert any("data set's order" in text for text in log.notices) == bool(said)
+    assert any("data set's order" in text for text in log.notices) == bool(note)
 
 
 @pytest.mark.parametrize("name", ["joint{}.effort", "joint_efforts.{}", "observation.effort.j{}"])
-def test_a_feature_a_joint(
+def test_each_joint_may_be_a_feature(
     tmp_path: Path, ur10e: Robot, name: str, episodes: list[dict[str, np.ndarray]]
 ) -> None:
     frames = dict(episodes[0])
@@ -141,12 +141,12 @@ def test_the_gripper_is_left_out(
     tmp_path: Path, ur10e: Robot, episodes: list[dict[str, np.ndarray]]
 ) -> None:
     frames = {name: np.c_[x, 0.5 * x[:, 0]] for name, x in episodes[0].items()}
-    words = [*(f"j{k}" for k in range(6)), "gripper"]
-    for names, said in ((dict.fromkeys(frames, words), "order: j_0, j_1"), ({}, "as the gripper")):
+    words = [f"j{k}" for k in range(6)] + ["gripper"]
+    for names, note in ((dict.fromkeys(frames, words), "order: j_0, j_1"), ({}, "as the gripper")):
         root = write_data_set(tmp_path / f"set{len(names)}", "v2.1", [frames], FPS, names)
         log = read_recording(root, robot=ur10e)
         np.testing.assert_allclose(log.q, episodes[0]["observation.state"], atol=1e-6)
-        assert said in " ".join(log.notices)
+        assert note in " ".join(log.notices)
 
 
 @pytest.mark.parametrize(
@@ -156,11 +156,17 @@ def test_the_gripper_is_left_out(
         ({"observation.state": "tcp"}, "no feature holds the joints' positions"),
         ({"observation.state": "eight"}, "hold 8 joints, the robot has 6"),
         ({"observation.effort": "gone"}, "holds no motor currents"),
-        ({"observation.effort": "load"}, "present_load is a servo's duty cycle, no torque"),
-        ({"observation.effort": "goal"}, "goal_current.1 is what was asked for, no torque"),
+        (
+            {"observation.effort": "load"},
+            "present_load is not read: a servo's duty cycle",
+        ),
+        (
+            {"observation.effort": "goal"},
+            "goal_current.1 is not read: a commanded value",
+        ),
     ],
 )
-def test_what_is_no_torque_is_said(
+def test_a_data_set_without_positions_or_torque_is_refused(
     tmp_path: Path,
     ur10e: Robot,
     episodes: list[dict[str, np.ndarray]],
@@ -169,15 +175,15 @@ def test_what_is_no_torque_is_said(
 ) -> None:
     frames = dict(episodes[0])
     names: dict[str, Any] = {}
-    for feature, how in changed.items():
+    for feature, change in changed.items():
         x = frames.pop(feature)
-        if how == "load":
+        if change == "load":
             frames["observation.present_load"] = x
-        if how == "goal":
+        if change == "goal":
             frames["observation.goal_current"] = x
-        if how == "eight":
+        if change == "eight":
             frames[feature] = np.c_[x, x[:, :2]]
-        if how == "tcp":
+        if change == "tcp":
             frames[feature] = x
             names[feature] = ["x", "y", "z", "roll", "pitch", "yaw"]
     root = write_data_set(tmp_path / "set", "v3.0", [frames], FPS, names)
@@ -185,17 +191,17 @@ def test_what_is_no_torque_is_said(
         read_recording(root, robot=ur10e, joint_signals=True)
 
 
-def test_units_of_positions(
+def test_the_unit_of_positions_is_decided_by_their_size(
     tmp_path: Path, ur10e: Robot, episodes: list[dict[str, np.ndarray]]
 ) -> None:
-    """Beyond 100 they are degrees; to 4 pi radians; between it cannot be told."""
+    """Up to 4 pi they are radians, beyond 100 degrees; in between the user must state it."""
     q = episodes[0]["observation.state"]
     q = q * 1.9 / np.abs(q).max()
     degrees = episodes[0] | {"observation.state": np.degrees(q)}
     root = write_data_set(tmp_path / "deg", "v3.0", [degrees], FPS)
     log = read_recording(root, robot=ur10e)
     np.testing.assert_allclose(log.q, q, atol=1e-5)
-    assert any("read as degrees" in text for text in log.notices)
+    assert any("read in degrees" in text for text in log.notices)
     small = episodes[0] | {"observation.state": np.degrees(q) * 0.9}
     root = write_data_set(tmp_path / "set", "v2.1", [small], FPS, robot_type="so101_follower")
     with pytest.raises(InputError, match=r"reach 98: degrees, or .*normalised .*\(so101_follower"):
@@ -215,7 +221,7 @@ def test_units_of_positions(
         ("data/chunk-000/episode_000000.parquet", b"PAR1", "damaged Parquet"),
     ],
 )
-def test_damage_is_one_line(
+def test_damage_is_refused_in_one_line(
     tmp_path: Path,
     episodes: list[dict[str, np.ndarray]],
     file: str,
@@ -229,10 +235,10 @@ def test_damage_is_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_feature_of_more_entries_than_any_memory(
+def test_a_huge_stated_shape_allocates_nothing(
     tmp_path: Path, ur10e: Robot, episodes: list[dict[str, np.ndarray]]
 ) -> None:
-    """What a shape declares is made nowhere: the columns are those of the tables."""
+    """The columns are those of the tables, whatever the shape in info.json."""
     root = write_data_set(tmp_path / "set", "v2.1", episodes[:1], FPS)
     info = json.loads((root / "meta/info.json").read_text())
     info["features"]["observation.state"]["shape"] = [1 << 63]
@@ -245,7 +251,7 @@ def test_a_feature_of_more_entries_than_any_memory(
     "pattern",
     ["/etc/passwd", "../{episode_index}", "{0.__class__}", "{episode_index:09999999999d}", 7],
 )
-def test_the_pattern_of_paths_stays_below_the_root(
+def test_a_data_path_outside_the_data_set_is_refused(
     tmp_path: Path, episodes: list[dict[str, np.ndarray]], pattern: object
 ) -> None:
     root = write_data_set(tmp_path / "set", "v2.1", episodes[:1], FPS)
@@ -255,7 +261,9 @@ def test_the_pattern_of_paths_stays_below_the_root(
         load_data_set(root)
 
 
-def test_a_path_that_no_file_has(tmp_path: Path, episodes: list[dict[str, np.ndarray]]) -> None:
+def test_a_data_path_with_a_zero_byte_is_refused(
+    tmp_path: Path, episodes: list[dict[str, np.ndarray]]
+) -> None:
     root = write_data_set(tmp_path / "set", "v2.1", episodes[:1], FPS)
     info = json.loads((root / "meta/info.json").read_text())
     (root / "meta/info.json").write_text(json.dumps(info | {"data_path": "a\0b.parquet"}))

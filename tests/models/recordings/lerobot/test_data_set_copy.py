@@ -1,6 +1,6 @@
 """A copy with more features keeps the rules of LeRobot's layout.
 
-Both versions' copies were opened in LeRobot's own loader (0.3.3 and 0.4.4), with these features.
+Copies of both versions were opened by LeRobot's loader (0.3.3 and 0.4.4), with these features.
 """
 
 import json
@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot_data_sets import write_data_set
 
-from wrenchsight.models.recordings.lerobot.data_set import load_data_set
+from wrenchsight.models.recordings.lerobot.data_set import Episode, load_data_set
 from wrenchsight.models.recordings.lerobot.data_set_copy import NewFeature, write_copy
 from wrenchsight.models.recordings.parquet_table import ParquetTable
 
@@ -47,48 +47,55 @@ def features() -> list[NewFeature]:
     ]
 
 
+def _frames(episode: Episode) -> tuple[tuple[str, ...], np.ndarray]:
+    """The names of an episode's columns, and its frames (length, k)."""
+    table = ParquetTable(episode.file, episode.rows)
+    assert table.names is not None
+    blocks = [values for values, _ in table.blocks(list(range(table.num_columns)))]
+    return table.names, np.concatenate(blocks)
+
+
 def test_every_frame_has_the_features(root: Path, features: list[NewFeature]) -> None:
-    copied = root.parent / "copy"
-    before = load_data_set(root)
-    write_copy(before, copied, features)
-    again = load_data_set(copied)
-    assert [one.length for one in again.episodes] == list(_LENGTHS)
-    for one, old in zip(again.episodes, before.episodes, strict=True):
-        table = ParquetTable(one.file, (one.begin, one.length))
-        was = ParquetTable(old.file, (old.begin, old.length))
-        assert table.names is not None
-        assert was.names is not None
-        assert table.names[: len(was.names)] == was.names
-        values = np.concatenate([x for x, _ in table.blocks(list(range(table.num_columns)))])
-        kept = np.concatenate([x for x, _ in was.blocks(list(range(was.num_columns)))])
-        np.testing.assert_array_equal(values[:, : kept.shape[1]], kept)
-        added = values[:, kept.shape[1] :]
-        np.testing.assert_array_equal(added[:, :6], features[0].frames[one.index])
-        np.testing.assert_array_equal(added[:, 6], features[1].frames[one.index])
+    folder = root.parent / "copy"
+    original = load_data_set(root)
+    write_copy(original, folder, features)
+    copied = load_data_set(folder)
+    assert [episode.length for episode in copied.episodes] == list(_LENGTHS)
+    for episode, original_episode in zip(copied.episodes, original.episodes, strict=True):
+        names, values = _frames(episode)
+        original_names, original_values = _frames(original_episode)
+        width = len(original_names)
+        assert names[:width] == original_names
+        np.testing.assert_array_equal(values[:, :width], original_values)
+        added = values[:, width:]
+        np.testing.assert_array_equal(added[:, :6], features[0].frames[episode.index])
+        np.testing.assert_array_equal(added[:, 6], features[1].frames[episode.index])
 
 
-def test_the_layouts_rules(root: Path, features: list[NewFeature], version: str) -> None:
-    """info.json, Arrow types, what `datasets` keeps, and statistics name the same features."""
+def test_the_copy_follows_the_rules_of_the_layout(
+    root: Path, features: list[NewFeature], version: str
+) -> None:
+    """info.json, Arrow types, the metadata of `datasets` and statistics name the same features."""
     copied = root.parent / "copy"
     write_copy(load_data_set(root), copied, features)
     info = json.loads((copied / "meta/info.json").read_text())
-    was = json.loads((root / "meta/info.json").read_text())
+    original_info = json.loads((root / "meta/info.json").read_text())
     assert {k: v for k, v in info.items() if k != "features"} == {
-        k: v for k, v in was.items() if k != "features"
+        k: v for k, v in original_info.items() if k != "features"
     }
     assert info["features"]["observation.wrench"] == {
         "dtype": "float32", "shape": [6], "names": list(_AXES)}  # fmt: skip
     assert info["features"]["observation.wrench_valid"] == {
         "dtype": "bool", "shape": [1], "names": ["valid"]}  # fmt: skip
     for path in sorted(copied.glob("data/*/*.parquet")):
-        old = pq.ParquetFile(root / path.relative_to(copied))
+        original_file = pq.ParquetFile(root / path.relative_to(copied))
         file = pq.ParquetFile(path)
-        assert file.num_row_groups == old.num_row_groups
+        assert file.num_row_groups == original_file.num_row_groups
         assert set(file.schema_arrow.names) == info["features"].keys()
-        kept = json.loads(file.schema_arrow.metadata[b"huggingface"])["info"]["features"]
-        assert kept.keys() == info["features"].keys()
-        assert kept["observation.wrench"] == kept["observation.state"] | {"length": 6}
-        assert kept["observation.wrench_valid"] == {"dtype": "bool", "_type": "Value"}
+        described = json.loads(file.schema_arrow.metadata[b"huggingface"])["info"]["features"]
+        assert described.keys() == info["features"].keys()
+        assert described["observation.wrench"] == described["observation.state"] | {"length": 6}
+        assert described["observation.wrench_valid"] == {"dtype": "bool", "_type": "Value"}
         assert str(file.schema_arrow.field("observation.wrench").type).startswith(
             "fixed_size_list<element: float>[6]"
         )
@@ -103,20 +110,21 @@ def test_the_layouts_rules(root: Path, features: list[NewFeature], version: str)
             {f: {k: row[f"stats/{f}/{k}"] for k in keys} for f in info["features"]}
             for row in rows.to_pylist()
         ]
-        whole = json.loads((copied / "meta/stats.json").read_text())
-        together = np.concatenate(list(wrench.values()))
-        np.testing.assert_allclose(whole["observation.wrench"]["std"], together.std(0), rtol=1e-5)
-        assert whole.keys() == info["features"].keys()
+        total = json.loads((copied / "meta/stats.json").read_text())
+        frames = np.concatenate(list(wrench.values()))
+        np.testing.assert_allclose(total["observation.wrench"]["std"], frames.std(0), rtol=1e-5)
+        assert total.keys() == info["features"].keys()
     assert len(stats) == 3
-    for e, one in enumerate(stats):
-        assert one.keys() == info["features"].keys()
-        np.testing.assert_allclose(one["observation.wrench"]["mean"], wrench[e].mean(0), rtol=1e-4)
-        np.testing.assert_allclose(one["observation.wrench"]["min"], wrench[e].min(0))
-        assert one["observation.wrench"]["count"] == [_LENGTHS[e]]
-        assert len(one["observation.wrench_valid"]["max"]) == 1
+    for e, of_episode in enumerate(stats):
+        assert of_episode.keys() == info["features"].keys()
+        wrench_stats = of_episode["observation.wrench"]
+        np.testing.assert_allclose(wrench_stats["mean"], wrench[e].mean(0), rtol=1e-4)
+        np.testing.assert_allclose(wrench_stats["min"], wrench[e].min(0))
+        assert wrench_stats["count"] == [_LENGTHS[e]]
+        assert len(of_episode["observation.wrench_valid"]["max"]) == 1
 
 
-def test_other_files_come_along(root: Path, features: list[NewFeature]) -> None:
+def test_other_files_are_linked_or_copied(root: Path, features: list[NewFeature]) -> None:
     copied = root.parent / "copy"
     write_copy(load_data_set(root), copied, features)
     assert (copied / "videos/chunk-000/small.mp4").read_bytes() == b"small"
@@ -128,14 +136,12 @@ def test_other_files_come_along(root: Path, features: list[NewFeature]) -> None:
 
 
 def test_a_copy_of_a_copy_replaces_the_features(root: Path, features: list[NewFeature]) -> None:
-    first, second = root.parent / "copy", root.parent / "again"
-    write_copy(load_data_set(root), first, features)
+    copied, copied_again = root.parent / "copy", root.parent / "again"
+    write_copy(load_data_set(root), copied, features)
     doubled = {e: 2.0 * x for e, x in features[0].frames.items()}
-    write_copy(load_data_set(first), second, [NewFeature(features[0].name, _AXES, doubled)])
-    one = load_data_set(second).episodes[1]
-    table = ParquetTable(one.file, (one.begin, one.length))
-    assert table.names is not None
-    assert table.names.count("observation.wrench.1") == 1
-    column = table.names.index("observation.wrench.1")
-    values = np.concatenate([x[:, 0] for x, _ in table.blocks([column])])
-    np.testing.assert_array_equal(values, doubled[1][:, 0])
+    replaced = [NewFeature(features[0].name, _AXES, doubled)]
+    write_copy(load_data_set(copied), copied_again, replaced)
+    names, values = _frames(load_data_set(copied_again).episodes[1])
+    assert names.count("observation.wrench.1") == 1
+    column = names.index("observation.wrench.1")
+    np.testing.assert_array_equal(values[:, column], doubled[1][:, 0])

@@ -1,4 +1,4 @@
-"""The signs of drives, by what gravity, inertia and friction say of them."""
+"""The evidence of gravity, inertia and friction for the signs of drives."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,7 +36,7 @@ def motion(robot: Robot, amplitude: float, duration: float = 20.0) -> Recording:
     return Recording(t, q, v, current, "log.csv")
 
 
-def test_the_right_signs_are_sure_and_the_wrong_ones_as_sure(ur10e: Robot) -> None:
+def test_a_turned_torque_gives_the_opposite_odds(ur10e: Robot) -> None:
     log = motion(ur10e, 0.5)
     right = recordings_sign_evidence([log], ur10e)
     wrong = recordings_sign_evidence([replace(log, current=-log.current)], ur10e)
@@ -51,16 +51,16 @@ def test_the_right_signs_are_sure_and_the_wrong_ones_as_sure(ur10e: Robot) -> No
 def test_the_odds_are_those_of_the_definition(ur10e: Robot) -> None:
     """Both fits of a joint anew, from the samples themselves."""
     log = motion(ur10e, 0.5, 5.0)
-    found = recordings_sign_evidence([log], ur10e)
+    evidence = recordings_sign_evidence([log], ur10e)
     inner = slice(3, -3)
     vdot = (log.v[6:] - log.v[:-6]) / (log.t[6:] - log.t[:-6])[:, None]
     q, v = log.q[inner], log.v[inner]
     gravity = ur10e.chain.gravity_torque(q)
-    moving = ur10e.chain.inverse_dynamics(q, v, vdot) - gravity
+    inertial = ur10e.chain.inverse_dynamics(q, v, vdot) - gravity
     torque = ur10e.joint_torque(log.current[inner])
     turn = 0.02 * ur10e.velocity_limit
     for j in range(6):
-        x = np.stack([gravity, moving, vdot, np.tanh(v / turn), v], axis=-1)[:, j]
+        x = np.stack([gravity, inertial, vdot, np.tanh(v / turn), v], axis=-1)[:, j]
         weight = np.where(np.abs(v[:, j]) > turn[j], 1.0 / 0.25, 1.0 / 2.5)
         weight = weight * (log.t[-1] - log.t[0]) / len(q)
         upper = [5.0, 5.0, np.inf, ur10e.effort_limit[j], np.inf]
@@ -72,43 +72,49 @@ def test_the_odds_are_those_of_the_definition(ur10e: Robot) -> None:
         r = np.array(squares) / weight.sum() + (0.05 * ur10e.effort_limit[j]) ** 2
         odds = 0.5 * weight.sum() * np.log(r[1] / r[0])
         # 1e-3: two ways of bounded least squares; without their tolerance it is 1e-6.
-        assert found.log_odds[j] == pytest.approx(odds, rel=1e-3, abs=1e-3)
+        assert evidence.log_odds[j] == pytest.approx(odds, rel=1e-3, abs=1e-3)
 
 
-def test_a_gap_s_slope_says_nothing(ur10e: Robot) -> None:
-    """An arm that went elsewhere meanwhile: across the gap v over t is no acceleration."""
+def test_a_slope_across_a_gap_does_not_count(ur10e: Robot) -> None:
+    """The arm moved in the gap: the change of v across it over time is no acceleration."""
     log = motion(ur10e, 0.5, 40.0)
-    kept = (np.arange(len(log.t)) % 100) < 10
-    cut = Recording(log.t[kept], log.q[kept], log.v[kept], log.current[kept], "log.csv")
-    whole = recordings_sign_evidence([log], ur10e)
-    found = recordings_sign_evidence([cut], ur10e)
-    # What is explained stays what it was: .99 and more; a slope over 2 s is not of the motion.
-    np.testing.assert_allclose(found.right, whole.right, atol=2e-3)
+    is_logged = (np.arange(len(log.t)) % 100) < 10
+    of_whole_log = recordings_sign_evidence([log], ur10e)
+    of_log_with_gaps = recordings_sign_evidence([log[is_logged]], ur10e)
+    # The explained share stays .99 and more; a slope over 2 s does not follow the motion.
+    np.testing.assert_allclose(of_log_with_gaps.right, of_whole_log.right, atol=2e-3)
 
 
-def test_one_drive_alone_is_found(ur10e: Robot) -> None:
+def test_a_single_wrong_sign_is_found(ur10e: Robot) -> None:
     log = motion(ur10e, 0.5)
     turned = replace(log, current=log.current * [1, 1, 1, -1, 1, 1])
-    found = recordings_sign_evidence([turned], ur10e)
-    np.testing.assert_array_equal(found.contradicted(), [3])
-    assert ur10e.joint_names[3] in found.sentence("current", ur10e.joint_names)
-    assert "all joints" not in found.sentence("current", ur10e.joint_names)
+    evidence = recordings_sign_evidence([turned], ur10e)
+    np.testing.assert_array_equal(evidence.contradicted(), [3])
+    sentence = evidence.sentence("current", ur10e.joint_names)
+    assert ur10e.joint_names[3] in sentence
+    assert "all joints" not in sentence
 
 
-def test_a_vertical_axis_tells_by_friction_and_inertia(ur10e: Robot) -> None:
-    found = recordings_sign_evidence([motion(ur10e, 0.5)], ur10e)
-    assert found.log_odds[0] > np.log(SURE)  # the first joint carries no weight
+def test_without_a_contradiction_there_is_no_sentence(ur10e: Robot) -> None:
+    evidence = recordings_sign_evidence([motion(ur10e, 0.5)], ur10e)
+    with pytest.raises(ValueError, match="no sign is contradicted"):
+        evidence.sentence("current", ur10e.joint_names)
+
+
+def test_a_vertical_axis_shows_its_sign_by_friction_and_inertia(ur10e: Robot) -> None:
+    evidence = recordings_sign_evidence([motion(ur10e, 0.5)], ur10e)
+    assert evidence.log_odds[0] > np.log(SURE)  # no weight acts on the first joint
 
 
 def test_inertia_against_gravity_is_no_wrong_sign(ur10e: Robot) -> None:
-    """A quick swing of a hanging arm: what moves it is more than what holds it, the other way."""
+    """A hanging arm swings quickly: the inertial torque opposes gravity, and exceeds it."""
     t = np.arange(0.0, 20.0, 0.01)
     rate = 2.0 * np.pi * 0.8
     hanging = np.array([0.0, np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0])
-    which = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
-    q = hanging + 0.12 * np.sin(rate * t)[:, None] * which
-    v = 0.12 * rate * np.cos(rate * t)[:, None] * which
-    vdot = -0.12 * rate**2 * np.sin(rate * t)[:, None] * which
+    direction = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    q = hanging + 0.12 * np.sin(rate * t)[:, None] * direction
+    v = 0.12 * rate * np.cos(rate * t)[:, None] * direction
+    vdot = -0.12 * rate**2 * np.sin(rate * t)[:, None] * direction
     torque = ur10e.chain.inverse_dynamics(q, v, vdot)
     gravity = ur10e.chain.gravity_torque(q)
     cosine = np.sum(torque[:, 1] * gravity[:, 1]) / np.linalg.norm(torque[:, 1])
@@ -119,17 +125,17 @@ def test_inertia_against_gravity_is_no_wrong_sign(ur10e: Robot) -> None:
     assert not len(recordings_sign_evidence([log], ur10e).contradicted())
 
 
-def test_joints_at_rest_say_little(ur10e: Robot) -> None:
+def test_joints_at_rest_count_as_few_samples(ur10e: Robot) -> None:
     """Stiction may carry anything: minutes at rest are no more than a few independent samples."""
     log = motion(ur10e, 0.0)
     noise = np.random.default_rng(0).normal(size=log.q.shape)
     still = replace(log, v=0.0 * log.v, current=noise * 0.1)
-    found = recordings_sign_evidence([still], ur10e)
-    assert np.abs(found.log_odds).max() < np.log(SURE) / 2
-    assert (found.samples < 10.0).all()
+    evidence = recordings_sign_evidence([still], ur10e)
+    assert np.abs(evidence.log_odds).max() < np.log(SURE) / 2
+    assert (evidence.samples < 10.0).all()
 
 
-def test_accepted_signs_are_read_and_told(ur10e: Robot, tmp_path: Path) -> None:
+def test_accepted_signs_are_read_with_a_notice(ur10e: Robot, tmp_path: Path) -> None:
     log = motion(ur10e, 0.5)
     path = tmp_path / "turned.csv"
     columns = replace(log, current=-log.current).columns()
@@ -137,9 +143,9 @@ def test_accepted_signs_are_read_and_told(ur10e: Robot, tmp_path: Path) -> None:
     np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
     with pytest.raises(InputError, match=r"odds of .* to 1.*--accept-signs"):
         read_recording(path, robot=ur10e)
-    taken = read_recording(path, robot=ur10e, accept_signs=True)
-    assert any("signs accepted as asked, although" in notice for notice in taken.notices)
-    np.testing.assert_allclose(taken.current, -log.current)
+    accepted = read_recording(path, robot=ur10e, accept_signs=True)
+    assert any("accepted because of --accept-signs" in notice for notice in accepted.notices)
+    np.testing.assert_allclose(accepted.current, -log.current)
 
 
 def test_torque_in_place_of_current_is_refused_also_with_accepted_signs(ur10e: Robot) -> None:
@@ -153,7 +159,7 @@ def test_torque_in_place_of_current_is_refused_also_with_accepted_signs(ur10e: R
 @pytest.mark.parametrize(
     ("log_odds", "text"), [(np.log(150.0), "150 to 1"), (np.log(1e12), "1e12 to 1")]
 )
-def test_odds_in_words(log_odds: float, text: str) -> None:
+def test_odds_are_printed_as_n_to_1(log_odds: float, text: str) -> None:
     assert odds_text(float(log_odds)) == text
 
 
@@ -165,7 +171,9 @@ def test_odds_in_words(log_odds: float, text: str) -> None:
         ("ur10e/ur-20_02_19_14harm50secLoad.csv", 300.0),  # with a load that the robot's file lacks
     ],
 )
-def test_real_logs(ur10e: Robot, data: Callable[[str], Path], name: str, least: float) -> None:
-    found = recordings_sign_evidence([read_recording(data(name), robot=ur10e)], ur10e)
-    assert found.total > least
-    assert found.log_odds.min() > -1.0
+def test_real_logs_confirm_the_signs(
+    ur10e: Robot, data: Callable[[str], Path], name: str, least: float
+) -> None:
+    evidence = recordings_sign_evidence([read_recording(data(name), robot=ur10e)], ur10e)
+    assert evidence.total > least
+    assert evidence.log_odds.min() > -1.0

@@ -1,4 +1,4 @@
-"""Effort in N m or in A, as gravity says."""
+"""The unit of effort, N m or A, as gravity decides it."""
 
 import numpy as np
 import pytest
@@ -20,26 +20,26 @@ def _log(robot: Robot, unit: str, speed: float = 0.1) -> Recording:
 
 @pytest.mark.parametrize("unit", ["N m", "A"])
 def test_gravity_tells_the_unit(bundled_arm: Robot, unit: str) -> None:
-    found = effort_unit([_log(bundled_arm, unit)], bundled_arm)
-    assert found.unit == unit
-    sentence = found.sentence(bundled_arm)
+    decision = effort_unit([_log(bundled_arm, unit)], bundled_arm)
+    assert decision.unit == unit
+    sentence = decision.sentence(bundled_arm)
     assert f"in {unit}" in sentence
     other = "effort-in-newton-metres" if unit == "A" else "effort-in-amperes"
     assert f"--log-format {other}" in sentence
 
 
-def test_where_gravity_cannot_tell_it_is_said(ur10e: Robot) -> None:
-    one = ur10e.with_torque_per_ampere([1.0] * 6)
-    found = effort_unit([_log(one, "A")], one)
-    assert found.unit == ""
-    assert "torque_per_ampere is near 1" in found.sentence(one)
-    fast = effort_unit([_log(ur10e, "A", speed=50.0)], ur10e)  # never slow
-    assert fast.unit == ""
-    assert "--log-format effort-in-amperes" in fast.sentence(ur10e)
+def test_a_unit_that_gravity_cannot_tell_is_reported(ur10e: Robot) -> None:
+    robot = ur10e.with_torque_per_ampere([1.0] * 6)
+    decision = effort_unit([_log(robot, "A")], robot)
+    assert decision.unit == ""
+    assert "torque_per_ampere is near 1" in decision.sentence(robot)
+    decision = effort_unit([_log(ur10e, "A", speed=50.0)], ur10e)  # never slow
+    assert decision.unit == ""
+    assert "--log-format effort-in-amperes" in decision.sentence(ur10e)
 
 
-def test_effort_between_the_two_is_not_decided(ur10e: Robot) -> None:
+def test_effort_between_both_units_is_not_decided(ur10e: Robot) -> None:
     log = _log(ur10e, "N m")
-    between = log.tau_J / np.sqrt(ur10e.torque_per_ampere)  # type: ignore[operator]
-    half = Recording(log.t, log.q, log.v, log.current, "log", tau_J=between)
-    assert effort_unit([half], ur10e).unit == ""
+    effort = log.tau_J / np.sqrt(ur10e.torque_per_ampere)  # type: ignore[operator]
+    ambiguous_log = Recording(log.t, log.q, log.v, log.current, "log", tau_J=effort)
+    assert effort_unit([ambiguous_log], ur10e).unit == ""

@@ -98,7 +98,7 @@ def _same(recording: Recording, values: np.ndarray) -> None:
 
 @pytest.mark.parametrize("block", [7, 1 << 14])
 @pytest.mark.parametrize("kind", ["mcap", "mcap-zstd", "mcap-file", "sqlite", "sqlite-zstd"])
-def test_joint_states(
+def test_joint_states_are_read_from_every_kind_of_bag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, block: int
 ) -> None:
     monkeypatch.setattr(rosbag_table, "_BLOCK_MESSAGES", block)
@@ -121,17 +121,17 @@ def test_joint_states(
         _same(read_recording(file, robot=_ROBOT, check=False), values)
 
 
-def test_messages_of_other_lengths_and_orders(tmp_path: Path) -> None:
-    """Joints in another order, one more of them, a message without velocities."""
+def test_messages_may_have_other_lengths_and_orders(tmp_path: Path) -> None:
+    """Joints in another order, an extra joint, a message without velocities."""
     values = _values()
     messages = _states(values)
     stamp = int(_stamps()[50])
     swapped = values[50].reshape(3, 3)[:, [2, 1, 0]].ravel()
     messages[50] = ("/joint_states", stamp, _joint_state(stamp, swapped, _JOINTS[::-1]))
     stamp = int(_stamps()[60])
-    more = np.insert(values[60].reshape(3, 3), 1, 9.0, axis=1).ravel()
+    with_extra_joint = np.insert(values[60].reshape(3, 3), 1, 9.0, axis=1).ravel()
     joints = ["elbow", "extra", "finger", "shoulder"]
-    messages[60] = ("/joint_states", stamp, _joint_state(stamp, more, joints))
+    messages[60] = ("/joint_states", stamp, _joint_state(stamp, with_extra_joint, joints))
     kind = _TYPES.types["sensor_msgs/msg/JointState"]
     stamp = int(_stamps()[70])
     none = np.empty(0)
@@ -139,10 +139,10 @@ def test_messages_of_other_lengths_and_orders(tmp_path: Path) -> None:
     messages[70] = ("/joint_states", stamp, partial)
     recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
     _same(recording, np.delete(values, 70, axis=0))
-    assert any("1 samples lack a number (first: message 71" in n for n in recording.notices)
+    assert any("lack a number: 1 (first: message 71" in n for n in recording.notices)
 
 
-def test_several_topics(tmp_path: Path) -> None:
+def test_another_topic_is_interpolated_at_the_joints_stamps(tmp_path: Path) -> None:
     """A force sensor at another rate is interpolated at the joints' stamps."""
     values, stamps = _values(), _stamps()
     messages = _states(values)
@@ -168,7 +168,7 @@ def test_a_long_gap_of_another_topic_is_not_bridged(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.row, [*range(1, 51), *range(152, 201)])
 
 
-def test_a_driver_that_fills_no_efforts(tmp_path: Path) -> None:
+def test_efforts_that_a_driver_does_not_fill_are_no_torque(tmp_path: Path) -> None:
     values = _values()
     values[:, 6:] = np.nan
     path = _bag(tmp_path / "bag", _states(values))
@@ -178,7 +178,7 @@ def test_a_driver_that_fills_no_efforts(tmp_path: Path) -> None:
         RecordingReader(path, robot=_ROBOT, check=False).require_joint_signals()
 
 
-def test_headers_without_stamps(tmp_path: Path) -> None:
+def test_headers_without_stamps_take_the_time_of_recording(tmp_path: Path) -> None:
     values = _values()
     messages = [
         ("/joint_states", int(s), _joint_state(0, row))
@@ -186,10 +186,10 @@ def test_headers_without_stamps(tmp_path: Path) -> None:
     ]
     recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
     np.testing.assert_allclose(np.diff(recording.t), 0.002, atol=5e-7)
-    assert any("the time of recording stands for it" in n for n in recording.notices)
+    assert any("the time of recording is used" in n for n in recording.notices)
 
 
-def test_what_is_written_is_read_by_rosbags_own_deserialiser(tmp_path: Path) -> None:
+def test_rosbags_reads_a_written_bag(tmp_path: Path) -> None:
     q, v, current, tau = np.random.default_rng(3).normal(size=(4, 100, 3))
     log = Recording(1.7e9 + 0.001 * np.arange(100), q, v, current, "made up", tau_J=tau)
     write_recording(log, tmp_path / "out.mcap")
@@ -201,7 +201,7 @@ def test_what_is_written_is_read_by_rosbags_own_deserialiser(tmp_path: Path) -> 
     np.testing.assert_array_equal(message.position, q[0])
 
 
-def test_what_is_no_bag(tmp_path: Path) -> None:
+def test_damaged_bags_and_other_files_are_refused(tmp_path: Path) -> None:
     path = _bag(tmp_path / "bag", _states(_values()))
     (file,) = path.glob("*.mcap")
     data = file.read_bytes()
@@ -253,7 +253,9 @@ def _mcap(path: Path, chunks: Sequence[tuple[int, str, bytes]]) -> Path:
         (1 << 62, "", b""),
     ],
 )
-def test_a_chunk_that_unpacks_without_end(tmp_path: Path, chunk: tuple[int, str, bytes]) -> None:
+def test_a_chunk_that_unpacks_to_too_much_is_refused(
+    tmp_path: Path, chunk: tuple[int, str, bytes]
+) -> None:
     tracemalloc.start()
     with pytest.raises(InputError, match="damaged"):
         read_recording(_mcap(tmp_path / "log.mcap", [chunk]))
@@ -261,7 +263,7 @@ def test_a_chunk_that_unpacks_without_end(tmp_path: Path, chunk: tuple[int, str,
     tracemalloc.stop()
 
 
-def test_a_message_that_unpacks_without_end(tmp_path: Path) -> None:
+def test_a_message_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     path = _bag(
         tmp_path / "bag", _states(_values()), StoragePlugin.SQLITE3, CompressionMode.MESSAGE
     )
@@ -272,7 +274,7 @@ def test_a_message_that_unpacks_without_end(tmp_path: Path) -> None:
         read_recording(path)
 
 
-def test_an_index_of_many_chunks_and_a_packed_file_are_bounded(tmp_path: Path) -> None:
+def test_a_compressed_file_and_a_stated_chunk_size_are_bounded(tmp_path: Path) -> None:
     path = _bag(tmp_path / "bag", _states(_values()), StoragePlugin.MCAP, CompressionMode.FILE)
     (file,) = path.glob("*.zstd")
     file.write_bytes(100 * _ZEROS)
@@ -283,9 +285,9 @@ def test_an_index_of_many_chunks_and_a_packed_file_are_bounded(tmp_path: Path) -
     data = file.read_bytes()
     with Reader(file) as reader:
         (chunk,) = reader.storage.chunks
-    own = struct.pack("<QQ", chunk.compressed_size, chunk.uncompressed_size)
-    false = struct.pack("<QQ", chunk.compressed_size, 1 << 40)
-    assert data.count(own) == 1  # in the index
-    file.write_bytes(data.replace(own, false))
+    true_sizes = struct.pack("<QQ", chunk.compressed_size, chunk.uncompressed_size)
+    false_sizes = struct.pack("<QQ", chunk.compressed_size, 1 << 40)
+    assert data.count(true_sizes) == 1  # in the index
+    file.write_bytes(data.replace(true_sizes, false_sizes))
     with pytest.raises(InputError, match="bytes that unpack to"):
         read_recording(file)
