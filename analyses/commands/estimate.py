@@ -124,7 +124,7 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
         rows = log.metrics.get("reference", {}).get("rows")
         if rows is not None:
             show(
-                f"{log.name}: against the sensor, row by row where it says more than "
+                f"{log.name}: against the sensor, rows where it reads more than "
                 f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
                 f"{rows['stated_sd_n']:.2f} N"
             )

@@ -43,7 +43,11 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import (
     REFERENCE,
     ReferenceConfig,
 )
-from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLogCollector, joined_logs
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
+    SensorLogCollector,
+    SensorSamples,
+    joined_logs,
+)
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
@@ -363,8 +367,8 @@ def _read(
             if not run.summary.count:
                 run.start(chunk)
             batch = reading.reconstruct(J, tau_ext)
-            found, odds, trusted = touches.take(chunk, J, tau_ext)
-            batch = batch._replace(valid=batch.valid & trusted)
+            detection, odds, may_be_valid = touches.take(chunk, J, tau_ext)
+            batch = batch._replace(valid=batch.valid & may_be_valid)
             sd = batch.standard_deviation
             valid = run.summary.judge(chunk, batch, run.config.estimator)
             table.write(
@@ -374,25 +378,28 @@ def _read(
                 batch.condition_number,
                 valid,
                 np.nan_to_num(tau_ext),
-                found.statistic,
-                {**found._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
+                detection.statistic,
+                {**detection._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
                 batch.covariance,
             )
             if bag is not None and robot is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
-            touches.episodes.add(chunk.t, found, batch.wrench[:, 3:], valid, odds)
-            run.summary.add(chunk, batch, sd, valid, tau_ext, found.contact)
+            touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], valid, odds)
+            run.summary.add(chunk, batch, sd, valid, tau_ext, detection.contact)
             if run.beside is not None and run.rows is not None:
                 R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
+                v = chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))
                 run.beside.add(
-                    chunk.t,
-                    batch.wrench[:, FORCE_FIRST],
-                    sd[:, FORCE_FIRST],
-                    np.asarray(valid, float),
-                    R_WE,
-                    chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1)),
-                    sensor,
+                    SensorSamples(
+                        t=chunk.t,
+                        reading=batch.wrench[:, FORCE_FIRST],
+                        sd=sd[:, FORCE_FIRST],
+                        valid=np.asarray(valid, float),
+                        R_WE=R_WE,
+                        v=v,
+                        sensor=sensor,
+                    )
                 )
                 run.rows.add(chunk.t, batch, R_WE, sensor)
     touches.episodes.finish()

@@ -10,7 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.analyses.methods.estimate.contact_episodes import ContactEpisodes
-from wrenchsight.analyses.methods.estimate.contact_places import judge_places, stretches
+from wrenchsight.analyses.methods.estimate.contact_places import (
+    ContactTorque,
+    PlacedContacts,
+    judge_places,
+    stretches,
+)
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.torque_contact import (
@@ -21,7 +26,7 @@ from wrenchsight.models.detection.torque_contact import (
     first_baseline,
     learn_torque_error,
 )
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 
 _BEFORE = (0.2, 0.08)  # s before a contact, between which the arm is where it rests
@@ -71,7 +76,7 @@ class TorqueTouches:
         self.episodes = ContactEpisodes(log.num_joints, ANEW)
         self._shifts: list[float] = []
 
-    def take(self, chunk: Recording, J: Array, tau_ext: Array) -> tuple[Detection, Array, Flags]:
+    def take(self, chunk: Recording, J: Array, tau_ext: Array) -> PlacedContacts:
         """Takes N samples: (N, 6, n), (N, n) N m.
 
         Returns:
@@ -90,7 +95,8 @@ class TorqueTouches:
         )
         if chunk.num_joints:
             self._shifts += _shifts(chunk, found, alone)
-        return judge_places(detection, chunk.t, J, alone, found.sd, loaded=_LOADED)
+        torque = ContactTorque(chunk.t, J, alone, found.sd)
+        return judge_places(detection, torque, loaded=_LOADED)
 
     @property
     def sign(self) -> TorqueSign:

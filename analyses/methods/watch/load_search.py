@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from wrenchsight.analyses.methods.estimate.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
 from wrenchsight.models.calibration.load_across_joints import LoadAcrossJoints, load_across_joints
 from wrenchsight.models.calibration.load_identification import LoadPrior
 from wrenchsight.models.estimation.estimator import WrenchEstimator
@@ -47,7 +47,7 @@ class LoadSearch:
         self._speeds: list[tuple[float, Array]] = []
         self._readings: list[Reading] = []
         self._estimator: WrenchEstimator | None = None
-        self._watch: FrictionWatch | None = None
+        self._watch: FrictionMonitor | None = None
 
     @property
     def is_over(self) -> bool:
@@ -89,7 +89,7 @@ class LoadSearch:
         observer = estimator.observer
         if self._watch is None:
             pole, step = observer.pole, observer.time_step
-            self._watch = FrictionWatch(self._model, estimator.chain, pole, step, self._robot)
+            self._watch = FrictionMonitor(self._model, estimator.chain, pole, step, self._robot)
         settled = self._begin + max(SETTLING, observer.settling_time)
         if self._in_background:
             self._pool = self._pool or ThreadPoolExecutor(1)
@@ -109,7 +109,7 @@ class LoadSearch:
 
     def _judge(
         self,
-        watch: FrictionWatch,
+        watch: FrictionMonitor,
         speeds: list[tuple[float, Array]],
         readings: list[Reading],
         settled: float,
@@ -128,7 +128,7 @@ class LoadSearch:
 
 
 def _add(
-    watch: FrictionWatch,
+    watch: FrictionMonitor,
     speeds: list[tuple[float, Array]],
     readings: list[Reading],
     settled: float,
