@@ -1,4 +1,4 @@
-"""A force read against a sensor's: bias, scatter, and whether the stated band holds the truth.
+"""Judgement of a force reading by a sensor: bias, scatter, and coverage of the stated band.
 
 All numbers are over averages of some time, so that two readings of one log are judged alike
 whatever their rates.
@@ -22,7 +22,7 @@ class ForceReading:
     Attributes:
         force: (M,) N; NaN where there is no reading.
         sd: (M,) N, or None for a method that states none.
-        valid: (M,), or None for a method that does not say.
+        valid: (M,), or None for a method that does not state it.
     """
 
     force: Array
@@ -45,7 +45,7 @@ class Judgement:
     Attributes:
         bias, sd, rmse: of the error, N.
         inside_95: share of the truth in the 95 % band; None without one.
-        share_valid: None for a method that does not say.
+        share_valid: None for a method that does not state it.
         stated_sd: mean of the stated sd, N; None without one.
         force: mean of the truth, N.
         correlation: of reading and truth; None where one of them does not vary.
@@ -70,17 +70,17 @@ class Judgement:
             reading: M averages.
             truth: (M,) N.
         """
-        there = np.isfinite(reading.force) & np.isfinite(truth)
-        if not there.any():
+        is_judged = np.isfinite(reading.force) & np.isfinite(truth)
+        if not is_judged.any():
             return None
-        error = (reading.force - truth)[there]
+        error = (reading.force - truth)[is_judged]
         inside = valid = stated = None
         if reading.sd is not None:
-            sd = reading.sd[there]
+            sd = reading.sd[is_judged]
             inside = float(np.mean(np.abs(error) <= SIGMA_95 * sd))
             stated = float(np.mean(sd))
         if reading.valid is not None:
-            valid = float(np.mean(reading.valid[there]))
+            valid = float(np.mean(reading.valid[is_judged]))
         return cls(
             bias=float(np.mean(error)),
             sd=float(np.std(error)),
@@ -88,13 +88,13 @@ class Judgement:
             inside_95=inside,
             share_valid=valid,
             stated_sd=stated,
-            force=float(np.mean(truth[there])),
-            correlation=correlation(reading.force[there], truth[there]),
+            force=float(np.mean(truth[is_judged])),
+            correlation=correlation(reading.force[is_judged], truth[is_judged]),
             count=len(error),
         )
 
     def metrics(self, unit: str = "n") -> dict[str, Any]:
-        """Under the keys of a study's metrics; `unit` is that of what is judged: n or nm."""
+        """Figures under the keys of a study's metrics; `unit` is n or nm."""
         share = {"inside_95_pct": self.inside_95, "share_valid_pct": self.share_valid}
         return {
             f"bias_{unit}": self.bias,
@@ -118,8 +118,8 @@ def pooled_judgement(judgements: Sequence[Judgement]) -> dict[str, Any]:
     """Means over logs, under the keys of a study's metrics; None where nothing was judged."""
 
     def mean(values: list[float | None], factor: float = 1.0) -> float | None:
-        there = [value for value in values if value is not None]
-        return factor * float(np.mean(there)) if there else None
+        judged = [value for value in values if value is not None]
+        return factor * float(np.mean(judged)) if judged else None
 
     return {
         "runs": len(judgements),
