@@ -54,13 +54,13 @@ def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
         if options.world is not None or options.fastest_feed:
             raise InputError("--fit", "", "goes with neither --world nor --fastest-feed")
         figures = load_figures(fit, options.narrow)
-        with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
-            fitted = fit_figures(figures, options, out, watch)
+        with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as display:
+            fitted = fit_figures(figures, options, out, display)
         _print_fit(fitted)
         return
     settings = CampaignSettings(**vars(options), source=bundled_worlds())
-    with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as watch:
-        result = run_campaign(settings, out, watch)
+    with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as display:
+        result = run_campaign(settings, out, display)
     _print(result)
     if result.failures:
         raise typer.Exit(1)
@@ -73,12 +73,12 @@ def _print_fit(fit: "FiguresFit") -> None:
         by = "" if moved is None else f"{moved.parameter} {moved.rank_correlation:+.2f}"
         numbers = (f"{x:.3g}" for x in (row.printed, row.best, row.median))
         table.add_row(plain_text(row.name), *numbers, f"{row.p05:.3g} to {row.p95:.3g}", by)
-    learnt = "; ".join(
+    ranges = "; ".join(
         f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in fit.ranges.items()
     )
     show(
         table,
-        f"parameters (5 to 95 %): {learnt}",
+        f"parameters (5 to 95 %): {ranges}",
         f"arms: {fit.arms}; inside 5 to 95 %: {100 * fit.fitted_inside:.0f} % of the rows, of "
         f"those held out {100 * fit.held_out_inside:.0f} %",
         f"written to {fit.out / 'posterior'}",
@@ -90,25 +90,26 @@ def _print(result: "CampaignResult") -> None:
 
     table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")
     experiment = ""
-    for one in result.found:
-        if one.experiment != experiment:
-            experiment = one.experiment
+    for figure in result.found:
+        if figure.experiment != experiment:
+            experiment = figure.experiment
             table.add_row(plain_text(experiment, style="bold"))
-        row = table_row(one)
-        label = f"{one.label} [{one.unit}]" if one.unit else one.label
-        shown = (row[key] for key in ("article", "median", "range", "ahead"))
-        table.add_row(plain_text(label), *shown)
-    kept = f", {result.kept} of them kept" if result.kept else ""
+        row = table_row(figure)
+        label = f"{figure.label} [{figure.unit}]" if figure.unit else figure.label
+        cells = (row[key] for key in ("article", "median", "range", "ahead"))
+        table.add_row(plain_text(label), *cells)
+    earlier = f", {result.kept} of them kept" if result.kept else ""
     show(
         *([table] if table.row_count else []),
         *(
-            f"world {number} (seed {outcome.seed}) failed in {name}: {why.splitlines()[0]}"
+            f"world {number} (seed {outcome.seed}) failed in {name}: {reason.splitlines()[0]}"
             for number, outcome in sorted(result.failures.items())
-            for name, why in outcome.failures.items()
+            for name, reason in outcome.failures.items()
         ),
-        f"worlds: {result.worlds}{kept}",
+        f"worlds: {result.worlds}{earlier}",
     )
-    if seconds := "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items()):
-        show(f"processor time a world: {seconds}")
+    if result.seconds:
+        times = "; ".join(f"{name} {seconds:.1f} s" for name, seconds in result.seconds.items())
+        show(f"processor time a world: {times}")
     if result.worlds:
         show(f"report: {result.out / REPORT_NAME}")

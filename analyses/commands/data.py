@@ -49,11 +49,12 @@ def _list(names: list[str], data: Path | None) -> None:
     table = new_table("set", "MB", "licence", "now", "robot")
     lines = []
     for name in names or DATA_SETS:
-        one, place = data_set(name), find_data_set(name, data)
-        now = "missing" if place is None else place.kind
-        table.add_row(name, f"{one.megabytes:.1f}", one.licence, now, one.robot)
-        where = how_to_get(name) if place is None else str(place.folder)
-        lines.append(f"{name}: {one.what}; {one.source}; {one.paper or 'no paper'}; {where}")
+        entry, place = data_set(name), find_data_set(name, data)
+        state = "missing" if place is None else place.kind
+        table.add_row(name, f"{entry.megabytes:.1f}", entry.licence, state, entry.robot)
+        location = how_to_get(name) if place is None else str(place.folder)
+        paper = entry.paper or "no paper"
+        lines.append(f"{name}: {entry.what}; {entry.source}; {paper}; {location}")
     show(table, *lines)
 
 
@@ -64,17 +65,23 @@ def _fetch(names: list[str], mirror: str | None) -> None:
     from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
 
     sets = tuple(data_set(name).name for name in names) or fetchable()
-    with ProgressDisplay(new_console(stderr=True), sets) as watch:
+    with ProgressDisplay(new_console(stderr=True), sets) as display:
 
-        def progress(name: str, share: float, what: str) -> None:
-            watch(Progress(name, "running" if what else "done", share, what))
+        def progress(name: str, share: float, step: str) -> None:
+            display(Progress(name, "running" if step else "done", share, step))
 
         result = fetch_data_sets(sets, mirror, progress)
-    whole = [one for one in result if not one.problem]
-    show(*(f"{one.name}: {one.folder}, files fetched: {one.num_files}" for one in whole))
-    if failed := [f"{one.name}: {one.problem}" for one in result if one.problem]:
-        remedy = "run it again: it goes on where it was cut; behind a proxy, give --mirror"
-        raise InputError("data fetch", "", "; ".join(failed), remedy)
+    complete = [fetched for fetched in result if not fetched.problem]
+    show(
+        *(
+            f"{fetched.name}: {fetched.folder}, files fetched: {fetched.num_files}"
+            for fetched in complete
+        )
+    )
+    problems = [f"{fetched.name}: {fetched.problem}" for fetched in result if fetched.problem]
+    if problems:
+        remedy = "run it again: it resumes where it was cut; behind a proxy, pass --mirror"
+        raise InputError("data fetch", "", "; ".join(problems), remedy)
 
 
 def _path(names: list[str], data: Path | None) -> None:

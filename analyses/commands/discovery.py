@@ -22,7 +22,7 @@ _FUNCTION: Final = "command"
 
 @dataclass(frozen=True)
 class CommandEntry:
-    """What is known of a command before its module is imported."""
+    """A command, as far as it shows before its module is imported."""
 
     name: str
     module: str
@@ -37,15 +37,17 @@ def find_commands() -> dict[str, CommandEntry]:
         InputError: an installed package offers a module that is no command.
     """
     modules = pkgutil.iter_modules([str(Path(__file__).parent)], f"{PACKAGE}.")
-    found = [entry for info in modules if (entry := _read(info.name)) is not None]
+    bundled = [_read(info.name) for info in modules]
+    commands = [entry for entry in bundled if entry is not None]
     for point in entry_points(group=ENTRY_POINTS):
         entry = _read(point.module)
         if entry is None:
             package = point.dist.name if point.dist is not None else point.name
             problem = f"its entry point {point.module} has no function `{_FUNCTION}`"
             raise InputError(package, "", problem, "repair it or take it out")
-        found.append(entry)
-    return {entry.name: entry for entry in sorted(found, key=lambda one: (one.order, one.name))}
+        commands.append(entry)
+    commands.sort(key=lambda entry: (entry.order, entry.name))
+    return {entry.name: entry for entry in commands}
 
 
 def load_command(entry: CommandEntry) -> TyperCommand:

@@ -67,7 +67,7 @@ OPTIONS = (
 
 @with_settings(EstimateSettings, OPTIONS)
 def command(settings: EstimateSettings, out: Out = Path("out/estimate")) -> None:
-    """Tell the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
+    """Estimate the wrench at the tool, with its uncertainty: log and model in, wrench.csv out."""
     if _reads_external_torque(settings):
         _read_torque_logs(settings, out)
         return
@@ -87,21 +87,20 @@ def command(settings: EstimateSettings, out: Out = Path("out/estimate")) -> None
 
 
 def _reads_external_torque(settings: EstimateSettings) -> bool:
-    """Whether the arm's own external torque is read; if not, a robot and one log are needed."""
+    """Whether the controller's external torque is read; else a robot and one log are needed."""
     from wrenchsight.analyses.methods.external_torque.torque_log import is_torque_log
 
     log, torque = Path(settings.log), settings.estimate.torque
     if is_torque_log(log, settings.log_format, torque):
         if settings.model is None:
             return True
-        problem = "is not used with the external torque that the arm reports"
+        problem = "is not used with the controller's external torque"
         raise InputError("estimate", "--model", problem, "leave it out, or --torque currents")
     if not settings.robot:
         problem = f"is missing, and {log.name} holds no external torque with its Jacobian"
         raise InputError("estimate", "--robot", problem, "name a bundled robot or a robot.yaml")
     if settings.further_logs:
-        problem = "one log of currents is read at a time; several are read together where they "
-        problem += "hold external torque"
+        problem = "is a second log of currents; only logs of external torque are read together"
         raise InputError("estimate", settings.further_logs[0], problem, "leave it out")
     return False
 
@@ -124,7 +123,7 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
         rows = log.metrics.get("reference", {}).get("rows")
         if rows is not None:
             show(
-                f"{log.name}: against the sensor, row by row where it says more than "
+                f"{log.name}: against the sensor, rows where it reads more than "
                 f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
                 f"{rows['stated_sd_n']:.2f} N"
             )
@@ -164,8 +163,8 @@ def _prior_text(prior: dict[str, Any]) -> str:
     return f"prior: {sds} ({prior['rule']})"
 
 
-def _print_wrenches(wrench: dict[str, Any], what: str) -> None:
-    table = new_table(what, "mean", "rms", "largest", "mean sd", "")
+def _print_wrenches(wrench: dict[str, Any], title: str) -> None:
+    table = new_table(title, "mean", "rms", "largest", "mean sd", "")
     for axis, values in wrench.items():
         unit = _unit(axis)
         keys = (f"mean_{unit}", f"rms_{unit}", f"max_abs_{unit}", f"mean_sd_{unit}")
@@ -183,23 +182,22 @@ def _print_comparison(comparison: "SensorComparison", out: Path, W: str = "world
     metrics = comparison.metrics()
     table = new_table("against the sensor", "share", "RMSE: " + " ".join(comparison.axes), "bias")
     for phase in comparison.phases:
-        own = metrics[phase]
-        judged = {axis: own[axis] for axis in comparison.axes if own[axis] is not None}
-        if not judged:
+        errors = metrics[phase]
+        axes = [axis for axis in comparison.axes if errors[axis] is not None]
+        if not axes:
             continue
-        columns = [
-            " ".join(f"{one[f'{name}_{_unit(axis)}']:.2f}" for axis, one in judged.items())
-            for name in ("rmse", "bias")
-        ]
-        table.add_row(phase.replace("_", ", "), f"{own['share_pct']:.0f} %", *columns)
+        rmse = " ".join(f"{errors[axis][f'rmse_{_unit(axis)}']:.2f}" for axis in axes)
+        bias = " ".join(f"{errors[axis][f'bias_{_unit(axis)}']:.2f}" for axis in axes)
+        table.add_row(phase.replace("_", ", "), f"{errors['share_pct']:.0f} %", rmse, bias)
     mounting = comparison.mounting
     frame = W if mounting.frame == "world" else mounting.frame
-    axes = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in mounting.R.round(6) + 0.0)
+    rows = mounting.R.round(6) + 0.0
+    rotation = "; ".join(" ".join(f"{x:.3g}" for x in row) for row in rows)
     side = "late" if mounting.delay >= 0.0 else "early"
-    says = "force on the robot" if mounting.sign > 0 else "force on the environment"
+    sign = "force on the robot" if mounting.sign > 0 else "force on the environment"
     show(
         table,
-        f"sensor: axes of the {frame} turned by [{axes}], {says}, "
+        f"sensor: axes of the {frame} turned by [{rotation}], {sign}, "
         f"{1000 * abs(mounting.delay):.0f} ms {side}, "
         f"tare {' '.join(f'{x:.3g}' for x in mounting.tare)}; "
         f"figure: {out / 'figures' / 'reference.png'}",

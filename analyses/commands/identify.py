@@ -109,13 +109,12 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
             f"{viscous['after_nms_per_rad'][j]:.2f} ± {viscous['sd_nms_per_rad'][j]:.2f}",
         )
     show(table)
-    still = [
-        n for n, rows in zip(refit.model.joint_names, metrics["rows"], strict=True) if not rows
-    ]
-    if still:
-        show(f"note: {', '.join(still)} did not move: friction is the other robot's")
+    names_and_rows = zip(refit.model.joint_names, metrics["rows"], strict=True)
+    unmoved = [name for name, rows in names_and_rows if not rows]
+    if unmoved:
+        show(f"note: {', '.join(unmoved)} did not move: friction is the other robot's")
     if "gain" in metrics:
-        gain, sd = (100.0 * metrics["gain"][key] for key in ("share", "sd"))
+        gain, sd = 100.0 * metrics["gain"]["share"], 100.0 * metrics["gain"]["sd"]
         change = f"{gain:+.1f} ± {sd:.1f} %" if gain else "not determined, not changed"
         show(
             f"torque constants by the sensor: {change}",
@@ -138,13 +137,15 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
         result = find_scale(settings, out, progress)
     unit = "N m/N m" if result.of_torque else "N m/unit"
     table = new_table("\njoint", f"torque per unit\n[{unit}]", "stated", "known torque,\nsd [N m]")
-    found = result.scale
+    scale = result.scale
     for j, name in enumerate(result.robot.joint_names):
-        shown = "–"
-        if not isnan(found.torque_per_unit[j]):
-            shown = f"{found.torque_per_unit[j]:.3g} ± {found.standard_error[j]:.2g}"
-        note = "" if found.seen[j] else " (not shown)"
-        table.add_row(name, shown + note, f"{result.stated[j]:.3g}", f"{found.gravity[j]:.2g}")
+        torque_per_unit = "–"
+        if not isnan(scale.torque_per_unit[j]):
+            torque_per_unit = f"{scale.torque_per_unit[j]:.3g} ± {scale.standard_error[j]:.2g}"
+        note = "" if scale.seen[j] else " (not determined)"
+        table.add_row(
+            name, torque_per_unit + note, f"{result.stated[j]:.3g}", f"{scale.gravity[j]:.2g}"
+        )
     show(
         table,
         *notes((*result.notices, *sentences(result, bool(settings.load)))),
@@ -163,7 +164,8 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
         raise InputError("--part", "", problem, "give LOG=BEGIN,END[,BEGIN,END...] each")
     with showing_progress("identify") as progress:
         result = refresh_log(settings, out, progress)
-    outcome, (before, after) = result.refresh, result.rmse
+    refresh = result.refresh
+    rmse_before, rmse_after = result.rmse
     table = new_table(
         "\njoint",
         "Coulomb\n[N m]",
@@ -176,10 +178,10 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
     for j, name in enumerate(result.model.joint_names):
         changes = (
             f"{change:+.2f} ± {sd:.2f}"
-            for change, sd in zip(outcome.change[j], outcome.standard_deviation[j], strict=True)
+            for change, sd in zip(refresh.change[j], refresh.standard_deviation[j], strict=True)
         )
-        errors = " ".join(f"{value:+.1f}" for value in outcome.standard_errors[j])
-        table.add_row(name, *changes, errors, f"{before[j]:.2f}", f"{after[j]:.2f}")
+        errors = " ".join(f"{value:+.1f}" for value in refresh.standard_errors[j])
+        table.add_row(name, *changes, errors, f"{rmse_before[j]:.2f}", f"{rmse_after[j]:.2f}")
     show(
         table,
         *notes(result.warnings),
@@ -188,31 +190,29 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
 
 
 def _print_calibration(result: "CalibrationResult", out: Path) -> None:
-    outcome = result.calibration
-    dependence, dependence_sd = outcome.load_dependence
+    calibration = result.calibration
+    dependence, dependence_sd = calibration.load_dependence
     table = new_table(
         "\njoint", "torque per ampere\n[N m/A]", "stated\n[N m/A]", "friction per torque\n[N m/N m]"
     )
-    sd = outcome.ratio_sd * result.stated
+    sd = calibration.ratio_sd * result.stated
     for j, name in enumerate(result.robot.joint_names):
         note = "" if result.changed[j] else " (kept)"
-        value, deviation = float(dependence[j]), float(dependence_sd[j])
-        read = "–" if isnan(value) else f"{value:.3f} ± {deviation:.3f}"
+        friction_per_torque = "–"
+        if not isnan(dependence[j]):
+            friction_per_torque = f"{dependence[j]:.3f} ± {dependence_sd[j]:.3f}"
         table.add_row(
             name,
             f"{result.robot.torque_per_ampere[j]:.3f} ± {sd[j]:.3f}{note}",
             f"{result.stated[j]:.3f}",
-            read,
+            friction_per_torque,
         )
     show(table)
-    for (name, load), entry, deviation in zip(
-        result.loads.items(), outcome.loads, outcome.load_sd, strict=True
-    ):
-        com = ", ".join(
-            f"{1e3 * value / load.mass:.1f} ± {1e3 * s / load.mass:.1f}"
-            for value, s in zip(entry[1:4], deviation[1:4], strict=True)
-        )
-        show(f"{name}: {load.mass:g} kg at ({com}) mm from the flange")
+    for index, (name, load) in enumerate(result.loads.items()):
+        com = 1e3 * calibration.loads[index][1:4] / load.mass
+        com_sd = 1e3 * calibration.load_sd[index][1:4] / load.mass
+        text = ", ".join(f"{com[axis]:.1f} ± {com_sd[axis]:.1f}" for axis in range(3))
+        show(f"{name}: {load.mass:g} kg at ({text}) mm from the flange")
     robot = f"robot with these torques per ampere, to use with the model: {out / 'robot.yaml'}"
     show(*notes(result.warnings), robot)
 
@@ -227,13 +227,13 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     from wrenchsight.analyses.methods.identify.torque_fit import joined_fits
 
     model, law, metrics = result.model, result.model.friction.coulomb_viscous, result.metrics()
-    judged = result.cross_validation or result.fit
-    how = "held out" if result.cross_validation else "fitted"
-    joined = joined_fits(judged, how)
+    fits = result.cross_validation or result.fit
+    kind = "held out" if result.cross_validation else "fitted"
+    joined = joined_fits(fits, kind)
     columns = {
         "Coulomb\n[N m]": law.coulomb,
         "viscous\n[N m s/rad]": law.viscous,
-        f"{how.replace('fitted', 'fit')}\nRMSE [N m]": joined.rmse,
+        f"{kind.replace('fitted', 'fit')}\nRMSE [N m]": joined.rmse,
         "of torque's\nRMS [%]": 100.0 * joined.relative,
     }
     columns |= {f"{fit.name}\nRMSE [N m]": fit.rmse for fit in result.validation}
@@ -246,7 +246,7 @@ def _print(result: "IdentificationResult", out: Path) -> None:
             f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}"
             for fit in (joined, *result.validation)
         ),
-        *law_lines(result.held_out, result.law, how, result.extrapolated),
+        *law_lines(result.held_out, result.law, kind, result.extrapolated),
         f"filter: {filter_text(result.config)}",
         f"friction {result.law}, {len(result.base.names)} base parameters, "
         f"condition number {result.base.condition_number:.3g}",

@@ -53,19 +53,19 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
         f"{settings.num_samples} configurations", *(f"{metrics[key]:.4g}" for key in keys)
     )
     show(table)
-    if free := metrics.get("free"):
-        best = (
-            "none is free"
-            if free["min"] is None
-            else f"the smallest that is free: {free['min']:.4g}"
-        )
+    free = metrics.get("free")
+    if free:
+        best = "none is free"
+        if free["min"] is not None:
+            best = f"smallest condition number without collision: {free['min']:.4g}"
         show(
             f"{free['in_collision_pct']:.0f} % of {free['looked_at']} configurations hit the arm "
             f"itself or the floor; {best}"
         )
     config = settings.slice or SliceConfig()
     plane = f"{config.axis}={config.value:g}"
-    if (cut := metrics.get("slice")) and "min" in cut:
+    cut = metrics.get("slice")
+    if cut and "min" in cut:
         place_text = ", ".join(f"{value:.3f}" for value in cut["best_place_m"])
         show(
             f"slice {plane}: best {cut['min']:.2f} at ({place_text}) m; "

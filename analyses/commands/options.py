@@ -1,7 +1,7 @@
 """Options of the commands, made from the fields of their settings.
 
 A command's settings are a dataclass: its config.yaml, all that is needed to run it again. An option
-is a key of it: its type and default are the field's, its help the words beside the field.
+is one of its keys: type and default are the field's, its help is the text beside the field.
 `--config FILE` reads the settings from such a file, and options on the command line override it.
 """
 
@@ -36,21 +36,34 @@ _HELP_ALL: Final = "Show every option, also those that are usually left to --con
 class Option:
     """An option, or an argument, that is a key of a command's settings.
 
-    Type and default are the field's. A list of numbers is given with commas between them; what is
-    false by default is a flag that makes it true.
+    Type and default are the field's. A list of numbers is written with commas between them. A key
+    that is false by default becomes a flag.
+
+    Attributes:
+        place: of the key in the settings, such as `estimate.engine`.
+        name: of the option, with underscores; else the field's.
+        help: of the option; else the field's text.
+        shown: in --help; else in --help-all alone.
+        required: unless `--config` gives it.
+        argument: whether its position names it.
+        flags: spelling of a flag, such as --smooth/--causal.
+        metavar: that the help shows.
+        default: that the help shows where the field's default is a rule.
+        least: of a whole number.
+        put: puts the option's text into the settings where that is no plain assignment.
     """
 
-    place: str  # of the key in the settings, such as `estimate.engine`
-    name: str = ""  # of the option, with underscores; else the field's
-    help: str = ""  # else the field's words
-    shown: bool = True  # in --help; else in --help-all alone
-    required: bool = False  # unless `--config` gives it
-    argument: bool = False  # given by its position
-    flags: str = ""  # spelling of a flag, such as --smooth/--causal
+    place: str
+    name: str = ""
+    help: str = ""
+    shown: bool = True
+    required: bool = False
+    argument: bool = False
+    flags: str = ""
     metavar: str | None = None
-    default: str = ""  # shown as the default where the field's is a rule
-    least: int | None = None  # of a whole number
-    put: Callable[[Any, str], None] | None = None  # puts a text into the settings in its own way
+    default: str = ""
+    least: int | None = None
+    put: Callable[[Any, str], None] | None = None
 
     @property
     def parameter(self) -> str:
@@ -64,7 +77,7 @@ class Option:
 
 
 def hidden(place: str, *keys: str, prefix: str = "") -> Iterator[Option]:
-    """Options of keys of one part of the settings, which --help-all alone shows.
+    """Options for keys of one part of the settings, which only --help-all shows.
 
     Args:
         prefix: of the options' names, before the keys.
@@ -77,38 +90,38 @@ def with_settings(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Makes a command of a function that takes settings.
 
-    The function's first argument is the settings of the run: defaults, then `--config`, then what
-    the command line says. Its other arguments are options of its own.
+    The function's first argument is the settings of the run: defaults, overridden by `--config`,
+    overridden by the command line. Its further arguments are options outside the settings.
 
     Args:
         schema: the settings' dataclass, which `load_configuration` reads.
-        options: its keys that are options, in the order of the help; each is put into the settings
-            after those before it.
-        from_file: whether there is `--config`: not where no config.yaml is written.
+        options: its keys that are options, in the order of the help; they are put into the settings
+            in this order.
+        from_file: whether there is `--config`; not for a command that writes no config.yaml.
     """
 
     def decorate(run: Callable[..., None]) -> Callable[..., None]:
-        (_, *rest) = inspect.signature(run).parameters.values()
-        own = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in rest]
+        (_, *further) = inspect.signature(run).parameters.values()
+        further = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in further]
 
-        def command(ctx: typer.Context, **given: Any) -> None:
-            settings = _settled(ctx, schema, options)
-            extra = {p.name: ctx if p.name == "ctx" else given[p.name] for p in own}
-            run(settings, **extra)
+        def command(ctx: typer.Context, **values: Any) -> None:
+            settings = _settings_of_run(ctx, schema, options)
+            arguments = {p.name: ctx if p.name == "ctx" else values[p.name] for p in further}
+            run(settings, **arguments)
 
         parameters = [_parameter("ctx", typer.Context)]
-        parameters += [_made(schema, option) for option in options]
-        parameters += [p for p in own if p.name not in ("ctx", "out")]
+        parameters += [_parameter_of(schema, option) for option in options]
+        parameters += [p for p in further if p.name not in ("ctx", "out")]
         if from_file:
             read = Annotated[Path | None, _config_option(schema, options)]
             parameters.append(_parameter("config", read, None))
         if not all(option.shown for option in options):
             help_all = typer.Option("--help-all", is_eager=True, callback=_help_all, help=_HELP_ALL)
             parameters.append(_parameter("help_all", Annotated[bool, help_all], False))
-        parameters += [p for p in own if p.name == "out"]
-        made: Any = command
-        made.__signature__ = inspect.Signature(parameters)
-        made.__annotations__, made.__doc__ = {}, run.__doc__
+        parameters += [p for p in further if p.name == "out"]
+        typed_command: Any = command
+        typed_command.__signature__ = inspect.Signature(parameters)
+        typed_command.__annotations__, typed_command.__doc__ = {}, run.__doc__
         return command
 
     return decorate
@@ -119,13 +132,13 @@ def _parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empt
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
-def _made(schema: type[Any], option: Option) -> Any:
-    """The parameter that typer makes an option or an argument of."""
+def _parameter_of(schema: type[Any], option: Option) -> Any:
+    """The parameter from which typer makes the option or argument."""
     cls, default = _holder(schema, option.place)
     key = option.place.rpartition(".")[2]
     hint = get_type_hints(cls)[key]
-    words = option.help or field_words(cls)[key]
-    shared: dict[str, Any] = {"help": _sentence(words), "metavar": option.metavar}
+    text = option.help or field_words(cls)[key]
+    shared: dict[str, Any] = {"help": _sentence(text), "metavar": option.metavar}
     if option.put is not None:
         hint, default = str | None, None
     elif _plain(hint) == list[float]:
@@ -147,17 +160,20 @@ def _made(schema: type[Any], option: Option) -> Any:
     )
 
 
-def _sentence(words: str) -> str:
-    """A field's words as a sentence, with the unit that they begin with last."""
-    found = _UNIT_FIRST.fullmatch(words)
-    unit, what = found.groups() if found else ("", words)
-    is_file = "." in what.partition(" ")[0]
-    text = what if is_file else what[:1].upper() + what[1:]
+def _sentence(text: str) -> str:
+    """A field's text as a sentence; a unit at its begin moves to the end."""
+    unit = ""
+    match = _UNIT_FIRST.fullmatch(text)
+    if match:
+        unit, text = match.groups()
+    begins_with_file = "." in text.partition(" ")[0]
+    if not begins_with_file:
+        text = text[:1].upper() + text[1:]
     return f"{text} ({unit})." if unit else text.rstrip(".") + "."
 
 
 def _plain(hint: Any) -> Any:
-    """A type without the None that it may be."""
+    """The type without None."""
     if get_origin(hint) in (Union, types.UnionType):
         kinds = [kind for kind in get_args(hint) if kind is not type(None)]
         return kinds[0] if len(kinds) == 1 else hint
@@ -171,12 +187,12 @@ def _holder(schema: type[Any], place: str) -> tuple[Any, Any]:
     """
     *path, key = place.split(".")
     holder: Any = schema()
-    for part, after in zip(path, [*path, key][1:], strict=True):
+    for part, next_key in zip(path, [*path, key][1:], strict=True):
         kinds = schemas_in(get_type_hints(type(holder))[part])
         holder = getattr(holder, part)
-        if not hasattr(holder, after):
+        if not hasattr(holder, next_key):
             names = {kind: {f.name for f in dataclasses.fields(kind)} for kind in kinds}
-            holder = next(kind for kind in kinds if after in names[kind])()
+            holder = next(kind for kind in kinds if next_key in names[kind])()
     return type(holder), getattr(holder, key)
 
 
@@ -187,10 +203,10 @@ def _config_option(schema: type[Any], options: Sequence[Option]) -> Any:
 
             settings = load_configuration(path, schema)
             ctx.meta[_KEY] = settings
-            # So that the parser does not ask for what the file gives.
+            # The parser does not require the keys that the file gives.
             required = [option for option in options if option.required]
-            given = {option.parameter: _get(settings, option.place) for option in required}
-            ctx.default_map = {name: value for name, value in given.items() if value}
+            values = {option.parameter: _get(settings, option.place) for option in required}
+            ctx.default_map = {name: value for name, value in values.items() if value}
         return path
 
     return typer.Option(
@@ -202,15 +218,17 @@ def _config_option(schema: type[Any], options: Sequence[Option]) -> Any:
     )
 
 
-def _help_all(ctx: typer.Context, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
+def _help_all(ctx: typer.Context, is_requested: bool) -> None:
+    if is_requested and not ctx.resilient_parsing:
         for parameter in ctx.command.params:
             parameter.hidden = False  # type: ignore[attr-defined]
         typer.echo(ctx.get_help())
         raise typer.Exit
 
 
-def _settled(ctx: typer.Context, schema: type[Settings], options: Sequence[Option]) -> Settings:
+def _settings_of_run(
+    ctx: typer.Context, schema: type[Settings], options: Sequence[Option]
+) -> Settings:
     settings: Settings = deepcopy(ctx.meta.get(_KEY)) or schema()
     for option in options:
         if not on_command_line(ctx, option.parameter):
@@ -224,7 +242,7 @@ def _settled(ctx: typer.Context, schema: type[Settings], options: Sequence[Optio
 
 
 def on_command_line(ctx: typer.Context, name: str) -> bool:
-    """Whether a parameter was given there, rather than left to its default or to the file."""
+    """Whether the command line states a parameter, rather than its default or the file."""
     source = ctx.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"  # its class moves between releases
 
@@ -233,7 +251,7 @@ def numbers(text: str, option: str) -> list[float]:
     """The numbers of a text such as `0,0,-1`.
 
     Raises:
-        InputError: there are other words in it.
+        InputError: it holds anything else.
     """
     try:
         return [float(word) for word in text.split(",")]
@@ -253,16 +271,16 @@ class SeveralValues(TyperCommand):
     options = ("--validate", "--load")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        spelt, current = list[str](), ""
+        expanded, current = list[str](), ""
         for index, word in enumerate(args):
             if word == "--":
-                return super().parse_args(ctx, spelt + args[index:])
+                return super().parse_args(ctx, expanded + args[index:])
             if word.startswith("-"):
                 current = word if word in self.options else ""
             elif current and args[index - 1] != current:
-                spelt.append(current)
-            spelt.append(word)
-        return super().parse_args(ctx, spelt)
+                expanded.append(current)
+            expanded.append(word)
+        return super().parse_args(ctx, expanded)
 
 
 def _get(settings: Any, place: str) -> Any:
@@ -275,7 +293,7 @@ def _put(settings: Any, place: str, value: Any, option: str) -> None:
     *path, name = place.split(".")
     for part in path:
         settings = getattr(settings, part)
-        if settings is None:  # a part that is not asked for has no settings
+        if settings is None:  # a part that is not requested has no settings
             return
     if not hasattr(settings, name):  # of another kind, as the file has it
         raise InputError(option, "", f"{type(settings).__name__} has no {name}", "leave it out")
@@ -284,5 +302,5 @@ def _put(settings: Any, place: str, value: Any, option: str) -> None:
     elif isinstance(value, Path) and _plain(get_type_hints(type(settings))[name]) is not Path:
         value = str(value)
     elif isinstance(value, list | tuple):
-        value = [str(one) if isinstance(one, Path) else one for one in value]
+        value = [str(entry) if isinstance(entry, Path) else entry for entry in value]
     setattr(settings, name, value)

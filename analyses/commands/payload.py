@@ -37,7 +37,7 @@ def command(settings: PayloadSettings, out: Out = Path("out/payload")) -> None:
 def _print(result: "PayloadResult", out: Path) -> None:
     load = result.load
     sd = load.standard_deviation
-    table = new_table("", "found", "standard error", "", "")
+    table = new_table("", "estimate", "standard error", "", "")
     table.add_row("mass", f"{load.mass:.3f}", f"{sd[0]:.3f}", "kg", "")
     for k, axis in enumerate("xyz"):
         note = "" if result.com_observable[k] else "not observable"

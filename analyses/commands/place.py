@@ -1,5 +1,6 @@
 """The command `place`: where a straight path belongs."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,23 +54,23 @@ def _print(result: "PlacementResult", out: Path) -> None:
     if key != "jcn":
         names |= {f"mean_{key}": "mean sd [N]", f"max_{key}": "largest sd [N]"}
     table = new_table("", *names.values())
-    for way in ("initial", "optimised", "free"):
-        if way in metrics:
-            table.add_row(way, *(f"{metrics[way][name]:.4f}" for name in names))
-    found = metrics["optimised"]
-    direction, midpoint, axis = (
-        " ".join(f"{value:.4f}" for value in found[name])
-        for name in ("direction", "midpoint_m", "axis")
-    )
+    for solution in ("initial", "optimised", "free"):
+        if solution in metrics:
+            table.add_row(solution, *(f"{metrics[solution][name]:.4f}" for name in names))
+    optimised = metrics["optimised"]
     optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
     show(
         table,
-        f"direction: {direction}",
-        f"midpoint [m]: {midpoint}",
-        f"tool: {found['angle_deg']:.2f} degrees about {axis}",
+        f"direction: {_vector(optimised['direction'])}",
+        f"midpoint [m]: {_vector(optimised['midpoint_m'])}",
+        f"tool: {optimised['angle_deg']:.2f} degrees about {_vector(optimised['axis'])}",
         f"local optima: {optima}; {result.seconds:.1f} s",
         *notes(result.notices),
         f"postures: {out / 'postures.csv'}, page: {out / 'recording.html'}",
     )
     if result.search.interrupted:
         raise KeyboardInterrupt
+
+
+def _vector(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.4f}" for value in values)

@@ -33,13 +33,17 @@ def command(
 def _print(result: "RedundancyResult", out: Path) -> None:
     metrics, key = result.metrics(), result.problem.measure.key
     table = new_table(result.problem.measure.label, "mean", "largest")
-    ways = {"initial": "initial", "local method": "local", "optimised": "optimised"}
-    ways |= {"best that is free": "free"}
-    for name, way in ways.items():
-        if way in metrics:
-            figures = (f"{metrics[way][f'{what}_{key}']:.3f}" for what in ("mean", "max"))
-            table.add_row(name, *figures)
+    solutions = {
+        "initial": "initial",
+        "local method": "local",
+        "optimised": "optimised",
+        "best without collision": "free",
+    }
+    for title, name in solutions.items():
+        if name in metrics:
+            mean, largest = metrics[name][f"mean_{key}"], metrics[name][f"max_{key}"]
+            table.add_row(title, f"{mean:.3f}", f"{largest:.3f}")
     show(table, *notes(result.notices))
     if result.free is not None:
-        show(f"joints of the free way: {out / 'trajectory_free.csv'}")
+        show(f"joints without collision: {out / 'trajectory_free.csv'}")
     show(f"joints: {out / 'trajectory.csv'}, page: {out / 'recording.html'}")

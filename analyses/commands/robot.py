@@ -49,19 +49,20 @@ def command(
     path = out or Path("robot.yaml")
     drafted, places = draft_robot(Path(source), path, base, flange, _arguments(xacro_arg or []))
     _print(drafted)
-    held = ", ".join(f"{name} at {at:g}" for name, at in drafted.config.locked_joints.items())
-    if held:
+    locked_joints = drafted.config.locked_joints.items()
+    if locked_joints:
+        values = ", ".join(f"{name} at {value:g}" for name, value in locked_joints)
         show(
-            f"note: joints held still, rad or m: {held}. Where one of them is the arm's, name the "
-            "link that it moves: --flange LINK"
+            f"note: joints held still, rad or m: {values}; where one of them is the arm's, name "
+            "the link that it moves: --flange LINK"
         )
-    show(
-        "note: friction, noise and resolution of the simulated arm are assumed: simulated_truth "
-        "and drives in the file"
-        if drafted.config.simulated_truth.friction.coulomb.size
-        else "note: the simulated arm has no friction: the URDF has no inertias to size it by",
-        f"robot: {path}; look for {FILL_IN}: {', '.join(places)}",
-    )
+    note = "the simulated arm has no friction: the URDF has no inertias to size it by"
+    if drafted.config.simulated_truth.friction.coulomb.size:
+        note = (
+            "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "
+            "and drives in the file"
+        )
+    show(f"note: {note}", f"robot: {path}; look for {FILL_IN}: {', '.join(places)}")
 
 
 def _arguments(words: list[str]) -> dict[str, str]:
@@ -80,8 +81,8 @@ def _show(name: str, out: Path) -> None:
     from wrenchsight.models.robot.robot import Robot
 
     refuse_unmarked(out)
-    # Drake prints Meshcat's address, which is gone before anyone could open it; what it says of a
-    # mesh that it cannot read, the robot's own notice says.
+    # Drake prints Meshcat's address, which is gone before anyone could open it. A mesh that it
+    # cannot read is in the robot's notices.
     logging.getLogger("drake").setLevel(logging.ERROR)
     robot = Robot.load(name)
     _print(robot)
@@ -99,11 +100,11 @@ def _print(robot: "Robot") -> None:
         drive = (robot.torque_per_ampere[j], robot.reflected_inertia[j], robot.home[j])
         table.add_row(name, *row, *(f"{value:.4g}" for value in drive))
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
-    lost = (f"collision shape lost: {link}" for link in robot.unusable_collisions)
+    lost_shapes = (f"collision shape lost: {link}" for link in robot.unusable_collisions)
     show(
         table,
         f"{robot.name}: {robot.num_joints} joints from {robot.config.base_link} to "
         f"{robot.config.flange}, {mass:.3g} kg moving, payload {robot.payload:g} kg, condition "
         f"number at home {float(robot.chain.condition_number(robot.home)):.3g}",
-        *notes((*robot.notices, *lost)),
+        *notes((*robot.notices, *lost_shapes)),
     )

@@ -60,17 +60,16 @@ def _print(result: "SimulationResult") -> None:
     for name, title in (("valid", "where valid"), ("sensor", "sensor")):
         if name in metrics:
             sources[title] = metrics[name]
-    table = new_table(
-        "error of", *(f"{s}\n{what}" for s in sources for what in ("rmse", "largest"))
-    )
-    for axis, unit in (*((f"f{k}", "N") for k in "xyz"), *((f"m{k}", "N m") for k in "xyz")):
-        suffix = f"{axis}_{unit.replace(' ', '').lower()}"
-        figures = [
-            f"{of[f'{what}_{suffix}']:.3f}"
-            for of in sources.values()
-            for what in ("rmse", "max_error")
-        ]
-        table.add_row(f"{axis}  {unit}", *figures)
+    headings = []
+    for source in sources:
+        headings += [f"{source}\nrmse", f"{source}\nlargest"]
+    table = new_table("error of", *headings)
+    for axis in ("fx", "fy", "fz", "mx", "my", "mz"):
+        unit, suffix = ("N", f"{axis}_n") if axis.startswith("f") else ("N m", f"{axis}_nm")
+        errors = []
+        for figures in sources.values():
+            errors += [f"{figures[f'rmse_{suffix}']:.3f}", f"{figures[f'max_error_{suffix}']:.3f}"]
+        table.add_row(f"{axis}  {unit}", *errors)
     show(
         table,
         f"{metrics['duration_s']:g} s at {result.real_time_factor:.1f} times real time; "

@@ -18,7 +18,7 @@ ORDER = 10
 
 @dataclass
 class StudyOptions:
-    """What is asked of a study on the command line."""
+    """Options of a study on the command line."""
 
     experiments: list[str] = field(default_factory=list)  # names; all if none is given
     data: Path | None = None  # folder of the real recordings, where you have one: see `data`
@@ -63,7 +63,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
         sys.stdout.write("\n".join(REGISTRY.entries()) + "\n")
         return
     names = check_names(options.experiments)
-    with ProgressDisplay(new_console(stderr=True), tuple(names)) as watch:
+    with ProgressDisplay(new_console(stderr=True), tuple(names)) as display:
         result = run_study(
             names,
             out,
@@ -74,7 +74,7 @@ def command(options: StudyOptions, out: Out = Path("out/study")) -> None:
             jobs=options.jobs or available_cores(),
             fresh=options.fresh,
             methods=options.method,
-            watch=watch,
+            watch=display,
         )
     _print(result)
     if result.failed:
@@ -97,15 +97,20 @@ def _print(result: "StudyResult") -> None:
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
             table.add_row(indented, " ".join(row.stated), " ".join(row.here))
-    lacks = {o.name: o.lacks for o in result.outcomes if o.lacks}
+    missing = {outcome.name: outcome.lacks for outcome in result.outcomes if outcome.lacks}
+    failures = [
+        f"{outcome.name}: {text}"
+        for outcome in result.outcomes
+        for text in outcome.stored.get("failures", [])
+    ]
     show(
         *([table] if table.row_count else []),
         *(
-            f"{o.name} {o.state}: {o.reason}"
-            for o in result.outcomes
-            if not o.has_result and not o.lacks
+            f"{outcome.name} {outcome.state}: {outcome.reason}"
+            for outcome in result.outcomes
+            if not outcome.has_result and not outcome.lacks
         ),
-        *([missing_recordings(lacks)] if lacks else []),
-        *(f"{o.name}: {text}" for o in result.outcomes for text in o.stored.get("failures", [])),
+        *([missing_recordings(missing)] if missing else []),
+        *failures,
         f"report: {result.report}",
     )

@@ -39,7 +39,7 @@ OPTIONS = (
 
 @with_settings(WatchSettings, OPTIONS)
 def command(settings: WatchSettings) -> None:
-    """Tell the wrench at the tool while the robot runs: from a controller, or a log played."""
+    """Estimate the wrench at the tool while the robot runs: from a controller, or a log played."""
     from wrenchsight.analyses.methods.watch.watching import watch
 
     count = watch(settings, new_console())

@@ -50,13 +50,14 @@ class FrictionDisagreement:
     stated: float
 
     def sentence(self, joint_names: Sequence[str]) -> str:
-        """Returns what to tell a user."""
+        """The joint, its change with the error, and what to do, for the user."""
         unit = UNITS[TERMS.index(self.term)]
+        sd = abs(self.change / self.standard_errors)
         return (
             f"friction of {joint_names[self.joint]} is not the model's: {self.term} "
-            f"{self.change:+.2g} {unit}, {abs(self.standard_errors):.0f} standard errors, "
-            f"{self.torque:.2g} N m on average where the model states {self.stated:.2g}; "
-            "refresh it with identify --refresh"
+            f"{self.change:+.2g} +- {sd:.1g} {unit}, {self.torque:.2g} N m (rms) beside "
+            f"{self.stated:.2g} N m of the model's error; refresh it with `wrenchsight identify "
+            "--refresh`"
         )
 
 

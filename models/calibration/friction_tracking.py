@@ -280,13 +280,14 @@ class FrictionTracker:
             far = np.abs(change[j]) > OFTEN * self._prior_sd[j]
             lines += [
                 f"{TERMS[k]} friction of {name} is {change[j, k]:+.2g} +- {sd[j, k]:.1g} "
-                f"{UNITS[k]} off the model, more than a month's drift: identify --refresh"
+                f"{UNITS[k]} off the model, more than a month's drift; refresh it with "
+                "`wrenchsight identify --refresh`"
                 for k in np.flatnonzero(far & (np.abs(change[j]) > CLEAR * sd[j]))
             ]
             if self._surprise[j] > UNEXPLAINED:
                 lines.append(
-                    f"drift of friction does not explain what {name} reads in free motion: "
-                    "identify --refresh tells whether friction or a load has changed"
+                    f"friction drift does not explain the torque of {name} in free motion; "
+                    "`wrenchsight identify --refresh` shows whether friction or a load has changed"
                 )
         return lines
 

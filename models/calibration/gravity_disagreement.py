@@ -45,11 +45,11 @@ class GravityDisagreement:
     tilt: float
 
     def sentence(self) -> str:
-        """For the user."""
-        g = ", ".join(f"{value:.2f}" for value in self.gravity)
+        """The tilt, and what to do, for the user."""
+        gravity = ", ".join(f"{value:.2f}" for value in self.gravity)
         return (
-            f"the log shows gravity {math.degrees(self.tilt):.1f} deg away from robot.yaml's: if "
-            f"the base is tilted, set gravity: [{g}] there, and identify anew"
+            f"gravity of the log is {math.degrees(self.tilt):.1f} deg away from robot.yaml's; if "
+            f"the base is tilted, set gravity: [{gravity}] there and identify the model again"
         )
 
 

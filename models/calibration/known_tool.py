@@ -52,7 +52,7 @@ def with_known_tool(
         other_robot: whether the model may have another tool.
 
     Raises:
-        InputError: the model has another tool, and it is not said what that means.
+        InputError: the model has another tool, and neither `tool` nor `other_robot` is set.
     """
     if tool:
         return with_tool_of(model, robot)
@@ -61,8 +61,8 @@ def with_known_tool(
             source,
             "fitted_robot.tool_mass",
             model.fitted_robot.tool_difference(robot),
-            "if robot.yaml's tool is on the arm and its numbers are known, say --tool; else use "
-            "the model.yaml that payload writes, or identify again; --other-robot reads its "
-            "weight as a force",
+            "if robot.yaml's tool is on the arm and its numbers are known, pass --tool; else use "
+            "the model.yaml that `wrenchsight payload` writes, or identify again; --other-robot "
+            "reads its weight as a force",
         )
     return model

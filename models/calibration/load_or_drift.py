@@ -67,23 +67,23 @@ class LoadOrDrift:
         return self.is_steady and self.load.is_there and loaded > 1.0 - UNLIKELY
 
     def sentence(self) -> str:
-        """For the user."""
+        """Mass, place, time and odds of the load, and what to do, for the user."""
         load, sd = self.load, self.load.standard_deviation
         place = ""
         if (sd[1:4] < COM_TOLD).all():
-            com, errors = (
-                ", ".join(f"{1e3 * x:.0f}" for x in values) for values in (load.com, sd[1:4])
-            )
-            place = f" at ({com}) +- ({errors}) mm from the flange"
-        how = "together with friction that has drifted"
-        if self.probability["load"] > self.probability["both"]:
-            how = "with the model's friction"
-        since = "since the log's start"
+            com = ", ".join(f"{1e3 * x:.0f}" for x in load.com)
+            com_sd = ", ".join(f"{1e3 * x:.0f}" for x in sd[1:4])
+            place = f" at ({com}) +- ({com_sd}) mm from the flange"
+        begin = "since the log's start"
         if self.begin is not None:
-            since = f"since t = {self.begin:.1f} +- {max(self.begin_sd, 0.1):.1f} s"
+            begin = f"since t = {self.begin:.1f} +- {max(self.begin_sd, 0.1):.1f} s"
+        friction = "drifted friction"
+        if self.probability["load"] > self.probability["both"]:
+            friction = "the model's friction"
         return (
-            f"a load of {load.mass:.3g} +- {sd[0]:.2g} kg{place}, {since}, {how}: "
-            f"odds of a load against none {_odds(self.probability)}; payload finds a tool for it"
+            f"unmodelled load at the tool: {load.mass:.3g} +- {sd[0]:.2g} kg{place}, {begin}, with "
+            f"{friction} (odds against no load {_odds(self.probability)}); identify it with "
+            "`wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
         )
 
     def metrics(self) -> dict[str, object]:

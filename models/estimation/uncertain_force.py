@@ -69,23 +69,24 @@ class UncertainForce:
         Args:
             valid_share: 0 to 1, of the readings.
         """
-        few = (
-            "no reading is" if valid_share == 0.0 else f"{100 * valid_share:.2g} % of readings are"
-        )
+        valid = "no reading is valid"
+        if valid_share > 0.0:
+            valid = f"{100 * valid_share:.2g} % of readings are valid"
         if self.sd <= self.limit:
             return (
-                f"{few} valid, though the force's sd would do: joints rest or turn round, where "
-                "stiction hides a force, or no wrench at the tool explains the torques; move all "
-                "joints, or mind where the arm is touched"
+                f"{valid}, though the force's sd of {self.sd:.2g} N is below its limit of "
+                f"{self.limit:.2g} N: joints rest or reverse, where stiction hides a force, or no "
+                "wrench at the tool explains the torques; move all joints, or check where the arm "
+                "is touched"
             )
-        why = (
-            f"{few} valid: the force's sd is {self.sd:.2g} N in its worst direction, at most "
-            f"{self.limit:.2g} N may be (payload {self.payload:g} kg in robot.yaml); what counts "
-            f"most is the torque error of {self.joint}, {self.torque_sd:.2g} N m"
+        reason = (
+            f"{valid}: the force's sd is {self.sd:.2g} N in its worst direction, above its limit "
+            f"of {self.limit:.2g} N (payload {self.payload:g} kg in robot.yaml); the torque error "
+            f"of {self.joint}, {self.torque_sd:.2g} N m, counts most"
         )
         if self.assumed:
-            return why + ", which is assumed: give --model of an identified model"
-        return why + (
-            ": identify from logs that hold these postures and motion as slow and as fast, find a "
-            "posture that reads better with `place`, or allow more with `estimate --max-force-sd`"
+            return reason + "; it is assumed: pass --model of an identified model"
+        return reason + (
+            "; identify from logs with these postures and speeds, find a better posture with "
+            "`wrenchsight place`, or raise the limit with --max-force-sd"
         )

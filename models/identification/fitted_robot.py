@@ -81,15 +81,14 @@ class FittedRobot:
         """What differs and may be meant: one sentence each."""
         if not self.torque_per_ampere:
             return [
-                "the model file does not say which torque per ampere, current sign, gravity and "
-                "tool it was identified with: whether they are the robot's is not checked"
+                "the model states no torque per ampere, current sign, gravity and tool that it was "
+                "identified with: they are not compared with the robot's; identify it again"
             ]
         if not self.differs_by_tool(robot):
             return []
         return [
-            f"{self.tool_difference(robot)}: the model's counts, and what the arm carries besides "
-            "acts as a force; use the model.yaml that payload writes, or identify again with this "
-            "tool"
+            f"{self.tool_difference(robot)}: the difference reads as a force; use the model.yaml "
+            "that `wrenchsight payload` writes, or identify again with this tool"
         ]
 
     def differs_by_tool(self, robot: Robot) -> bool:

@@ -1,11 +1,12 @@
-"""Live readings of an arm that reports its external torque itself: no model has a part in them.
+"""Live readings from the controller's external torque, without a model of the arm.
 
 The wrench is that of `estimate --torque external` with the same prior and sd of the torque. Contact
-is told by a baseline that follows while nothing acts (`models.detection.torque_contact`). Where a
-contact is, at E or on a link, is judged while it lasts, by the strongest samples so far.
+is found against a baseline that follows while nothing acts (`models.detection.torque_contact`). The
+place of a contact, at E or on a link, is judged while it lasts, by the strongest samples so far.
 """
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +34,8 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
 JUDGE_TIME = 0.05  # s of a contact before its place is judged first, then at each doubling
-KEPT, CHOSEN = 20, 2  # samples of a contact that are kept, and by which it is judged
-LOADED = 1.5  # as `place_evidence`, of what a sensor reads
+LATEST, STRONGEST = 20, 2  # samples of a contact: the latest, and of these the strongest that judge
+LOADED = 1.5  # as `place_evidence`, of torque sensors
 
 
 class ExternalTorqueEstimator:
@@ -59,40 +60,44 @@ class ExternalTorqueEstimator:
     ) -> None:
         if len(torque_sd) not in (1, robot.num_joints):
             problem = f"has {len(torque_sd)} numbers, expected 1 or {robot.num_joints}"
-            remedy = "estimate on a log of this arm's external torque finds it (config.yaml)"
+            remedy = "run `wrenchsight estimate` on a log of this arm's external torque: its "
+            remedy += "config.yaml states the sd"
             raise InputError("watch", "--torque-sd", problem, remedy)
         self._robot, self._step = robot, time_step
         self._sd = np.array(np.broadcast_to(np.array(torque_sd), robot.num_joints))
-        known = config.with_live(*live_prior(robot.payload))
-        self._reading = WrenchReconstruction(known, np.diag(self._sd**2))
+        live_config = config.with_live(*live_prior(robot.payload))
+        self._reading = WrenchReconstruction(live_config, np.diag(self._sd**2))
         self.restart()
 
     def restart(self) -> None:
         """As the protocol."""
         self._t = 0.0
-        self._first: list[Array] = []  # torques before there is a baseline
+        self._first_torques: list[Array] = []  # until there is a baseline
         self._detector: TorqueContactDetector | None = None
-        self._strong: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
-        self._since = self._judge_at = np.inf  # s, of a contact
+        self._contact_samples: deque[_ContactSample] = deque(maxlen=LATEST)
+        self._contact_begin = self._judge_at = np.inf  # s
         self._place: PlaceOdds | None = None
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         """As the protocol."""
         rows = [self._read(q[k : k + 1], current[k : k + 1]) for k in range(len(q))]
-        batches, found = zip(*rows, strict=True)
-        return EstimateBatch.joined(batches), Detection.joined(found)
+        return (
+            EstimateBatch.joined([batch for batch, _ in rows]),
+            Detection.joined([detection for _, detection in rows]),
+        )
 
     def _read(self, q: Array, tau: Array) -> tuple[EstimateBatch, Detection]:
-        known = bool(np.isfinite(q).all() and np.isfinite(tau).all())
+        is_finite = bool(np.isfinite(q).all() and np.isfinite(tau).all())
         self._t += self._step
         J = self._robot.chain.jacobian(np.nan_to_num(q))
         estimate = self._reading.reconstruct(J, np.nan_to_num(tau))
-        contact, moving, statistic = self._contact(J, tau) if known else (False, True, 0.0)
-        place = self._place if contact else None
+        state = self._contact(J, tau) if is_finite else _NO_CONTACT
+        place = self._place if state.contact else None
         on_link = place is not None and place.on_link
+        link = place.named()[0] if place is not None and on_link else 0
         at_E = place is None or bool(place.links[:-1].sum() <= DOUBT)
-        valid = known and self._detector is not None and at_E and bool(estimate.valid[0])
-        valid &= place is not None or not contact
+        valid = is_finite and self._detector is not None and at_E and bool(estimate.valid[0])
+        valid &= place is not None or not state.contact
         batch = EstimateBatch(
             tau,
             estimate.wrench,
@@ -101,45 +106,66 @@ class ExternalTorqueEstimator:
             np.array([valid]),
             J,
             self._sd[None],
-            fresh=np.array([known]),
+            fresh=np.array([is_finite]),
             fault=np.zeros(1, np.int64),
         )
-        found = Detection(
-            statistic=np.array([statistic]),
-            contact=np.array([contact]),
+        detection = Detection(
+            statistic=np.array([state.statistic]),
+            contact=np.array([state.contact]),
             misfit=np.array([on_link]),
-            link=np.array([place.named()[0] if place is not None and on_link else 0], np.int8),
-            rest=np.array([not moving]),
+            link=np.array([link], np.int8),
+            rest=np.array([not state.moving]),
             out_of_range=np.zeros(1, np.bool_),
         )
-        return batch, found
+        return batch, detection
 
-    def _contact(self, J: Array, tau: Array) -> tuple[bool, bool, float]:
-        """Whether something touches the arm, whether it moves, and how sure the former is."""
+    def _contact(self, J: Array, tau: Array) -> "_ContactState":
+        """Contact and motion of the next sample; judges the place of a contact where it is due."""
         if self._detector is None:
-            self._first.append(tau[0])
+            self._first_torques.append(tau[0])
             if self._t < FIRST:
-                return False, True, 0.0
-            taken = np.array(self._first)
-            start = first_baseline(self._step * np.arange(len(taken), dtype=float), taken)
-            self._detector = TorqueContactDetector(TorqueError(self._sd, self._sd), start)
-        found = self._detector.run(np.array([self._t]), tau, J)
-        contact = bool(found.contact[0])
+                return _NO_CONTACT
+            torques = np.array(self._first_torques)
+            times = self._step * np.arange(len(torques), dtype=float)
+            baseline = first_baseline(times, torques)
+            self._detector = TorqueContactDetector(TorqueError(self._sd, self._sd), baseline)
+        sample = self._detector.run(np.array([self._t]), tau, J)
+        contact = bool(sample.contact[0])
         if not contact:
-            self._strong.clear()
-            self._place, self._since = None, np.inf
+            self._contact_samples.clear()
+            self._place, self._contact_begin = None, np.inf
         else:
-            if not np.isfinite(self._since):
-                self._since, self._judge_at = self._t, self._t + JUDGE_TIME
-            self._strong.append((J[0], tau[0] - found.baseline[0]))
+            if not np.isfinite(self._contact_begin):
+                self._contact_begin, self._judge_at = self._t, self._t + JUDGE_TIME
+            self._contact_samples.append(_ContactSample(J[0], tau[0] - sample.baseline[0]))
             if self._t >= self._judge_at:
-                self._judge_at = self._t + (self._t - self._since)
+                self._judge_at = self._t + (self._t - self._contact_begin)
                 self._place = self._judge()
-        return contact, bool(found.moving[0]), float(found.statistic[0])
+        return _ContactState(contact, bool(sample.moving[0]), float(sample.statistic[0]))
 
     def _judge(self) -> PlaceOdds:
-        J, tau = (np.array(part) for part in zip(*self._strong, strict=True))
-        chosen = np.argsort(-np.linalg.norm(tau / self._sd, axis=1))[:CHOSEN]
-        sd = np.broadcast_to(self._sd, (len(chosen), len(self._sd)))
-        evidence = place_evidence(J[chosen], tau[chosen], sd, loaded=LOADED)
+        """The place of the present contact."""
+        J = np.array([sample.J for sample in self._contact_samples])
+        tau = np.array([sample.tau for sample in self._contact_samples])
+        strongest = np.argsort(-np.linalg.norm(tau / self._sd, axis=1))[:STRONGEST]
+        sd = np.broadcast_to(self._sd, (len(strongest), len(self._sd)))
+        evidence = place_evidence(J[strongest], tau[strongest], sd, loaded=LOADED)
         return PlaceOdds.of(evidence, AT_WORK)
+
+
+class _ContactSample(NamedTuple):
+    """A sample of a contact: J (6, n), and tau (n,) N m less the baseline."""
+
+    J: Array
+    tau: Array
+
+
+class _ContactState(NamedTuple):
+    """Whether something touches the arm, whether it moves, and the contact statistic."""
+
+    contact: bool
+    moving: bool
+    statistic: float
+
+
+_NO_CONTACT = _ContactState(contact=False, moving=True, statistic=0.0)

@@ -1,7 +1,9 @@
 """Live readings of a contact whose direction is known: the filter of `estimate --contact-axis`.
 
-It reads means over blocks. A reading is that of the last block that is over, and of no later one.
+It reads means over blocks. A reading is that of the last complete block.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +18,8 @@ class KnownContactEstimator:
     """A `Reader` whose wrench is that at the contact; contact and tau_ext are the inner one's.
 
     Args:
-        inner: that reads tau_ext.
-        estimator: whose configuration it has.
+        inner: reader of tau_ext and contact.
+        estimator: whose robot, observer and configuration the filter uses.
         config: with the contact's axis.
 
     Raises:
@@ -32,38 +34,57 @@ class KnownContactEstimator:
     def restart(self) -> None:
         """As the protocol."""
         self._inner.restart()
-        own = self._estimator
-        self._contact = ContactReader(
-            own.robot,
-            own.observer.pole,
-            own.observer.time_step,
+        estimator = self._estimator
+        self._contact_reader = ContactReader(
+            estimator.robot,
+            estimator.observer.pole,
+            estimator.observer.time_step,
             self._config,
-            own.config.reconstruction.max_force_sd,
+            estimator.config.reconstruction.max_force_sd,
         )
-        self._held: list[tuple[Array, Array, Array, EstimateBatch]] = []
-        self._last: EstimateBatch | None = None  # of one sample
+        self._block: list[_BlockSample] = []
+        self._last_reading: EstimateBatch | None = None  # of one sample
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         """As the protocol."""
-        batch, found = self._inner.run(q, v, current)
-        rows = [slice(k, k + 1) for k in range(len(q))]
-        read = [self._read(q[own], v[own], current[own], batch.rows(own)) for own in rows]
-        return EstimateBatch.joined(read), found
+        batch, detection = self._inner.run(q, v, current)
+        readings = []
+        for k in range(len(q)):
+            row = slice(k, k + 1)
+            readings.append(self._read(_BlockSample(q[row], v[row], current[row], batch.rows(row))))
+        return EstimateBatch.joined(readings), detection
 
-    def _read(self, q: Array, v: Array, current: Array, batch: EstimateBatch) -> EstimateBatch:
-        self._held.append((q, v, current, batch))
-        if len(self._held) == self._size:
-            parts = list(zip(*self._held, strict=True))
-            self._held = []
-            block = EstimateBatch.joined(parts[3])
-            tau_J = self._estimator.robot.joint_torque(np.concatenate(parts[2]))
-            known = np.asarray(block.fresh & (block.fault == 0))
-            signals = np.concatenate(parts[0]), np.concatenate(parts[1])
-            ready = self._contact.take(*signals, tau_J, known, block)
-            if len(ready.valid):
-                self._last = ready.rows(slice(-1, None))
-        last = self._last
-        if last is None:
+    def _read(self, sample: "_BlockSample") -> EstimateBatch:
+        """The next sample's batch with the reading of the last complete block."""
+        self._block.append(sample)
+        if len(self._block) == self._size:
+            self._read_block()
+        reading, batch = self._last_reading, sample.batch
+        if reading is None:
             return batch._replace(valid=np.zeros(1, np.bool_))
-        valid = np.asarray(last.valid & batch.fresh)
-        return batch._replace(wrench=last.wrench, covariance=last.covariance, valid=valid)
+        valid = np.asarray(reading.valid & batch.fresh)
+        return batch._replace(wrench=reading.wrench, covariance=reading.covariance, valid=valid)
+
+    def _read_block(self) -> None:
+        """Passes the complete block to the filter."""
+        block, self._block = self._block, []
+        batch = EstimateBatch.joined([sample.batch for sample in block])
+        current = np.concatenate([sample.current for sample in block])
+        readings = self._contact_reader.take(
+            np.concatenate([sample.q for sample in block]),
+            np.concatenate([sample.v for sample in block]),
+            self._estimator.robot.joint_torque(current),
+            np.asarray(batch.fresh & (batch.fault == 0)),
+            batch,
+        )
+        if len(readings.valid):
+            self._last_reading = readings.rows(slice(-1, None))
+
+
+class _BlockSample(NamedTuple):
+    """One sample: q, v and current (1, n), and the batch that the inner reader gives."""
+
+    q: Array
+    v: Array
+    current: Array
+    batch: EstimateBatch

@@ -1,9 +1,9 @@
-"""From live samples to readings, one by one: what `estimate` does with a log.
+"""Live estimator: reads a stream sample by sample, as `estimate` reads a log.
 
     order -> check of samples -> uniform grid -> estimator -> contact -> reading
 
-The numbers are those of `estimate` on the log of the same stream. A stream that was interrupted is
-begun anew: the observer settles before a reading is valid again.
+The numbers are those of `estimate` on the log of the same stream. After an interruption reading
+begins anew: the observer settles before a reading is valid again.
 """
 
 import math
@@ -41,9 +41,9 @@ STEP_TIME = 0.5  # s, over which the step of a stream is measured
 STEP_SAMPLES = 8  # at least
 SILENT_TIME = 0.05  # s without a sample, or
 SILENT_STEPS = 4.0  # steps, whichever is longer
-RESOLUTION_SAMPLES = 2000  # that the encoders' step is looked for in
+RESOLUTION_SAMPLES = 2000  # in which the encoders' step is looked for
 RESOLUTION_EVERY = 100
-ALIKE = 0.2  # steps that differ by no more are one
+ALIKE = 0.2  # share by which equal resolutions may differ
 _LEAST_PERIOD = 1e-9  # s
 _FAR = 10.0  # times the time of zeroing, after which a clock has jumped
 
@@ -99,38 +99,40 @@ class LiveEstimator:
     ) -> None:
         self._config = config if config is not None else LiveConfig()
         self._robot, self._model = robot, model
-        self._n = robot.num_joints
+        self._num_joints = robot.num_joints
         self._stated_step = step
         self._estimator: WrenchEstimator | None = None
-        stated = self._config.estimator.position_resolution is not None
-        stated = stated or bool(np.isfinite(robot.position_resolution).all())
-        self._seen_q: list[Array] | None = None if stated else []
+        states_resolution = self._config.estimator.position_resolution is not None
+        states_resolution |= bool(np.isfinite(robot.position_resolution).all())
+        self._resolution_q: list[Array] | None = None if states_resolution else []
         self._resolution: list[float] | None = None
-        if not stated and model.torque_error is not None:
-            self._resolution = model.torque_error.resolution.tolist()  # until the stream tells
+        if not states_resolution and model.torque_error is not None:
+            # The model's, until the stream shows its own.
+            self._resolution = model.torque_error.resolution.tolist()
         self.tracked: TrackedEstimator | None = None
-        """What follows friction and takes off a payload, where that is asked for."""
+        """Estimator that follows friction and takes off a payload, where that is requested."""
         self._order = StreamOrder(self._config.late, rate)
         self._check: SampleCheck | None = None
         if self._config.estimator.check_samples:
             self._check = SampleCheck(robot, jitter=True)
         self._reader: Reader
         self._waiting: list[Sample] = []  # until the step is known
-        self._running: bool | None = None
+        self._was_running: bool | None = None
         self._is_external = False
-        self._silent = False
+        self._is_silent = False
         self._zero_begin: float | None = None
-        self._zeroed = self._zeroing = False
+        self._is_zeroed = self._is_zeroing = False
         self._last_received = math.inf
         self._reading: Reading | None = None
         self.contradicted = False
         """Whether the first seconds contradict the model: no reading is valid."""
         self.step = 0.0
         """s, of the grid; 0: not known yet."""
-        if given := self._config.estimator.observer.time_step:
-            self._begin(given)
+        config_step = self._config.estimator.observer.time_step
+        if config_step:
+            self._begin(config_step)
         elif step is not None:
-            self._prepare(step)  # what takes time; the stream is likely to keep to it
+            self._prepare(step)  # takes time now, not at the first sample
 
     @property
     def estimator(self) -> WrenchEstimator:
@@ -143,7 +145,7 @@ class LiveEstimator:
         out: list[Reading | StreamEvent] = []
         if sample.is_external is not self._is_external:
             self._is_external = sample.is_external
-            self._estimator = self._seen_q = None
+            self._estimator = self._resolution_q = None
             if self.step:
                 self._begin(self.step)
         if not self.step:
@@ -151,18 +153,19 @@ class LiveEstimator:
             if not self._step_is_known():
                 return out
             waiting, self._waiting = self._waiting, []
-            if self._seen_q is not None:
-                self._seen_q += [held.q for held in waiting]
+            if self._resolution_q is not None:
+                self._resolution_q += [waiting_sample.q for waiting_sample in waiting]
                 self._measure_resolution()
             self._begin(self._measured_step(waiting))
-            for held in waiting:
-                self._take(held, out, stale=sample.received - held.received > self._config.late)
+            for waiting_sample in waiting:
+                age = sample.received - waiting_sample.received
+                self._take(waiting_sample, out, is_stale=age > self._config.late)
             return out
         self._take(sample, out)
         return out
 
     def interrupt(self, received: float) -> list[Reading | StreamEvent]:
-        """The stream ended, or was lost: what is read last is not valid any more."""
+        """The stream ended, or was lost: the last reading is not valid any more."""
         self._order.forget()
         self._restart()
         self._waiting.clear()
@@ -170,15 +173,15 @@ class LiveEstimator:
         return self._unusable(received)
 
     def idle(self, now: float) -> list[Reading | StreamEvent]:
-        """Nothing came: says so once it is overdue.
+        """No sample came: an event once it is overdue.
 
         Args:
             now: s, monotonic clock.
         """
         longest = max(SILENT_TIME, SILENT_STEPS * self.step)
-        if self._silent or not self.step or now - self._last_received <= longest:
+        if self._is_silent or not self.step or now - self._last_received <= longest:
             return []
-        self._silent = True
+        self._is_silent = True
         text = (
             f"no sample for {1e3 * (now - self._last_received):.0f} ms: not valid until one comes"
         )
@@ -193,11 +196,11 @@ class LiveEstimator:
     # The step -----------------------------------------------------------------------------------
 
     def _step_is_known(self) -> bool:
-        held = self._waiting
-        return len(held) >= STEP_SAMPLES and (
-            abs(held[-1].t - held[0].t) >= STEP_TIME
-            or held[-1].received - held[0].received >= STEP_TIME
-        )
+        if len(self._waiting) < STEP_SAMPLES:
+            return False
+        oldest, newest = self._waiting[0], self._waiting[-1]
+        duration = abs(newest.t - oldest.t)
+        return duration >= STEP_TIME or newest.received - oldest.received >= STEP_TIME
 
     def _measured_step(self, samples: Sequence[Sample]) -> float:
         steps = np.diff([sample.t for sample in samples])
@@ -209,30 +212,30 @@ class LiveEstimator:
         return min(max(median, 1e-4), 0.25)
 
     def _measure_resolution(self) -> bool:
-        """Finds the encoders' step, as `estimate` does; whether it is another than was taken."""
-        if self._seen_q is None:
+        """Finds the encoders' step, as `estimate` does; whether it differs from the one in use."""
+        if self._resolution_q is None:
             return False
-        q = np.array(self._seen_q)
-        found = position_resolution(np.where(np.abs(q) < FURTHEST, q, np.nan))
-        if not found.any():
-            if len(self._seen_q) >= RESOLUTION_SAMPLES:
-                self._seen_q = None  # there is none
+        q = np.array(self._resolution_q)
+        resolution = position_resolution(np.where(np.abs(q) < FURTHEST, q, np.nan))
+        if not resolution.any():
+            if len(self._resolution_q) >= RESOLUTION_SAMPLES:
+                self._resolution_q = None  # there is none
             return False
-        self._seen_q = None
-        before, self._resolution = self._resolution, found.tolist()
-        return before is None or not np.allclose(found, before, rtol=ALIKE, atol=0.0)
+        self._resolution_q = None
+        previous, self._resolution = self._resolution, resolution.tolist()
+        return previous is None or not np.allclose(resolution, previous, rtol=ALIKE, atol=0.0)
 
     def _look_at_resolution(self, sample: Sample, out: list[Reading | StreamEvent]) -> None:
-        """Begins anew where the stream shows another step of the encoders than was taken."""
-        if self._seen_q is None:
+        """Begins anew where the stream shows another encoder resolution than the one in use."""
+        if self._resolution_q is None:
             return
-        self._seen_q.append(sample.q)
-        count = len(self._seen_q)
+        self._resolution_q.append(sample.q)
+        count = len(self._resolution_q)
         if count % RESOLUTION_EVERY or not self._measure_resolution():
             return
         assert self._resolution is not None
         step = 1e3 * max(self._resolution)
-        text = f"the encoders resolve {step:.3g} mrad (or mm): reading begins anew with that"
+        text = f"encoder resolution: {step:.3g} mrad (or mm); reading begins anew with it"
         out.append(StreamEvent(EventKind.CHECK, text, sample.received))
         self._prepare(self.step)  # the grid goes on
 
@@ -247,11 +250,13 @@ class LiveEstimator:
         detection = self._config.detection
         self.tracked = None
         if self._is_external:
-            live, sd = self._config, self._config.torque_sd
-            if live.track or live.zero_s or live.contact.axis:
+            live_config = self._config
+            if live_config.track or live_config.zero_s or live_config.contact.axis:
                 problem = "is read without --track, --zero and --contact-axis"
                 raise InputError("watch", "external torque", problem, "leave them out")
-            self._reader = ExternalTorqueEstimator(self._robot, config.reconstruction, sd, step)
+            self._reader = ExternalTorqueEstimator(
+                self._robot, config.reconstruction, live_config.torque_sd, step
+            )
             return
         self._reader = ContactEstimator(self._estimator, detection)
         if self._config.track or self._config.zero_s:
@@ -264,13 +269,16 @@ class LiveEstimator:
             )
             self._reader = self.tracked
         if self._config.contact.axis:
-            own = self.tracked.estimator if self.tracked is not None else self._estimator
-            self._reader = KnownContactEstimator(self._reader, own, self._config.contact)
+            estimator = self._estimator if self.tracked is None else self.tracked.estimator
+            self._reader = KnownContactEstimator(self._reader, estimator, self._config.contact)
 
     def _begin(self, step: float) -> None:
-        own = self._estimator
-        taken = None if own is None else own.config.position_resolution
-        if own is None or own.observer.time_step != step or taken != self._resolution:
+        estimator = self._estimator
+        if (
+            estimator is None
+            or estimator.observer.time_step != step
+            or estimator.config.position_resolution != self._resolution
+        ):
             self._prepare(step)
         self.step = step
         self._order.step = step
@@ -288,20 +296,24 @@ class LiveEstimator:
 
     # A sample -----------------------------------------------------------------------------------
 
-    def _take(self, sample: Sample, out: list[Reading | StreamEvent], stale: bool = False) -> None:
+    def _take(
+        self, sample: Sample, out: list[Reading | StreamEvent], is_stale: bool = False
+    ) -> None:
         events: list[StreamEvent] = []
-        if sample.q.shape != (self._n,) or sample.v.shape != (self._n,):
-            text = f"a sample of {sample.q.size} joints, expected {self._n}; it is left out"
+        if sample.q.shape != (self._num_joints,) or sample.v.shape != (self._num_joints,):
+            text = (
+                f"a sample of {sample.q.size} joints, expected {self._num_joints}; it is left out"
+            )
             out.append(StreamEvent(EventKind.RECIPE, text, sample.received))
             return
-        counts, anew = self._order.take(sample, events)
-        if counts:
-            self._last_received, self._silent = sample.received, False
+        order = self._order.take(sample, events)
+        if order.counts:
+            self._last_received, self._is_silent = sample.received, False
             self._note_running(sample, events)
         out += events
-        if not counts:
+        if not order.counts:
             return
-        if anew:
+        if order.begins_anew:
             self._restart()
         self._look_at_resolution(sample, out)
         if not sample.running:
@@ -309,26 +321,26 @@ class LiveEstimator:
             return
         for point in self._grid.take(self._checked(sample)):
             out += self._zero(point.t, sample.received)
-            out.append(self._read(point, sample, stale or self._order.is_late))
+            out.append(self._read(point, sample, is_stale or self._order.is_late))
 
     def _zero(self, t: float, received: float) -> list[StreamEvent]:
-        """Begins and ends the taking off of a payload."""
-        if not self._config.zero_s or self._zeroed or self.tracked is None:
+        """Begins and ends the zeroing of a payload; the event of each."""
+        if not self._config.zero_s or self._is_zeroed or self.tracked is None:
             return []
         if self._zero_begin is None or not 0.0 <= t - self._zero_begin < _FAR * self._config.zero_s:
-            self._zero_begin, self._zeroing = t, True
+            self._zero_begin, self._is_zeroing = t, True
             self.tracked.start_zero()
-            text = f"hold the payload in one posture, or several, for {self._config.zero_s:g} s in "
-            text += "all, untouched: its weight is then taken off"
+            text = "hold the payload untouched in one posture, or several, for "
+            text += f"{self._config.zero_s:g} s in all: its weight is then taken off"
             return [StreamEvent(EventKind.ZERO, text, received)]
         if t - self._zero_begin < self._config.zero_s:
             return []
-        self._zeroed, self._zeroing = True, False
+        self._is_zeroed, self._is_zeroing = True, False
         return [StreamEvent(EventKind.ZERO, self.tracked.finish_zero().sentence(), received)]
 
     def _note_running(self, sample: Sample, events: list[StreamEvent]) -> None:
-        before, self._running = self._running, sample.running
-        if sample.running and before is False:
+        was_running, self._was_running = self._was_running, sample.running
+        if sample.running and was_running is False:
             self._restart()
             events.append(
                 StreamEvent(
@@ -337,12 +349,15 @@ class LiveEstimator:
                     sample.received,
                 )
             )
-        elif not sample.running and before is not False:
+        elif not sample.running and was_running is not False:
             text = f"the robot does not run ({sample.state or 'stopped'}): no reading is valid"
             events.append(StreamEvent(EventKind.STOPPED, text, sample.received))
 
     def _checked(self, sample: Sample) -> GridSample:
-        """Position, speed, current and whether it was impossible, 1 or 0, one after another."""
+        """The sample as one row: position, speed, current, and its fault.
+
+        The fault is 0, LESS or 1 (beyond limits), as on a log's grid.
+        """
         effort = sample.effort
         if sample.is_torque and not sample.is_external:
             effort = self._robot.motor_current(effort)
@@ -351,27 +366,27 @@ class LiveEstimator:
         dropout = bool(np.isnan(x).any())
         if self._check is not None:
             period = 0.0 if self._last_t is None else sample.t - self._last_t
-            rows = x[:-1].reshape(3, 1, self._n)
+            rows = x[:-1].reshape(3, 1, self._num_joints)
             period = max(period, _LEAST_PERIOD)
             checked, codes = self._check.run(self._check_state, rows[0], rows[1], rows[2], period)
-            lost = bool((np.isnan(checked) & ~np.isnan(rows)).any())
+            is_impossible = bool((np.isnan(checked) & ~np.isnan(rows)).any())
             x[:-1] = checked.ravel()
-            x[-1] = float(lost) * (1.0 if codes[0] & BEYOND else LESS)
-            dropout = dropout or lost
+            x[-1] = float(is_impossible) * (1.0 if codes[0] & BEYOND else LESS)
+            dropout = dropout or is_impossible
         self._last_t = sample.t
         return GridSample(sample.t, x, dropout)
 
-    def _read(self, point: GridSample, sample: Sample, stale: bool) -> Reading:
-        n = self._n
+    def _read(self, point: GridSample, sample: Sample, is_stale: bool) -> Reading:
+        n = self._num_joints
         q, v, current = point.x[:n], point.x[n : 2 * n], point.x[2 * n : 3 * n]
-        impossible = 0 if point.x[-1] == 0.0 else BEYOND
+        sample_fault = 0 if point.x[-1] == 0.0 else BEYOND
         if point.x[-1] > LESS and not self._is_external:
             current = np.full(n, np.inf)
-        batch, found = self._reader.run(q[None], v[None], current[None])
+        batch, detection = self._reader.run(q[None], v[None], current[None])
         contradicted = self.contradicted and not self._is_external
-        usable = not (point.dropout or stale or contradicted or self._zeroing)
-        fault = int(batch.fault[0]) | impossible
-        known = not point.dropout and fault == 0
+        is_usable = not (point.dropout or is_stale or contradicted or self._is_zeroing)
+        fault = int(batch.fault[0]) | sample_fault
+        is_measured = not point.dropout and fault == 0
         self._reading = Reading.of(
             batch.wrench[0],
             batch.covariance[0],
@@ -379,16 +394,16 @@ class LiveEstimator:
             np.nan_to_num(q) if point.dropout else q,
             t=point.t,
             received=sample.received,
-            valid=float(batch.valid[0] and usable),
-            contact=float(known and found.contact[0]),
-            misfit=float(known and found.misfit[0]),
-            link=float(found.link[0] if known else 0),
-            rest=float(found.rest[0]),
-            out_of_range=float(found.out_of_range[0]),
+            valid=float(batch.valid[0] and is_usable),
+            contact=float(is_measured and detection.contact[0]),
+            misfit=float(is_measured and detection.misfit[0]),
+            link=float(detection.link[0] if is_measured else 0),
+            rest=float(detection.rest[0]),
+            out_of_range=float(detection.out_of_range[0]),
             fault=float(fault),
             dropout=float(point.dropout),
             running=1.0,
-            statistic=float(found.statistic[0]),
+            statistic=float(detection.statistic[0]),
             condition_number=float(batch.condition_number[0]),
         )
         return self._reading

@@ -1,4 +1,4 @@
-"""What is read of one sample, as one row of numbers, which goes from process to process."""
+"""Reading of one sample: one row of numbers, which passes from process to process."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ def row_size(num_joints: int) -> int:
 
 
 class _Field(Generic[_Kind]):
-    """A number of the row, under the name that it has there."""
+    """A number of the row, by its name."""
 
     def __init__(self, kind: Callable[[float], _Kind]) -> None:
         self._kind = kind
@@ -63,11 +63,11 @@ class Reading:
 
     @classmethod
     def of(
-        cls, wrench: Array, covariance: Array, tau_ext: Array, q: Array, **rest: float
+        cls, wrench: Array, covariance: Array, tau_ext: Array, q: Array, **fields: float
     ) -> "Reading":
-        """Puts a row together; `rest` are the fields by their names, 0 where one is left out."""
+        """Makes a row; `fields` are numbers by name, 0 where one is left out."""
         row = np.zeros(row_size(len(q)))
-        for name, value in rest.items():
+        for name, value in fields.items():
             row[_PLACE[name]] = value
         row[_WRENCH:_COVARIANCE] = wrench
         row[_COVARIANCE:_JOINTS] = covariance.ravel()
@@ -75,7 +75,7 @@ class Reading:
         return cls(row)
 
     def unusable(self, received: float) -> "Reading":
-        """The same, not to be used: the stream stands still, or the robot does."""
+        """The same reading, not valid: the stream or the robot has stopped."""
         row = self.row.copy()
         row[[_PLACE[name] for name in ("valid", "contact", "misfit")]] = 0.0
         row[_PLACE["received"]] = received
@@ -86,7 +86,7 @@ class Reading:
     received = _Field(float)
     """s, monotonic clock of this computer, of the sample that the reading rests on."""
     published = _Field(float)
-    """s, of the same clock, when the reading went to those who want it; 0 before."""
+    """s, of the same clock, when the reading was published; 0 before."""
     valid = _Field(bool)
     """Whether it may be used; see `models.estimation.wrench.WrenchEstimate`."""
     contact = _Field(bool)
@@ -112,11 +112,11 @@ class Reading:
 
     @property
     def latency(self) -> float:
-        """s, from the sample's coming to the reading's going; 0 before it goes."""
+        """s, from receipt of the sample to publication of the reading; 0 before."""
         return self.published - self.received if self.published else 0.0
 
     def publish(self, now: float) -> None:
-        """Notes when the reading goes to those who want it, s."""
+        """Notes the time of publication, s."""
         self.row[_PLACE["published"]] = now
 
     @property

@@ -1,7 +1,7 @@
-"""Packets of Universal Robots' real-time data exchange (RTDE), version 2: bytes and what they say.
+"""Packets of Universal Robots' real-time data exchange (RTDE), version 2.
 
 A packet is its size with this header (uint16), its type (uint8) and a payload, big-endian. A client
-asks for version 2 (V), sets up what is sent (O: frequency in Hz and names, answered by a recipe's
+requests version 2 (V), sets up the data (O: frequency in Hz and names, answered by a recipe's
 number and the names' types) and starts it (S); data packets (U) then bear the recipe's number and
 the values. Source: Universal Robots, Real-Time Data Exchange (RTDE) Guide.
 """
@@ -54,7 +54,7 @@ _SIZES = {"3": 3, "6": 6}
 
 
 class ProtocolError(ValueError):
-    """Bytes that are no packet, or a packet that says nothing that can be."""
+    """Bytes that are no packet, or a packet without a valid meaning."""
 
 
 def packet(kind: PacketType, payload: bytes = b"") -> bytes:
@@ -69,7 +69,7 @@ class PacketReader:
     """
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._unfinished = bytearray()
 
     def feed(self, data: bytes) -> Iterator[tuple[PacketType, bytes]]:
         """Type and payload of each packet that is whole now.
@@ -77,25 +77,25 @@ class PacketReader:
         Raises:
             ProtocolError: a size or a type that is none: the stream cannot be followed any more.
         """
-        held = self._held
-        held += data
+        buffer = self._unfinished
+        buffer += data
         start = 0
         try:
-            while len(held) - start >= HEADER.size:
-                size, code = HEADER.unpack_from(held, start)
+            while len(buffer) - start >= HEADER.size:
+                size, code = HEADER.unpack_from(buffer, start)
                 if size < HEADER.size or code not in _KINDS:
                     raise ProtocolError(f"a packet of type {code} and {size} bytes")
-                if len(held) - start < size:
+                if len(buffer) - start < size:
                     break
-                payload = bytes(held[start + HEADER.size : start + size])
+                payload = bytes(buffer[start + HEADER.size : start + size])
                 start += size
                 yield _KINDS[code], payload
         finally:
-            del held[:start]
+            del buffer[:start]
 
 
 def outputs_request(frequency: float, names: Sequence[str]) -> bytes:
-    """Asks for these fields at this frequency in Hz."""
+    """The request of these fields at this frequency in Hz."""
     return packet(PacketType.OUTPUTS, _FREQUENCY.pack(frequency) + ",".join(names).encode("ascii"))
 
 
@@ -112,7 +112,7 @@ def read_outputs_request(payload: bytes) -> tuple[float, list[str]]:
 
 
 def accepted(payload: bytes) -> bool:
-    """Whether an answer to V or S says yes."""
+    """Whether an answer to V or S accepts."""
     return len(payload) == 1 and payload[0] == 1
 
 
@@ -143,11 +143,15 @@ class Recipe:
     types: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        there = [(n, _CODES[k]) for n, k in zip(self.names, self.types, strict=True) if k in _CODES]
-        codes = "".join(code for _, code in there)
-        object.__setattr__(self, "_layout", struct.Struct(">B" + codes))
-        ends = np.cumsum([1, *(_SIZES.get(code[0], 1) for _, code in there)]).tolist()
-        places = {name: span for (name, _), span in zip(there, pairwise(ends), strict=True)}
+        codes = {
+            name: _CODES[kind]
+            for name, kind in zip(self.names, self.types, strict=True)
+            if kind in _CODES
+        }
+        object.__setattr__(self, "_layout", struct.Struct(">B" + "".join(codes.values())))
+        sizes = [_SIZES.get(code[0], 1) for code in codes.values()]
+        ends = np.cumsum([1, *sizes]).tolist()
+        places = dict(zip(codes, pairwise(ends), strict=True))
         object.__setattr__(self, "_places", places)
 
     @classmethod
@@ -155,13 +159,13 @@ class Recipe:
         """The answer to an O request for `names`.
 
         Raises:
-            ProtocolError: it is none, names a type that is unknown, or not as many as were asked.
+            ProtocolError: it is none, names an unknown type, or not as many as were requested.
         """
         if not payload:
             raise ProtocolError("an empty recipe")
         types = _names(payload[1:])
-        known = {*_CODES, NOT_FOUND, "IN_USE"}
-        if len(types) != len(names) or not known.issuperset(types):
+        valid_types = {*_CODES, NOT_FOUND, "IN_USE"}
+        if len(types) != len(names) or not valid_types.issuperset(types):
             raise ProtocolError(f"a recipe of {len(types)} types for {len(names)} fields")
         return cls(payload[0], tuple(names), tuple(types))
 
@@ -254,7 +258,7 @@ def _names(data: bytes) -> list[str]:
         names = data.decode("ascii").split(",")
     except UnicodeDecodeError:
         raise ProtocolError("names that are no ASCII") from None
-    bad = [n for n in names if not n.isprintable() or len(n) > LONGEST_NAME]
-    if bad or len(names) > MOST_NAMES:
-        raise ProtocolError(f"{len(names)} names, {len(bad)} of them not printable or too long")
+    invalid = [n for n in names if not n.isprintable() or len(n) > LONGEST_NAME]
+    if invalid or len(names) > MOST_NAMES:
+        raise ProtocolError(f"{len(names)} names, {len(invalid)} of them not printable or too long")
     return names

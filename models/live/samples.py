@@ -1,4 +1,4 @@
-"""What a live source gives: samples, and events in the place of errors."""
+"""Items of a live source: samples, and events in the place of errors."""
 
 import json
 from collections.abc import Mapping
@@ -80,7 +80,7 @@ class StreamEvent:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What a controller says of one instant, whole.
+    """State that a controller reports of one instant.
 
     Attributes:
         t: s, the controller's own clock.
@@ -89,9 +89,9 @@ class Sample:
         effort: (n,) A of the motors, with the drives' sign; or N m on the joint side.
         is_torque: whether it is N m.
         running: whether the robot is powered, its brakes open, and not in a protective stop.
-        state: the controller's word for that.
+        state: the controller's word for its state, where the robot does not run.
         is_external: whether effort is external torque, positive along the motion that it causes.
-        more: what else it says, by name.
+        more: further signals, by name.
     """
 
     t: float

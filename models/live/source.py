@@ -1,4 +1,4 @@
-"""What a source of live samples is, and the kinds that there are, by scheme."""
+"""Sources of live samples: their protocol, their addresses and the registry by scheme."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ MOST_ITEMS = 1 << 12  # of one `read`: bounds what is held
 
 
 class Source(Protocol):
-    """A robot, or what stands for one, as it speaks. Nothing is ever written to it.
+    """A robot, or its stand-in, that sends samples. Nothing is ever written to it.
 
     Attributes:
         step: s between samples, where the source knows it; None: it is measured.
@@ -29,12 +29,12 @@ class Source(Protocol):
     def rate(self) -> float: ...
 
     def read(self, timeout: float) -> list[Sample | StreamEvent]:
-        """What came since the last call, in its order; MOST_ITEMS at most.
+        """Samples and events since the last call, in order; MOST_ITEMS at most.
 
-        Whatever goes wrong is an event, never an exception. After EventKind.ENDED nothing comes.
+        Every fault is an event, never an exception. Nothing follows EventKind.ENDED.
 
         Args:
-            timeout: s, longest wait where nothing is there.
+            timeout: s, longest wait for the next one.
         """
         ...
 
@@ -64,11 +64,11 @@ class SourceAddress:
         Raises:
             InputError: it is none, or too long.
         """
-        scheme, mark, rest = url.partition("://")
+        scheme, mark, address = url.partition("://")
         if not mark or not scheme or len(url) > LONGEST_URL or not url.isprintable():
             problem = "is no source, expected SCHEME://PLACE"
             raise InputError(one_line(url[:200]), "", problem, f"give one of {_schemes()}")
-        place, _, query = rest.partition("?")
+        place, _, query = address.partition("?")
         options = dict(parse_qsl(query, keep_blank_values=True, max_num_fields=32))
         return cls(scheme.lower(), place, options)
 
@@ -80,13 +80,13 @@ class SourceAddress:
         """
         try:
             parts = urlsplit(f"//{self.place}")
-            host, given = parts.hostname, parts.port
+            host, stated_port = parts.hostname, parts.port
         except ValueError:
-            host, given = None, None
+            host, stated_port = None, None
         if not host or len(host) > 255 or parts.path not in ("", "/"):
             problem = f'"{self.place}" is no host, expected HOST[:PORT]'
             raise InputError(f"{self.scheme}://", "", problem, "such as 192.168.1.10")
-        return unquote(host), port if given is None else given
+        return unquote(host), port if stated_port is None else stated_port
 
     def number(self, key: str, default: float, least: float, most: float) -> float:
         """An option that is a number.
@@ -106,15 +106,15 @@ class SourceAddress:
             raise InputError(f"{self.scheme}://", key, problem, f"{default:g} is the default")
         return value
 
-    def choice(self, key: str, known: tuple[str, ...]) -> str:
+    def choice(self, key: str, choices: tuple[str, ...]) -> str:
         """An option that is one of several words, the first of which is the default.
 
         Raises:
             InputError: it is none of them.
         """
-        value = self.options.get(key, known[0])
-        if value not in known:
-            problem = f'is "{value}", expected {" or ".join(known)}'
+        value = self.options.get(key, choices[0])
+        if value not in choices:
+            problem = f'is "{value}", expected {" or ".join(choices)}'
             raise InputError(f"{self.scheme}://", key, problem)
         return value
 

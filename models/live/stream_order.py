@@ -1,8 +1,8 @@
-"""A live stream in its order, then on a uniform grid.
+"""Order of a live stream, and its uniform grid.
 
-`StreamOrder` judges whether a sample comes in its order and in time; what does not is said, and
-left out. `SampleGrid` follows the rule of `models.recordings.resampling`, one sample by one: the
-very numbers that `resample_chunks` gives, at a tenth of the cost of chunks of one.
+`StreamOrder` judges whether a sample comes in order and in time; others are left out, with an
+event. `SampleGrid` resamples sample by sample by the rule of `models.recordings.resampling`: the
+numbers of `resample_chunks`, at a tenth of the cost of chunks of one.
 """
 
 import math
@@ -15,9 +15,24 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import DROPOUT_STEPS, ROUNDING, UNIFORM_TOLERANCE
 
 SAY_AGAIN = 1.0  # s between two events of one kind
-BEHIND = 3  # samples in a row before the latest one that are a clock that jumped
-CLOCK_SLACK = 0.5  # s by which a gap of the controller's clock may exceed that of ours
+BEHIND = 3  # successive samples before the latest one that show that the clock jumped back
+CLOCK_SLACK = 0.5  # s by which a gap of the controller's clock may exceed the computer's
 _DRIFT = 2e-4  # s/s by which two clocks may drift apart
+
+
+class SampleOrder(NamedTuple):
+    """Judgement of a sample.
+
+    Attributes:
+        counts: whether it is read.
+        begins_anew: whether reading begins anew with it.
+    """
+
+    counts: bool
+    begins_anew: bool
+
+
+_LEFT_OUT = SampleOrder(counts=False, begins_anew=False)
 
 
 @dataclass
@@ -39,46 +54,43 @@ class StreamOrder:
     _last: Sample | None = None
     _behind: list[float] = field(default_factory=list)
     _offset: float = math.inf
-    _told: dict[EventKind, float] = field(default_factory=dict)
+    _event_times: dict[EventKind, float] = field(default_factory=dict)
     _counts: dict[EventKind, int] = field(default_factory=dict)
 
     def forget(self) -> None:
         """Begins anew: the connection was lost."""
         self._last, self._behind, self._offset, self.is_late = None, [], math.inf, False
 
-    def take(self, sample: Sample, events: list[StreamEvent]) -> tuple[bool, bool]:
+    def take(self, sample: Sample, events: list[StreamEvent]) -> SampleOrder:
         """Judges the next sample.
 
         Args:
             sample: as it came.
-            events: what is to be said is added.
-
-        Returns:
-            Whether the sample counts, and whether reading begins anew with it.
+            events: gets an event for whatever is wrong.
         """
         last, t = self._last, sample.t
         if not math.isfinite(t):
             self._say(
                 EventKind.GARBAGE, "a sample's time is no number; it is left out", sample, events
             )
-            return False, False
-        anew = False
+            return _LEFT_OUT
+        begins_anew = False
         if last is not None:
             step = t - last.t
             if step == 0.0:
                 text = "a sample came twice; the second is left out"
                 self._say(EventKind.DOUBLED, text, sample, events)
-                return False, False
+                return _LEFT_OUT
             if step < 0.0:
                 if not self._jumped_back(t):
-                    text = f"a sample came after one that is {-step:.4g} s later; it is left out"
+                    text = f"a sample is {-step:.4g} s older than the one before it; it is left out"
                     self._say(EventKind.DISORDERED, text, sample, events)
-                    return False, False
+                    return _LEFT_OUT
                 text = f"the source's clock jumped back by {-step:.4g} s; reading begins anew"
                 self._say(EventKind.CLOCK, text, sample, events, always=True)
-                anew = True
+                begins_anew = True
             elif step > self.max_gap:
-                anew = True
+                begins_anew = True
                 passed = (sample.received - last.received) * self.rate
                 if self.rate and step > passed + CLOCK_SLACK * self.rate:
                     text = f"the source's clock jumped on by {step:.4g} s; reading begins anew"
@@ -87,7 +99,7 @@ class StreamOrder:
                     text = (
                         f"{step:.4g} s of samples are missing, more than the {self.max_gap:.4g} s "
                     )
-                    text += "that are bridged; reading begins anew"
+                    text += "that are bridged (--max-gap); reading begins anew"
                     self._say(EventKind.GAP, text, sample, events)
             elif step > DROPOUT_STEPS * self.step:
                 text = (
@@ -95,11 +107,11 @@ class StreamOrder:
                 )
                 self._say(EventKind.GAP, text, sample, events)
         self._behind.clear()
-        if anew:
+        if begins_anew:
             self._offset = math.inf
         self._last = sample
         self._judge_lateness(sample, events)
-        return True, anew
+        return SampleOrder(counts=True, begins_anew=begins_anew)
 
     def _jumped_back(self, t: float) -> bool:
         assert self._last is not None
@@ -120,7 +132,7 @@ class StreamOrder:
                 text = (
                     f"samples come {1e3 * lateness:.0f} ms late, more than {1e3 * self.late:.0f} "
                 )
-                text += "ms (--late): not valid; look at the network and this computer's load"
+                text += "ms (--late): not valid; check the network and this computer's load"
                 self._say(EventKind.LATE, text, sample, events)
             self.is_late = True
         elif self.is_late and lateness < 0.5 * self.late:
@@ -136,9 +148,9 @@ class StreamOrder:
         always: bool = False,
     ) -> None:
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
-        before = self._told.get(kind, -math.inf)
-        if always or sample.received - before >= SAY_AGAIN:
-            self._told[kind] = sample.received
+        last_event = self._event_times.get(kind, -math.inf)
+        if always or sample.received - last_event >= SAY_AGAIN:
+            self._event_times[kind] = sample.received
             events.append(StreamEvent(kind, text, sample.received, count))
 
 

@@ -41,7 +41,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
     presliding_arm,
 )
 from wrenchsight.analyses.methods.estimate.engines import covariance_about
-from wrenchsight.analyses.methods.estimate.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
 from wrenchsight.analyses.methods.identify.identification_config import (
     RefreshConfig,
 )
@@ -151,7 +151,7 @@ def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> A
     uniform = resampled(recording, TIME_STEP)
     estimator = WrenchEstimator(robot, model, _config(recording))
     seen = estimator.observe(uniform.q, uniform.v, uniform.current)
-    watch = FrictionWatch(model, estimator.chain, estimator.observer.pole, TIME_STEP)
+    watch = FrictionMonitor(model, estimator.chain, estimator.observer.pole, TIME_STEP)
     known = seen.fresh & ~uniform.dropout
     watch.add(uniform.t, uniform.q, uniform.v, seen.tau_ext, known, np.ones_like(known))
     return watch.drifts()

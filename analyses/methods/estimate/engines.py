@@ -1,9 +1,8 @@
-"""What runs a log's chunks through the estimator: the model as it is, or tracked.
+"""Engines: run a log's chunks through the estimator, with the model as it is, or tracked.
 
-A reading whose joints err by more than the model that read it knew stays that of the model as it
-was: one that trusts a drifted joint less also reads less of a contact. What is known afterwards,
-that friction may be further off, gives the wrench a mean F' and a covariance Sigma' of its own;
-about the reading F its second moment is
+The reading F is that of the model as it is, also where the log shows friction drift: a model that
+trusts a drifted joint less also reads less of a contact. The model with the drift reads a mean F'
+with a covariance Sigma'. The stated covariance is the second moment of that about F:
 
     Sigma' + (F - F') (F - F')^T
 """
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
-from wrenchsight.analyses.methods.estimate.uniform_log import marked_current, measured
+from wrenchsight.analyses.methods.estimate.uniform_log import is_measured, marked_current
 from wrenchsight.models.detection.contact_detector import ContactEstimator, Detection, Reader
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
 from wrenchsight.models.estimation.contact_reading import ContactReader
@@ -31,121 +30,176 @@ from wrenchsight.models.recordings.recording import Recording, concatenated
 from wrenchsight.models.robot.robot import Robot
 
 
-class Read(NamedTuple):
-    """A part of a log, what is read of it, contact, and tau_ext as a controller would see it."""
+class LogPart(NamedTuple):
+    """A part of a log with its readings.
+
+    Attributes:
+        chunk: N samples of the log.
+        batch: their wrenches.
+        detection: of contact.
+        tau_ext: (N, n) N m, as a controller would read it.
+    """
 
     chunk: Recording
     batch: EstimateBatch
-    found: Detection
+    detection: Detection
     tau_ext: Array
+
+    def rows(self, rows: slice | Flags) -> "LogPart":
+        """Some of the samples."""
+        return LogPart(
+            self.chunk[rows], self.batch.rows(rows), self.detection.rows(rows), self.tau_ext[rows]
+        )
+
+    def followed_by(self, later: "LogPart") -> "LogPart":
+        """The samples of both parts."""
+        return LogPart(
+            concatenated([self.chunk, later.chunk]),
+            EstimateBatch.joined([self.batch, later.batch]),
+            Detection.joined([self.detection, later.detection]),
+            np.concatenate([self.tau_ext, later.tau_ext]),
+        )
+
+
+class ReadingModels(NamedTuple):
+    """Models of one arm that a log is read with.
+
+    Attributes:
+        model: that reads wrench and contact.
+        model_with_drift: whose band is stated; `model` itself where the log shows no drift.
+    """
+
+    model: IdentifiedModel
+    model_with_drift: IdentifiedModel
+
+    def distinct(self) -> list[IdentifiedModel]:
+        """The first reads; the second, if any, states the band."""
+        if self.model_with_drift is self.model:
+            return [self.model]
+        return [self.model, self.model_with_drift]
 
 
 def estimates(
     settings: EstimateConfig,
     robot: Robot,
-    model: IdentifiedModel,
-    wide: IdentifiedModel,
+    models: ReadingModels,
     config: WrenchEstimatorConfig,
     chunks: Iterable[Recording],
     tracked: TrackedEstimator | None = None,
-) -> Iterator[Read]:
-    """The log's samples, what is read of them, contact and tau_ext as a controller would see it.
+) -> Iterator[LogPart]:
+    """Reads a log: causally, smoothed, or at a contact of known axis, as the settings say.
 
-    Wrench and contact are those that `model` reads, the band is that of `wide`; or all is what
-    `tracked` reads.
+    Args:
+        config: of the estimator, with the log's time step.
+        tracked: estimator that follows friction and takes the place of the models; None: they read.
     """
-    models = [model] if wide is model else [model, wide]
-
-    def causal(models: list[IdentifiedModel]) -> Iterator[Read]:
-        engine: Reader
-        if tracked is not None:
-            engine, others = tracked, []
-        else:
-            engine, *others = (
-                ContactEstimator(WrenchEstimator(robot, own, config), settings.detection)
-                for own in models
-            )
-        for chunk in chunks:
-            signals = chunk.q, chunk.v, marked_current(chunk)
-            batch, found = engine.run(*signals)
-            for other in others:
-                batch = with_band_of(batch, other.run(*signals)[0])
-            yield Read(chunk, batch, found, batch.tau_ext)
-
     if settings.contact.axis:
-        return read_contact(causal(models), robot, settings, config, measured)
+        parts = _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
+        return read_contact(parts, robot, settings, config, is_measured)
     if not settings.smooth:
-        return causal(models)
-    smoother, *wider = (WrenchSmoother(WrenchEstimator(robot, own, config)) for own in models)
+        return _causal_parts(settings, robot, models.distinct(), config, chunks, tracked)
+    smoothers = [WrenchSmoother(WrenchEstimator(robot, m, config)) for m in models.distinct()]
 
-    def take(part: Read) -> EstimateBatch:
+    def take(part: LogPart) -> EstimateBatch:
         q, v, current = part.chunk.q, part.chunk.v, marked_current(part.chunk)
-        ready = smoother.take(q, v, current)
-        for own in wider:
-            ready = with_band_of(ready, own.take(q, v, current))
-        return ready
+        return _with_last_band([smoother.take(q, v, current) for smoother in smoothers])
 
     def finish() -> EstimateBatch:
-        ready = smoother.finish()
-        for own in wider:
-            ready = with_band_of(ready, own.finish())
-        return ready
+        return _with_last_band([smoother.finish() for smoother in smoothers])
 
-    return read_later(causal(models[:1]), take, finish)
+    parts = _causal_parts(settings, robot, [models.model], config, chunks, tracked)
+    return read_later(parts, take, finish)
+
+
+def _causal_parts(
+    settings: EstimateConfig,
+    robot: Robot,
+    models: list[IdentifiedModel],
+    config: WrenchEstimatorConfig,
+    chunks: Iterable[Recording],
+    tracked: TrackedEstimator | None,
+) -> Iterator[LogPart]:
+    """The parts of a log, each sample read from those before it."""
+    engines: list[Reader]
+    if tracked is not None:
+        engines = [tracked]
+    else:
+        engines = [
+            ContactEstimator(WrenchEstimator(robot, model, config), settings.detection)
+            for model in models
+        ]
+    for chunk in chunks:
+        current = marked_current(chunk)
+        runs = [engine.run(chunk.q, chunk.v, current) for engine in engines]
+        batch = _with_last_band([run_batch for run_batch, _ in runs])
+        _, detection = runs[0]
+        yield LogPart(chunk, batch, detection, batch.tau_ext)
 
 
 def covariance_about(wrench: Array, mean: Array, covariance: Array) -> Array:
     """Second moment (N, 6, 6) about `wrench` (N, 6) of a wrench of this mean and covariance."""
-    off = wrench - mean
-    return np.asarray(covariance + off[:, :, None] * off[:, None, :])
+    difference = wrench - mean
+    return np.asarray(covariance + difference[:, :, None] * difference[:, None, :])
 
 
-def with_band_of(known: EstimateBatch, wide: EstimateBatch) -> EstimateBatch:
-    """The readings of `known` with the band, and the samples that are valid, of `wide`."""
-    covariance = covariance_about(known.wrench, wide.wrench, wide.covariance)
-    return known._replace(
-        covariance=covariance, valid=known.valid & wide.valid, torque_sd=wide.torque_sd
+def with_band_of(batch: EstimateBatch, batch_with_drift: EstimateBatch) -> EstimateBatch:
+    """The readings of `batch` with the band and the valid samples of `batch_with_drift`."""
+    covariance = covariance_about(
+        batch.wrench, batch_with_drift.wrench, batch_with_drift.covariance
+    )
+    return batch._replace(
+        covariance=covariance,
+        valid=batch.valid & batch_with_drift.valid,
+        torque_sd=batch_with_drift.torque_sd,
     )
 
 
+def _with_last_band(batches: list[EstimateBatch]) -> EstimateBatch:
+    """The readings of the first batch with the band of the last, where there are two."""
+    batch = batches[0]
+    for batch_with_drift in batches[1:]:
+        batch = with_band_of(batch, batch_with_drift)
+    return batch
+
+
 def read_later(
-    parts: Iterable[Read],
-    take: Callable[[Read], EstimateBatch],
+    parts: Iterable[LogPart],
+    take: Callable[[LogPart], EstimateBatch],
     finish: Callable[[], EstimateBatch],
-) -> Iterator[Read]:
+) -> Iterator[LogPart]:
     """The parts of a log again, with a reading that comes some samples after them.
 
     Args:
         parts: as a controller would read them.
-        take: takes a part, and returns what is read of the earliest samples without a reading.
-        finish: returns what is left.
+        take: takes a part; returns the readings of the earliest samples without one.
+        finish: returns the readings of the samples that remain.
     """
-    ahead: Read | None = None
+    unread: LogPart | None = None
     for part in parts:
-        whole = part if ahead is None else _joined(ahead, part)
+        unread = part if unread is None else unread.followed_by(part)
         ready = take(part)
         count = len(ready.valid)
         if count:
-            yield _rows(whole, slice(0, count))._replace(batch=ready)
-        ahead = _rows(whole, slice(count, None))
-    if ahead is not None:
-        yield ahead._replace(batch=finish())
+            yield unread.rows(slice(0, count))._replace(batch=ready)
+        unread = unread.rows(slice(count, None))
+    if unread is not None:
+        yield unread._replace(batch=finish())
 
 
 def read_contact(
-    parts: Iterable[Read],
+    parts: Iterable[LogPart],
     robot: Robot,
     settings: EstimateConfig,
     config: WrenchEstimatorConfig,
-    is_known: Callable[[Recording, EstimateBatch], Flags],
-) -> Iterator[Read]:
-    """The parts of a log again, read by what is known of the contact's direction.
+    is_measured: Callable[[Recording, EstimateBatch], Flags],
+) -> Iterator[LogPart]:
+    """The parts of a log again, read with the known direction of the contact.
 
     Args:
         parts: as a controller would read them.
         settings: with the contact's axis.
         config: with the log's time step.
-        is_known: (N,) samples that were measured.
+        is_measured: returns (N,) which samples were measured.
     """
     observer = make_observer(config.observer, robot.num_joints)
     reader = ContactReader(
@@ -156,32 +210,19 @@ def read_contact(
         config.reconstruction.max_force_sd,
     )
 
-    def take(part: Read) -> EstimateBatch:
+    def take(part: LogPart) -> EstimateBatch:
         chunk, batch = part.chunk, part.batch
         tau_J = robot.joint_torque(chunk.current)
-        return reader.take(chunk.q, chunk.v, tau_J, is_known(chunk, batch), batch)
+        return reader.take(chunk.q, chunk.v, tau_J, is_measured(chunk, batch), batch)
 
     return read_later(parts, take, reader.finish)
 
 
-def _joined(one: Read, other: Read) -> Read:
-    return Read(
-        concatenated([one.chunk, other.chunk]),
-        EstimateBatch.joined([one.batch, other.batch]),
-        Detection.joined([one.found, other.found]),
-        np.concatenate([one.tau_ext, other.tau_ext]),
-    )
-
-
-def without_breaks(reads: Iterable[Read]) -> Iterator[Read]:
+def without_breaks(parts: Iterable[LogPart]) -> Iterator[LogPart]:
     """The parts of a log again, without the samples between the episodes of a data set."""
-    for read in reads:
-        rows = read.chunk.row
-        if rows is None or rows.all():
-            yield read
-        elif rows.any():
-            yield _rows(read, rows != 0)
-
-
-def _rows(read: Read, rows: slice | Flags) -> Read:
-    return Read(read.chunk[rows], read.batch.rows(rows), read.found.rows(rows), read.tau_ext[rows])
+    for part in parts:
+        row = part.chunk.row
+        if row is None or row.all():
+            yield part
+        elif row.any():
+            yield part.rows(row != 0)

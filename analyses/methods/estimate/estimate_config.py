@@ -1,4 +1,4 @@
-"""How a log becomes wrenches: the settings of `estimate`."""
+"""Settings of `estimate`, and their checks."""
 
 from dataclasses import dataclass, field, fields, replace
 
@@ -126,7 +126,7 @@ def stated_prior(config: EstimateConfig, robot: Robot | None) -> tuple[float, fl
 
 
 def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
-    """Returns `config`; without a robot nothing is known of its joints.
+    """Returns `config`, checked; without a robot its joints are not.
 
     Raises:
         InputError: a setting that makes no sense.
@@ -134,33 +134,35 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
 
     checked_reference(config.reference)
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
-    for name, value, known in (
+    for name, value, choices in (
         ("torque", config.torque, TORQUES),
         ("torque sign", config.torque_sign, SIGNS),
         ("method", reconstruction.method, METHODS),
         ("table", config.table, TABLES),
     ):
-        found = f'unknown {name} "{value}"'
-        _require(value in known, name, found, f"give {' or '.join(known)}")
+        problem = f'unknown {name} "{value}"'
+        _require(value in choices, name, problem, f"give {' or '.join(choices)}")
     if config.prior not in PRIORS:
         try:
             force_sd, moment_sd = (float(x) for x in config.prior.split(","))
         except ValueError:
             force_sd = moment_sd = float("nan")
         makes_sense = all(LEAST_SD <= sd <= LARGEST_SD for sd in (force_sd, moment_sd))
-        found = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
-        _require(makes_sense, "prior", found, "give N and N m, such as 30,2")
+        problem = f'is "{config.prior}", expected live, log or two numbers from {LEAST_SD:g}'
+        _require(makes_sense, "prior", problem, "give N and N m, such as 30,2")
     rate = config.detection.false_alarms_per_hour
-    found = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
-    _require(LEAST_RATE <= rate <= LARGEST_RATE, "false_alarms_per_hour", found, "1 is the default")
+    problem = f"is {rate:g}, expected {LEAST_RATE:g} to {LARGEST_RATE:g}"
+    _require(
+        LEAST_RATE <= rate <= LARGEST_RATE, "false_alarms_per_hour", problem, "1 is the default"
+    )
     drift = config.drift or 0.0
-    found = f"is {drift:g}, expected 0 to {LARGEST_DRIFT:g}"
-    _require(0.0 <= drift <= LARGEST_DRIFT, "drift", found, "0.05 is 5 % of the viscous torque")
+    problem = f"is {drift:g}, expected 0 to {LARGEST_DRIFT:g}"
+    _require(0.0 <= drift <= LARGEST_DRIFT, "drift", problem, "0.05 is 5 % of the viscous torque")
     for name in ("prior_force_sd", "prior_moment_sd", "max_force_sd"):
         number = getattr(reconstruction, name)
-        found = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
-        holds = number is None or LEAST_SD <= number <= LARGEST_SD
-        _require(holds, name, found, "give N or N m")
+        problem = f"is {number}, expected a positive number, {LEAST_SD:g} to {LARGEST_SD:g}"
+        is_valid = number is None or LEAST_SD <= number <= LARGEST_SD
+        _require(is_valid, name, problem, "give N or N m")
     default = "leave it out for the default"
     for name, number, least, largest in (
         ("damping", reconstruction.damping, 0.0, np.inf),
@@ -168,65 +170,68 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         ("time_step", observer.time_step, LEAST_STEP, LONGEST),
         ("max_gap", config.max_gap, 0.0, LONGEST),
     ):
-        holds = bool(np.isfinite(number) and number >= 0)
-        _require(holds, name, f"is {number}, expected zero or more", default)
-        found = f"is {number:g} s, expected {least:g} to {largest:g}"
-        _require(not number or least <= number <= largest, name, found, default)
+        is_valid = bool(np.isfinite(number) and number >= 0)
+        _require(is_valid, name, f"is {number}, expected zero or more", default)
+        problem = f"is {number:g} s, expected {least:g} to {largest:g}"
+        _require(not number or least <= number <= largest, name, problem, default)
     if isinstance(observer, MomentumObserverConfig):
-        low = any(0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0)
-        found = f"is {min(observer.K_0, default=0.0):g} /s, expected {LEAST_K_0:g} or more"
-        _require(not low, "K_0", found, "20 is the default")
-    found = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
-    holds = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
-    _require(holds, "torque_sd", found, "give N m, one for all joints or one each")
+        is_too_low = any(0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0)
+        problem = f"is {min(observer.K_0, default=0.0):g} /s, expected {LEAST_K_0:g} or more"
+        _require(not is_too_low, "K_0", problem, "20 is the default")
+    problem = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
+    are_valid = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
+    _require(are_valid, "torque_sd", problem, "give N m, one for all joints or one each")
     if config.contact.axis:
         ContactFrame.of(config.contact)
         for name in _POSITIVE:
             number = getattr(config.contact, name)
-            holds = bool(np.isfinite(number) and number > 0.0)
-            found = f"is {number:g}, expected a positive number"
-            _require(holds, f"contact.{name}", found, default)
-        found = "has no place where the contact's direction is known: that reading is late by "
-        found += f"{1000 * config.contact.lag:.0f} ms already"
-        _require(not config.smooth, "smooth", found, "leave --smooth or --contact-axis out")
+            is_valid = bool(np.isfinite(number) and number > 0.0)
+            problem = f"is {number:g}, expected a positive number"
+            _require(is_valid, f"contact.{name}", problem, default)
+        problem = "does not go with a known direction of contact, whose reading is late by "
+        problem += f"{1000 * config.contact.lag:.0f} ms already"
+        _require(not config.smooth, "smooth", problem, "leave --smooth or --contact-axis out")
     if robot is not None:
         _check_for_robot(config, robot)
     return config
 
 
-def _require(holds: bool, option: str, problem: str, remedy: str) -> None:
-    if not holds:
+def _require(condition: bool, option: str, problem: str, remedy: str) -> None:
+    """Raises InputError unless the condition holds."""
+    if not condition:
         raise InputError("estimate", option, problem, remedy)
 
 
 def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
     """Raises InputError where settings make no sense together, or for the robot's joints."""
     observer, reconstruction = config.estimator.observer, config.estimator.reconstruction
-    step = observer.time_step or 1e-3  # any: that of the log is not known yet
+    step = observer.time_step or 1e-3  # any: the log's is not read yet
     try:
-        made = make_observer(replace(observer, time_step=step), robot.num_joints)
+        made_observer = make_observer(replace(observer, time_step=step), robot.num_joints)
     except ValueError as error:
         remedy = "see the command's --help"
         raise InputError("estimate", "observer", str(error), remedy) from None
-    kind, reads_wrench = kind_name(type(made)), made.kernels.wrench is not None
+    kind, reads_wrench = kind_name(type(made_observer)), made_observer.kernels.wrench is not None
     if config.track:
-        found = "reads each sample with what comes after it"
-        _require(not config.smooth, "smooth", found, "leave --track or --smooth out")
-        found = "is what --track finds"
-        _require(config.drift is None, "drift", found, "leave --track or --drift out")
-        found = f"is not for {robot.name}: friction of coupled joints is that of several motors"
-        _require(not robot.is_coupled, "track", found, "leave it out")
-    for asked, lacks in (
+        problem = "reads each sample with those after it"
+        _require(not config.smooth, "smooth", problem, "leave --track or --smooth out")
+        problem = "is estimated by --track"
+        _require(config.drift is None, "drift", problem, "leave --track or --drift out")
+        problem = f"is not for {robot.name}: friction of coupled joints is that of several motors"
+        _require(not robot.is_coupled, "track", problem, "leave it out")
+    for is_requested, shortcoming in (
         (config.track, "under which friction is not followed"),
         (config.smooth, "for which smoothing has no prior"),
         (reads_wrench, f"for which the {kind} observer has no prior"),
     ):
-        holds = not asked or known_of_wrench(reconstruction) is not None
-        found = f"is {reconstruction.method}, {lacks}"
-        _require(holds, "method", found, "give bayesian, force_only or inverse")
+        is_possible = not is_requested or known_of_wrench(reconstruction) is not None
+        problem = f"is {reconstruction.method}, {shortcoming}"
+        _require(is_possible, "method", problem, "give bayesian, force_only or inverse")
     if config.track:
-        found = f"is {kind}, which reads the wrench itself"
-        _require(not reads_wrench, "observer", found, "follow friction with the momentum observer")
+        problem = f"is {kind}, which reads the wrench itself"
+        _require(
+            not reads_wrench, "observer", problem, "follow friction with the momentum observer"
+        )
 
 
 def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:
@@ -237,12 +242,12 @@ def with_observer(config: EstimateConfig, name: str) -> EstimateConfig:
     """
     kinds = {kind_name(kind): kind for kind in OBSERVERS}
     if name not in kinds:
-        known = " or ".join(kinds)
-        raise InputError("estimate", "observer", f'unknown observer "{name}"', f"give {known}")
-    before = config.estimator.observer
-    if type(before) is kinds[name].Config:
+        remedy = f"give {' or '.join(kinds)}"
+        raise InputError("estimate", "observer", f'unknown observer "{name}"', remedy)
+    current = config.estimator.observer
+    if type(current) is kinds[name].Config:
         return config
-    own = kinds[name].Config()
-    shared = {field.name for field in fields(own)} & {field.name for field in fields(before)}
-    own = replace(own, **{field: getattr(before, field) for field in shared})
-    return replace(config, estimator=replace(config.estimator, observer=own))
+    observer = kinds[name].Config()
+    shared = {field.name for field in fields(observer)} & {field.name for field in fields(current)}
+    observer = replace(observer, **{field: getattr(current, field) for field in shared})
+    return replace(config, estimator=replace(config.estimator, observer=observer))

@@ -35,13 +35,13 @@ def data_set_of(log: Path) -> DataSet | None:
     return None if root is None or episode_index(log) is not None else loaded(root)
 
 
-def episodes_reader(log: Path, opened: Callable[[Path], RecordingReader]) -> EpisodesReader:
+def episodes_reader(log: Path, open_file: Callable[[Path], RecordingReader]) -> EpisodesReader:
     """Reads all episodes of the data set that a log names.
 
     Args:
-        opened: opens one episode by its path.
+        open_file: opens one episode by its path.
     """
-    return EpisodesReader([lambda path=path: opened(path) for path in episode_paths(log)])  # type: ignore[misc]
+    return EpisodesReader([lambda path=path: open_file(path) for path in episode_paths(log)])  # type: ignore[misc]
 
 
 def write_data_set(
@@ -66,20 +66,33 @@ def write_data_set(
     numbers = np.stack([rows.column(name).to_numpy().astype(float) for name in names[1:]], axis=1)
     step = float(np.median(np.diff(t)))
     sd = np.repeat([prior["force_sd_n"], prior["moment_sd_nm"]], 3)
-    nothing = np.concatenate([np.zeros(6), sd, [0.0]])
-    found: dict[int, np.ndarray[Any, Any]] = {}
+    no_reading = np.concatenate([np.zeros(6), sd, [0.0]])
+    values_of_episode: dict[int, np.ndarray[Any, Any]] = {}
     for episode, begin in zip(data_set.episodes, begins, strict=True):
         frames = ParquetTable(episode.file, episode.rows)
         column = (frames.names or ()).index("timestamp")
         stamps = np.concatenate([values[:, 0] for values, _ in frames.blocks([column])]) + begin
-        k = np.maximum(np.searchsorted(t, stamps + 0.25 * step, side="right") - 1, 0)
-        values = numbers[k]
-        lacks = ~(np.isfinite(values).all(axis=1) & (np.abs(stamps - t[k]) < _LATE * step))
-        values[lacks] = nothing
-        found[episode.index] = values
+        rows_before = np.searchsorted(t, stamps + 0.25 * step, side="right")
+        row = np.maximum(rows_before - 1, 0)
+        values = numbers[row]
+        is_read = np.isfinite(values).all(axis=1) & (np.abs(stamps - t[row]) < _LATE * step)
+        values[~is_read] = no_reading
+        values_of_episode[episode.index] = values
+    is_valid = {index: values[:, 12] > 0.5 for index, values in values_of_episode.items()}
     features = [
-        NewFeature(WRENCH, WRENCH_AXES, {e: x[:, :6].astype("f4") for e, x in found.items()}),
-        NewFeature(SD, WRENCH_AXES, {e: x[:, 6:12].astype("f4") for e, x in found.items()}),
-        NewFeature(VALID, ("valid",), {e: x[:, 12] > 0.5 for e, x in found.items()}),
+        _feature(WRENCH, WRENCH_AXES, values_of_episode, slice(0, 6)),
+        _feature(SD, WRENCH_AXES, values_of_episode, slice(6, 12)),
+        NewFeature(VALID, ("valid",), is_valid),
     ]
     write_copy(data_set, out / FOLDER, features)
+
+
+def _feature(
+    name: str,
+    axes: tuple[str, ...],
+    values_of_episode: dict[int, np.ndarray[Any, Any]],
+    columns: slice,
+) -> NewFeature:
+    """A feature of some columns of the values, episode by episode."""
+    values = {index: rows[:, columns].astype("f4") for index, rows in values_of_episode.items()}
+    return NewFeature(name, axes, values)

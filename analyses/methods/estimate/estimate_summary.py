@@ -1,4 +1,4 @@
-"""What is kept of a log's wrenches as they stream by: metrics, doubts and a picture."""
+"""Summary of a log's wrenches, gathered chunk by chunk: metrics, warnings and a figure."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -23,18 +23,20 @@ if TYPE_CHECKING:
 
 _MEDIAN_SAMPLES = 1 << 17
 _FIGURE_BINS = 2000  # about one a pixel
-LONG_AGO = 1e6  # s; a clock that shows more is drawn from the first sample on
+FAR_CLOCK = 1e6  # s; with a clock that shows more, time is drawn since the first sample
 _SINGULAR = 1e12  # condition number: beyond, rounding alone decides its digits
 _OUTSIDE_WARNING = 0.01  # share of samples outside the model's ranges
 _FAULTS = {
-    BEYOND: "a position, speed, current or torque is beyond what its joint can do",
-    DISAGREES: "position and velocity of a joint disagree, as where an encoder sticks",
-    FROZEN: "a joint moves while its current or torque stays the same to the last digit",
+    BEYOND: "a position, speed, current or torque is beyond its joint's limits; check the log's "
+    "units and the limits in robot.yaml",
+    DISAGREES: "position and velocity of a joint disagree; check its encoder",
+    FROZEN: "a joint moves while its current or torque stays the same to the last digit; check the "
+    "connection to its drive",
 }
 _UNSURE_WARNING = 0.5  # share of invalid samples
 
 
-class _Moments:
+class _WrenchSums:
     """Sums over samples of a wrench and its standard deviation, force first."""
 
     def __init__(self) -> None:
@@ -69,30 +71,39 @@ class _Moments:
 
 
 class EstimateSummary:
-    """What metrics and figure need, gathered chunk by chunk."""
+    """Gathers metrics and figure of a log's wrenches.
+
+    Args:
+        joint_names: n.
+        validity: ranges in which the model holds; without them no sample leaves them.
+        settling_time: s, of the observer.
+
+    Attributes:
+        count: of the samples.
+        num_valid: of the valid ones.
+    """
 
     def __init__(
         self, joint_names: Sequence[str], validity: Validity, settling_time: float
     ) -> None:
-        """Args: `validity` states the ranges in which the model holds; none, and none is left."""
         self._joint_names, self._validity = joint_names, validity
         self._settling_time = settling_time
         self.count = 0
         self.num_valid = 0
-        self._faults = dict.fromkeys(_FAULTS, 0)
+        self._num_faults = dict.fromkeys(_FAULTS, 0)
         self._num_invalid = {"settling": 0, "dropout": 0, "unsure": 0}
-        self._first = 0.0
+        self._begin = 0.0  # s, on the log's clock
+        self._end = 0.0
         self._origin = 0.0
-        self._last = 0.0
         self._num_singular = 0
         self._largest_condition = 0.0
         self._condition = EvenSample(_MEDIAN_SAMPLES)
-        self._all = _Moments()
-        self._of_valid = _Moments()
+        self._wrench_sums = _WrenchSums()
+        self._valid_wrench_sums = _WrenchSums()
         n = len(joint_names)
-        self._outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
-        self._outside_motion = 0
-        self._extrapolated = 0
+        self._num_outside = {"q": np.zeros(n), "v": np.zeros(n), "tau": np.zeros(n)}
+        self._num_outside_motion = 0
+        self._num_extrapolated = 0
         self._envelope = Envelope(_FIGURE_BINS)
         self._valid_range = np.stack([np.full(6, np.inf), np.full(6, -np.inf)])
 
@@ -102,9 +113,9 @@ class EstimateSummary:
         batch: EstimateBatch | WrenchEstimate,
         config: WrenchEstimatorConfig,
     ) -> Flags:
-        """(N,) which samples of the next chunk may be trusted; counts why others may not."""
+        """(N,) which samples of the next chunk are valid; counts the reasons of the others."""
         index = self.count + np.arange(chunk.num_samples)
-        settling = index * config.observer.time_step < self._settling_time  # it flags these
+        settling = index * config.observer.time_step < self._settling_time  # the observer's flag
         dropout = chunk.dropout & ~settling
         unsure = ~batch.valid & ~dropout & ~settling
         for name, reason in (("settling", settling), ("dropout", dropout), ("unsure", unsure)):
@@ -120,14 +131,22 @@ class EstimateSummary:
         torque: Array,
         contact: Flags,
     ) -> None:
-        """Takes the next chunk of N samples; sd (N, 6) rotation first, torque (N, n) N m."""
+        """Takes the next chunk of N samples.
+
+        Args:
+            batch: their readings.
+            sd: (N, 6), rotation first.
+            valid: (N,).
+            torque: (N, n) N m, of the joints.
+            contact: (N,).
+        """
         if not chunk.num_samples:
             return
         if not self.count:
-            self._first = float(chunk.t[0])
+            self._begin = float(chunk.t[0])
             # The clock of a log that counts from 1970 fits no axis.
-            self._origin = self._first if abs(self._first) >= LONG_AGO else 0.0
-        self._last = float(chunk.t[-1])
+            self._origin = self._begin if abs(self._begin) >= FAR_CLOCK else 0.0
+        self._end = float(chunk.t[-1])
         self.count += chunk.num_samples
         self.num_valid += int(valid.sum())
         condition = batch.condition_number
@@ -137,8 +156,8 @@ class EstimateSummary:
         largest = float(condition.max(initial=0.0, where=regular))
         self._largest_condition = max(self._largest_condition, largest)
         wrench, sd = batch.wrench[:, FORCE_FIRST], sd[:, FORCE_FIRST]
-        self._all.add(wrench, sd)
-        self._of_valid.add(wrench[valid], sd[valid])
+        self._wrench_sums.add(wrench, sd)
+        self._valid_wrench_sums.add(wrench[valid], sd[valid])
         self._add_outside(chunk, torque)
         lower, upper = wrench - SIGMA_95 * sd, wrench + SIGMA_95 * sd
         self._envelope.add(
@@ -151,32 +170,33 @@ class EstimateSummary:
             self._valid_range[1] = np.maximum(self._valid_range[1], upper[valid].max(axis=0))
 
     def _add_outside(self, chunk: Recording, torque: Array) -> None:
+        """Counts the samples outside the ranges in which the model holds."""
         ranges = self._validity
         outside = np.zeros(chunk.num_samples, bool)
         # Friction is a law of speed and load; positions enter by exact kinematics.
         extrapolated = outside.copy()
         if ranges.q_min and ranges.q_max:
             q = (chunk.q < np.array(ranges.q_min)) | (chunk.q > np.array(ranges.q_max))
-            self._outside["q"] += q.sum(axis=0)
+            self._num_outside["q"] += q.sum(axis=0)
             outside |= q.any(axis=1)
         if ranges.v_max:
             v = np.abs(chunk.v) > np.array(ranges.v_max)
-            self._outside["v"] += v.sum(axis=0)
+            self._num_outside["v"] += v.sum(axis=0)
             outside |= v.any(axis=1)
             extrapolated |= v.any(axis=1)
         if ranges.tau_max:
             tau = np.abs(torque) > np.array(ranges.tau_max)
-            self._outside["tau"] += tau.sum(axis=0)
+            self._num_outside["tau"] += tau.sum(axis=0)
             extrapolated |= tau.any(axis=1)
-        self._outside_motion += int(outside.sum())
-        self._extrapolated += int(extrapolated.sum())
+        self._num_outside_motion += int(outside.sum())
+        self._num_extrapolated += int(extrapolated.sum())
 
     def metrics(self, config: WrenchEstimatorConfig, rule: str) -> dict[str, Any]:
         """All figures, as written to metrics.json; `rule` is the prior's."""
         share = 100.0 / self.count
         return {
             "num_samples": self.count,
-            "duration_s": self._last - self._first,
+            "duration_s": self._end - self._begin,
             "time_step_s": config.observer.time_step,
             "valid_pct": share * self.num_valid,
             "invalid": {
@@ -185,9 +205,9 @@ class EstimateSummary:
                 "force_too_uncertain_pct": share * self._num_invalid["unsure"],
             },
             "faults": {
-                "beyond_limits_pct": share * self._faults[BEYOND],
-                "encoder_pct": share * self._faults[DISAGREES],
-                "frozen_current_pct": share * self._faults[FROZEN],
+                "beyond_limits_pct": share * self._num_faults[BEYOND],
+                "encoder_pct": share * self._num_faults[DISAGREES],
+                "frozen_current_pct": share * self._num_faults[FROZEN],
             },
             "prior": {
                 "force_sd_n": config.reconstruction.prior_force_sd,
@@ -199,44 +219,44 @@ class EstimateSummary:
                 "max": self._largest_condition,  # where J is not singular
                 "singular_pct": share * self._num_singular,
             },
-            "wrench": self._all.metrics(),
-            "valid": {"wrench": self._of_valid.metrics()},
+            "wrench": self._wrench_sums.metrics(),
+            "valid": {"wrench": self._valid_wrench_sums.metrics()},
             "outside_model": {
-                "motion_pct": share * self._outside_motion,
-                **{f"{name}_pct": share * count for name, count in self._outside.items()},
+                "motion_pct": share * self._num_outside_motion,
+                **{f"{name}_pct": share * count for name, count in self._num_outside.items()},
             },
         }
 
     def add_faults(self, fault: NDArray[np.int64]) -> None:
         """Counts the samples (N,) with a fault, kind by kind."""
-        for code in self._faults:
-            self._faults[code] += int(((fault & code) != 0).sum())
+        for code in self._num_faults:
+            self._num_faults[code] += int(((fault & code) != 0).sum())
 
     def warnings(self) -> list[str]:
-        """What makes the result doubtful, one sentence each."""
-        found = []
-        for code, what in _FAULTS.items():
-            if self._faults[code]:
-                share = 100 * self._faults[code] / self.count
-                found.append(f"{share:.2g} % of the samples are not used: {what}")
-        extrapolated = self._extrapolated / self.count
+        """Reasons to doubt the result, one sentence each."""
+        warnings = []
+        for code, fault in _FAULTS.items():
+            if self._num_faults[code]:
+                share = 100 * self._num_faults[code] / self.count
+                warnings.append(f"{share:.2g} % of the samples are not used: {fault}")
+        extrapolated = self._num_extrapolated / self.count
         if extrapolated > _OUTSIDE_WARNING:
             worst = {
-                quantity: self._joint_names[int(np.argmax(self._outside[name]))]
+                quantity: self._joint_names[int(np.argmax(self._num_outside[name]))]
                 for name, quantity in (("v", "speed"), ("tau", "torque"))
-                if self._outside[name].any()
+                if self._num_outside[name].any()
             }
-            where = " and ".join(f"{quantity} of {joint}" for quantity, joint in worst.items())
-            found.append(
+            quantities = " and ".join(f"{quantity} of {joint}" for quantity, joint in worst.items())
+            warnings.append(
                 f"{100 * extrapolated:.1f} % of the samples are faster or more loaded than the "
-                f"motion that the model was identified on (mostly {where}): friction is "
-                "extrapolated there"
+                f"model's logs (mostly {quantities}): friction is extrapolated there; identify the "
+                "model from logs with such motion"
             )
-        return found
+        return warnings
 
     @property
     def mostly_unsure(self) -> bool:
-        """Whether most samples say too little about the force."""
+        """Whether the force of most samples is too uncertain."""
         return self._num_invalid["unsure"] > _UNSURE_WARNING * self.count
 
     def figure(self, reads_moments: bool = True, smoothed: bool = False) -> "Figure":
@@ -244,10 +264,10 @@ class EstimateSummary:
 
         Args:
             reads_moments: whether the method reads moments; without, only forces are drawn.
-            smoothed: whether each sample was read with what comes after it.
+            smoothed: whether each sample was read with those after it.
         """
         low, high, mean = self._envelope.values()
-        t, is_invalid, touches = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
+        t, is_invalid, has_contact = mean[:, 0], mean[:, 1] > 0.5, mean[:, 2] > 0.0
         figure, axes = new_figure(3, 2 if reads_moments else 1, share_x=True)
         origin = f" since {self._origin:.0f} s" if self._origin else ""
         for k, axis in enumerate(WRENCH_AXES if reads_moments else WRENCH_AXES[:3]):
@@ -274,10 +294,11 @@ class EstimateSummary:
             bottom, top = self._limits(k, low, high)
             panel.set_ylim(bottom, top)
             _shade(panel, t, is_invalid, COLOUR["invalid"])
-            _shade(panel, t, touches, COLOUR["contact"], "contact")
-            beyond = [x for x in (low[:, k].min(), high[:, k].max()) if not bottom <= x <= top]
-            if beyond:
-                reach = " and ".join(f"{x:.3g}" for x in beyond)
+            _shade(panel, t, has_contact, COLOUR["contact"], "contact")
+            extremes = (low[:, k].min(), high[:, k].max())
+            hidden = [value for value in extremes if not bottom <= value <= top]
+            if hidden:
+                reach = " and ".join(f"{value:.3g}" for value in hidden)
                 text = f"not valid, beyond the panel: to {reach} {unit}"
                 panel.text(0.01, 0.97, text, transform=panel.transAxes, va="top", fontsize=7)
             if k % 3 == 2:
@@ -289,7 +310,7 @@ class EstimateSummary:
         return figure
 
     def _limits(self, k: int, low: Array, high: Array) -> tuple[float, float]:
-        """Range of y that shows the valid samples; an invalid one may read anything."""
+        """Range of the axis k that shows the valid samples; others may read anything."""
         bottom, top = self._valid_range[:, k]
         if not np.isfinite(bottom):
             bottom, top = np.percentile(low[:, k], 2), np.percentile(high[:, k], 98)
@@ -297,13 +318,19 @@ class EstimateSummary:
         return float(bottom - margin), float(top + margin)
 
 
-def _shade(panel: Any, t: Array, flag: Flags, colour: str, what: str = "not valid") -> None:
-    """Marks the stretches in which a flag is set; those of a contact begin with a line."""
+def _shade(panel: Any, t: Array, flag: Flags, colour: str, label: str = "not valid") -> None:
+    """Marks the stretches in which a flag is set; a contact begins with a line."""
     padded = np.concatenate([[False], flag, [False]]).astype(np.int8)
     begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1) - 1
     half = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.5
     for index, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-        label = what if index == 0 else None
-        if what == "contact":
+        if label == "contact":
             panel.axvline(t[begin] - half, color=COLOUR["onset"], lw=0.8, zorder=1)
-        panel.axvspan(t[begin] - half, t[end] + half, color=colour, lw=0, zorder=0, label=label)
+        panel.axvspan(
+            t[begin] - half,
+            t[end] + half,
+            color=colour,
+            lw=0,
+            zorder=0,
+            label=label if index == 0 else None,
+        )

@@ -1,9 +1,9 @@
-"""What force acts at the tool? A log and a model in, the wrench with its uncertainty out.
+"""The command `estimate`: reads the wrench at the tool, with its uncertainty, from a log.
 
-The log is streamed: its memory does not grow with its length. Without a given prior there are two
-passes. The first runs the observer over the whole log and keeps some thousand samples, evenly
-spread, of external torque and Jacobian; the prior is what explains those best
-(`models.estimation.evidence_prior.evidence_prior`). The second one writes the wrenches.
+    log, model -> first pass -> second pass -> metrics, warnings, figures -> files
+                  (load, drift, prior)  (wrench.csv)
+
+The log is streamed: memory does not grow with its length.
 """
 
 from collections.abc import Callable
@@ -11,9 +11,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from wrenchsight.analyses.methods.estimate.engines import estimates, without_breaks
+from wrenchsight.analyses.methods.estimate.engines import (
+    ReadingModels,
+    estimates,
+    without_breaks,
+)
 from wrenchsight.analyses.methods.estimate.estimate_config import (
     EstimateConfig,
     EstimateSettings,
@@ -24,11 +28,17 @@ from wrenchsight.analyses.methods.estimate.estimate_data_set import (
     episodes_reader,
     write_data_set,
 )
-from wrenchsight.analyses.methods.estimate.first_pass import first_pass
-from wrenchsight.analyses.methods.estimate.log_readings import LogReadings
+from wrenchsight.analyses.methods.estimate.first_pass import FirstPassResult, first_pass
+from wrenchsight.analyses.methods.estimate.log_readings import LogReadings, ReadingDoubts
+from wrenchsight.analyses.methods.estimate.model_checks import (
+    is_fitted_on,
+    model_warnings,
+    with_requested_drift,
+)
 from wrenchsight.analyses.methods.estimate.uniform_log import (
-    Part,
+    PassProgress,
     ProgressCallback,
+    SampleScreen,
     completed,
     screen_of,
     uniform_chunks,
@@ -39,27 +49,25 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import (
 )
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.calibration.known_tool import with_known_tool
+from wrenchsight.models.calibration.load_or_drift import LoadOrDrift
 from wrenchsight.models.detection.tracked_estimator import TrackedEstimator
+from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
-from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.observers.observer_kinds import kind_name, kind_of
 from wrenchsight.models.recordings.episodes_reader import EpisodesReader, LogReader
-from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of
 from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
 class EstimateResult:
-    """What an estimate found, and where it wrote it.
+    """Result of an estimate, and where it is written.
 
     Attributes:
         num_samples: on the uniform grid.
-        valid_share: of the samples that may be trusted.
+        valid_share: share of the samples that may be trusted.
         notices: what reading the log involved, one sentence each.
         warnings: what makes the result doubtful, one sentence each.
         config: as used, with the time step and the prior filled in.
@@ -92,16 +100,16 @@ def estimate_log(
     config: EstimateConfig | None = None,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> EstimateResult:
-    """The command `estimate`: streams a log and writes what acted at the tool into `out`.
+    """Streams a log and writes the wrench at the tool into `out`.
 
     Writes the table (see `models.estimation.wrench_table`), metrics.json, config.yaml and
     figures/wrench.png; with a force sensor in the log also figures/reference.png; wrench.mcap (see
-    `wrenchsight.models.estimation.wrench_bag`) where it is asked for.
+    `wrenchsight.models.estimation.wrench_bag`) where it is requested.
 
     Args:
         log: as `read_recording`.
         robot_name: a bundled robot or a robot.yaml.
-        model_path: a model.yaml; None: what the robot's own files state, without friction.
+        model_path: a model.yaml; None: the model of the robot's files, without friction.
         log_format: description of the log's columns.
 
     Raises:
@@ -119,7 +127,7 @@ def estimate_log(
             model = IdentifiedModel.load(Path(model_path), robot, config.other_robot)
             model = with_known_tool(model, robot, Path(model_path), config.tool, config.other_robot)
 
-        def opened(path: Path) -> RecordingReader:
+        def open_file(path: Path) -> RecordingReader:
             reader = RecordingReader(
                 path,
                 log_format,
@@ -133,7 +141,7 @@ def estimate_log(
             return reader
 
         def read() -> LogReader:
-            return opened(log) if data_set is None else episodes_reader(log, opened)
+            return open_file(log) if data_set is None else episodes_reader(log, open_file)
 
         settings = EstimateSettings(
             log=str(log),
@@ -154,161 +162,219 @@ def estimate(
     settings: EstimateSettings,
     progress: ProgressCallback = lambda fraction, what: None,
 ) -> EstimateResult:
-    """As `estimate_log`, of what is loaded.
+    """As `estimate_log`, with robot and model loaded.
 
     Args:
         read: opens the log for one pass.
-        settings: what config.yaml is to hold; written with what the log filled in.
+        settings: as config.yaml holds them; written with the values that the log filled in.
 
     Raises:
         InputError: something is wrong in the log.
     """
-    warnings = _model_warnings(robot, model, settings)
-    other = model.fitted_robot.differences(robot)
-    model = _with_asked_drift(model, settings.estimate)
-    before = first_pass(read, robot, model, settings.estimate, progress, warnings)
-    asked = settings.estimate.estimator
-    reader, screen = read(), screen_of(robot, asked)
-    chunks = uniform_chunks(
-        reader,
-        screen,
-        asked,
-        settings.estimate.max_gap,
-        Part(progress, before.passes, 1.0, "estimating"),
+    config = settings.estimate
+    warnings = model_warnings(robot, model, settings)
+    model = with_requested_drift(model, config)
+    first_pass_result = first_pass(read, robot, model, config, progress)
+    second_pass = _write_wrenches(
+        read(), robot, model, first_pass_result, settings, _Destination(out, progress)
     )
-    first = next(chunks)
-    config = completed(asked, first, before.resolution, before.prior)
-    tracked: TrackedEstimator | None = None
-    if settings.estimate.track:
-        tracked = TrackedEstimator(robot, model, config, settings.estimate.detection)
-    samples = chain([first], chunks)
-    read_parts = without_breaks(
-        estimates(settings.estimate, robot, model, before.wide, config, samples, tracked)
+    outcome = _Outcome(
+        model=model,
+        first_pass_result=first_pass_result,
+        second_pass=second_pass,
+        comparison=second_pass.readings.comparison(),
+        doubts=second_pass.readings.doubts(first_pass_result.model_with_drift),
+        load=first_pass_result.load(),
     )
-    readings = LogReadings(robot, model, settings, config, first.t[0])
-    path = out / f"wrench.{settings.estimate.table}"
-    with ExitStack() as stack:
-        table = stack.enter_context(
-            WrenchTableWriter(path, robot.num_joints, settings.estimate.covariance)
-        )
-        bag: WrenchBagWriter | None = None
-        if settings.estimate.mcap:
-            bag = stack.enter_context(WrenchBagWriter(out / "wrench.mcap", robot.config.base_link))
-        for part in read_parts:
-            readings.take(part, table, bag)
-    summary, episodes = readings.summary, readings.episodes
-    episodes.finish()
-    metrics = {**summary.metrics(config, before.rule), "smoothed": settings.estimate.smooth}
-    metrics["contact_axis"] = settings.estimate.contact.axis or None
-    metrics["other_robot"] = [f"{key}: {what}" for key, what in other]
-    signs = reader.sign_evidence
-    metrics["drive_signs"] = None if signs is None else signs.metrics()
-    metrics["contact"] = episodes.metrics(settings.estimate.detection.false_alarms_per_hour)
-    comparison = readings.comparison()
-    notices = reader.notices + (screen.notices if screen is not None else ())
-    if comparison is not None:
-        metrics["reference"] = comparison.metrics()
-        notices += comparison.notices
-        out.write_figure("reference", comparison.figure())
-    doubts, gravity = readings.doubts(before.wide)
-    warnings += doubts
-    if gravity is not None:
-        metrics["gravity"] = gravity
-    metrics["drift_shown"] = before.drift_shown
-    load = None if before.watch is None else before.watch.load()
-    metrics["load"] = None if load is None else load.metrics()
-    contacts = tuple(episodes.lines()) if model.torque_error is not None else ()
-    if load is not None and load.is_told:
-        contacts = (load.sentence(), *contacts)
-    if tracked is not None:
-        metrics["friction_tracked"] = tracked.tracker.metrics()
-        warnings += tracked.tracker.advice(model.joint_names)
-    if before.watch is not None:
-        warnings += before.watch.sentences(
-            settings.log,
-            settings.robot,
-            settings.model,
-            before.drift_shown,
-            _fitted_on(model, settings.log),
-        )
-    reads_moments = config.reconstruction.method != "force_only"
-    out.write_figure("wrench", summary.figure(reads_moments, settings.estimate.smooth))
-    used = replace(settings.estimate, estimator=config)
-    if isinstance(reader, EpisodesReader):
+    metrics = _metrics(outcome, robot, config)
+    warnings += outcome.warnings(settings)
+    used_settings = replace(
+        settings, estimate=replace(config, estimator=second_pass.estimator_config)
+    )
+    _write_figures(outcome, config, out)
+    if isinstance(second_pass.reader, EpisodesReader):
         progress(1.0, "copying the data set")
-        copied = data_set_of(Path(settings.log))
-        assert copied is not None
-        write_data_set(copied, out, path, reader.begins, metrics["prior"])
-    out.write_settings("config.yaml", replace(settings, estimate=used))
+        _copy_data_set(settings.log, second_pass.reader, second_pass.table, metrics["prior"], out)
+    out.write_settings("config.yaml", used_settings)
     out.write_json("metrics.json", metrics)
     progress(1.0, "done")
+    summary = second_pass.readings.summary
     return EstimateResult(
         num_samples=summary.count,
         valid_share=summary.num_valid / summary.count,
-        notices=notices,
+        notices=outcome.notices,
         warnings=tuple(warnings),
-        config=used,
-        table=path,
-        contacts=contacts,
+        config=used_settings.estimate,
+        table=second_pass.table,
+        contacts=outcome.contact_sentences,
         _metrics=metrics,
-        comparison=comparison,
+        comparison=outcome.comparison,
     )
 
 
-def _model_warnings(robot: Robot, model: IdentifiedModel, settings: EstimateSettings) -> list[str]:
-    """What of the model makes every reading doubtful, one sentence each."""
-    warnings: list[str] = []
-    again = f"wrenchsight identify LOGS --robot {settings.robot}"
-    if not model.provenance.logs:
-        warnings.append(
-            "the model is not identified from logs: its friction and its noise are assumed"
-            + ("" if settings.model else f", so that no reading is valid; first: {again}")
-        )
-    else:
-        warnings += model.fitted_robot.doubts(robot)
-    warnings += [
-        f"read as asked for with another robot: {key}: {what}"
-        for key, what in model.fitted_robot.differences(robot)
-    ]
-    if model.provenance.logs and model.torque_error is None:
-        warnings.append(
-            "the model does not state its torque error at rest and in motion: one covariance "
-            f"stands for both; identify it again: {again}"
-        )
-    elif model.provenance.logs and model.contact_noise is None:
-        warnings.append(
-            "the model does not state its readings without contact: how often contact is reported "
-            f"where nothing touches the arm is not known; identify it again: {again}"
-        )
-    kind = kind_of(settings.estimate.estimator.observer)
-    if kind is not None and kind.kernels.wrench is not None and model.torque_error is not None:
-        warnings.append(
-            f"contact and misfit are judged by what the {kind_name(kind)} observer reads; their "
-            "levels were learnt from the momentum observer's readings"
-        )
-    return warnings
+class _Destination(NamedTuple):
+    """Folder that a pass writes into, and where it reports its progress."""
+
+    out: OutputFolder
+    progress: ProgressCallback
 
 
-def _with_asked_drift(model: IdentifiedModel, config: EstimateConfig) -> IdentifiedModel:
-    """The model with the drift of friction that is asked for.
+@dataclass(frozen=True, eq=False)
+class _SecondPass:
+    """The pass over a log that reads and writes its wrenches.
 
-    Raises:
-        InputError: drift is asked for, or to be followed, and the model states no torque error.
+    Attributes:
+        reader: of the log, at its end.
+        screen: of impossible samples; None: samples are not checked.
+        estimator_config: with the time step and the prior filled in.
+        tracked: estimator that follows friction; None: friction is not followed.
+        readings: judged and summed up.
+        table: path of the wrenches.
     """
-    option = "track" if config.track else "drift"
-    if (config.track or config.drift is not None) and model.torque_error is None:
-        problem = "model.yaml states no torque error"
-        raise InputError("estimate", option, problem, f"identify it again, or leave --{option} out")
-    if config.drift is None or model.torque_error is None:
-        return model
-    return replace(model, torque_error=model.torque_error.with_drift(config.drift))
+
+    reader: LogReader
+    screen: SampleScreen | None
+    estimator_config: WrenchEstimatorConfig
+    tracked: TrackedEstimator | None
+    readings: LogReadings
+    table: Path
 
 
-def _fitted_on(model: IdentifiedModel, log: str) -> bool:
-    """Whether the model was fitted on this very file."""
-    logs = [path for path in episode_paths(Path(log)) if file_of(path).is_file()]
-    names = {own.name for own in model.provenance.logs}
-    if not any(path.name in names for path in logs):
-        return False
-    sums = {own.sha256 for own in model.provenance.logs}
-    return any(file_checksum(file_of(path)) in sums for path in logs if path.name in names)
+def _write_wrenches(
+    reader: LogReader,
+    robot: Robot,
+    model: IdentifiedModel,
+    first_pass_result: FirstPassResult,
+    settings: EstimateSettings,
+    destination: _Destination,
+) -> _SecondPass:
+    """Second pass: reads every sample of the log and writes its wrench."""
+    config = settings.estimate
+    screen = screen_of(robot, config.estimator)
+    chunks = uniform_chunks(
+        reader,
+        screen,
+        config.estimator,
+        config.max_gap,
+        PassProgress(destination.progress, first_pass_result.work_done, 1.0, "estimating"),
+    )
+    first_chunk = next(chunks)
+    estimator_config = completed(
+        config.estimator, first_chunk, first_pass_result.resolution, first_pass_result.prior
+    )
+    tracked: TrackedEstimator | None = None
+    if config.track:
+        tracked = TrackedEstimator(robot, model, estimator_config, config.detection)
+    models = ReadingModels(model, first_pass_result.model_with_drift)
+    all_chunks = chain([first_chunk], chunks)
+    parts = estimates(config, robot, models, estimator_config, all_chunks, tracked)
+    readings = LogReadings(robot, model, settings, estimator_config, first_chunk.t[0])
+    path = destination.out / f"wrench.{config.table}"
+    with ExitStack() as stack:
+        table = stack.enter_context(WrenchTableWriter(path, robot.num_joints, config.covariance))
+        bag: WrenchBagWriter | None = None
+        if config.mcap:
+            writer = WrenchBagWriter(destination.out / "wrench.mcap", robot.config.base_link)
+            bag = stack.enter_context(writer)
+        for part in without_breaks(parts):
+            readings.take(part, table, bag)
+    readings.episodes.finish()
+    return _SecondPass(reader, screen, estimator_config, tracked, readings, path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """Results of both passes, from which metrics, sentences and figures are made.
+
+    Attributes:
+        model: that read the log.
+        comparison: with the log's force sensor; None: none is named.
+        doubts: about the readings.
+        load: weighed against friction drift; None: not looked for, or too few samples.
+    """
+
+    model: IdentifiedModel
+    first_pass_result: FirstPassResult
+    second_pass: _SecondPass
+    comparison: SensorComparison | None
+    doubts: ReadingDoubts
+    load: LoadOrDrift | None
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What reading the log involved, one sentence each."""
+        notices = self.second_pass.reader.notices
+        if self.second_pass.screen is not None:
+            notices += self.second_pass.screen.notices
+        if self.comparison is not None:
+            notices += self.comparison.notices
+        return notices
+
+    @property
+    def contact_sentences(self) -> tuple[str, ...]:
+        """The load and the contacts, one sentence each."""
+        sentences: tuple[str, ...] = ()
+        if self.load is not None and self.load.is_told:
+            sentences = (self.load.sentence(),)
+        if self.model.torque_error is not None:
+            sentences += tuple(self.second_pass.readings.episodes.lines())
+        return sentences
+
+    def warnings(self, settings: EstimateSettings) -> list[str]:
+        """What makes the readings doubtful, one sentence each."""
+        warnings = [*self.first_pass_result.warnings, *self.doubts.sentences]
+        if self.second_pass.tracked is not None:
+            warnings += self.second_pass.tracked.tracker.advice(self.model.joint_names)
+        monitor = self.first_pass_result.friction_monitor
+        if monitor is not None:
+            warnings += monitor.sentences(
+                settings.log,
+                settings.robot,
+                settings.model,
+                self.first_pass_result.drift_shown,
+                is_fitted_on(self.model, settings.log),
+            )
+        return warnings
+
+
+def _metrics(outcome: _Outcome, robot: Robot, config: EstimateConfig) -> dict[str, Any]:
+    """All figures, as written to metrics.json."""
+    first_pass_result, second_pass = outcome.first_pass_result, outcome.second_pass
+    readings, signs = second_pass.readings, second_pass.reader.sign_evidence
+    load, comparison, tracked = outcome.load, outcome.comparison, second_pass.tracked
+    metrics = readings.summary.metrics(second_pass.estimator_config, first_pass_result.prior_rule)
+    metrics["smoothed"] = config.smooth
+    metrics["contact_axis"] = config.contact.axis or None
+    metrics["other_robot"] = [
+        f"{key}: {change}" for key, change in outcome.model.fitted_robot.differences(robot)
+    ]
+    metrics["drive_signs"] = None if signs is None else signs.metrics()
+    metrics["contact"] = readings.episodes.metrics(config.detection.false_alarms_per_hour)
+    if comparison is not None:
+        metrics["reference"] = comparison.metrics()
+    if outcome.doubts.gravity is not None:
+        metrics["gravity"] = outcome.doubts.gravity
+    metrics["drift_shown"] = first_pass_result.drift_shown
+    metrics["load"] = None if load is None else load.metrics()
+    if tracked is not None:
+        metrics["friction_tracked"] = tracked.tracker.metrics()
+    return metrics
+
+
+def _write_figures(outcome: _Outcome, config: EstimateConfig, out: OutputFolder) -> None:
+    """The figures of the wrench and of the comparison with a force sensor."""
+    if outcome.comparison is not None:
+        out.write_figure("reference", outcome.comparison.figure())
+    second_pass = outcome.second_pass
+    reads_moments = second_pass.estimator_config.reconstruction.method != "force_only"
+    figure = second_pass.readings.summary.figure(reads_moments, config.smooth)
+    out.write_figure("wrench", figure)
+
+
+def _copy_data_set(
+    log: str, reader: EpisodesReader, table: Path, prior: dict[str, Any], out: OutputFolder
+) -> None:
+    """The LeRobot data set of a log with the wrenches of the table beside its frames."""
+    data_set = data_set_of(Path(log))
+    assert data_set is not None
+    write_data_set(data_set, out, table, reader.begins, prior)

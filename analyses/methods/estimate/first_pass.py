@@ -1,7 +1,13 @@
-"""What is asked of a whole log before it is read: a load or drifted friction, and the prior."""
+"""First pass over a log: estimates load, friction drift and the force prior.
 
-from collections.abc import Callable
+Without a stated prior the observer runs over the whole log. The prior is the one that explains best
+some thousand samples of external torque and Jacobian, evenly spread
+(`models.estimation.evidence_prior.evidence_prior`).
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,17 +16,18 @@ from wrenchsight.analyses.methods.estimate.estimate_config import (
     EstimateConfig,
     stated_prior,
 )
-from wrenchsight.analyses.methods.estimate.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
 from wrenchsight.analyses.methods.estimate.uniform_log import (
-    Part,
+    PassProgress,
     ProgressCallback,
     completed,
     fault_of,
+    is_usable,
     screen_of,
-    there,
     uniform_chunks,
 )
 from wrenchsight.analyses.output.stream_summary import EvenSample
+from wrenchsight.models.calibration.load_or_drift import LoadOrDrift
 from wrenchsight.models.detection.contact_detector import ContactEstimator
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.evidence_prior import evidence_prior
@@ -31,162 +38,252 @@ from wrenchsight.models.observers.momentum_observer import MomentumObserverConfi
 from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
 from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.recordings.position_resolution import position_resolution
+from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
 _PRIOR_SAMPLES = 1 << 12
+_PASS_WORK = 0.3  # share of the whole work, of one pass over the log
 
 
 @dataclass(frozen=True, eq=False)
-class FirstPass:
-    """What a log said before it is read.
+class FirstPassResult:
+    """What the first pass estimates from a log.
 
     Attributes:
         resolution: (n,) rad, of the encoders.
         prior: sds of force and moment, N and N m, where the configuration leaves them open; None:
             it states both.
-        rule: by which the prior was found.
-        watch: of its friction, and of a load; None: not looked at.
-        drift_shown: (n,) share of the viscous torque; None: no drift shows.
-        wide: the model whose band is stated: with the drift that shows.
-        passes: share of the work that is done.
+        prior_rule: by which the prior was found.
+        friction_monitor: of the log's friction, and of a load; None: not looked at.
+        drift_shown: (n,) share of the viscous torque; None: the log shows no drift.
+        model_with_drift: the model whose band is stated: with the drift that the log shows.
+        warnings: one sentence each.
+        work_done: share of the whole work, 0 to 1.
     """
 
     resolution: list[float]
     prior: tuple[float, float] | None
-    rule: str
-    watch: FrictionWatch | None
+    prior_rule: str
+    friction_monitor: FrictionMonitor | None
     drift_shown: Array | None
-    wide: IdentifiedModel
-    passes: float
+    model_with_drift: IdentifiedModel
+    warnings: tuple[str, ...]
+    work_done: float
+
+    def load(self) -> LoadOrDrift | None:
+        """The load, weighed against friction drift; None where it was not looked for."""
+        return None if self.friction_monitor is None else self.friction_monitor.load()
+
+
+class EvidencePrior(NamedTuple):
+    """The prior that explains a log best.
+
+    Attributes:
+        sds: of force and moment, N and N m.
+        rule: by which it was found.
+        warnings: one sentence each.
+    """
+
+    sds: tuple[float, float]
+    rule: str
+    warnings: tuple[str, ...]
+
+
+class _PassOverLog(NamedTuple):
+    """What each pass over a log needs.
+
+    Attributes:
+        reader: of the log, at its begin.
+        config: of the estimate.
+        resolution: (n,) rad, of the encoders.
+        progress: of this pass.
+    """
+
+    reader: LogReader
+    robot: Robot
+    model: IdentifiedModel
+    config: EstimateConfig
+    resolution: list[float]
+    progress: PassProgress
+
+    def chunks(self) -> Iterator[Recording]:
+        """The log on its uniform grid."""
+        estimator_config = self.config.estimator
+        return uniform_chunks(
+            self.reader,
+            screen_of(self.robot, estimator_config),
+            estimator_config,
+            self.config.max_gap,
+            self.progress,
+        )
 
 
 def first_pass(
     read: Callable[[], LogReader],
     robot: Robot,
     model: IdentifiedModel,
-    settings: EstimateConfig,
+    config: EstimateConfig,
     progress: ProgressCallback,
-    warnings: list[str],
-) -> FirstPass:
-    """Asks a log what reading it takes; `read` opens it for one pass, `warnings` gets more."""
-    config = settings.estimator
-    resolution = config.position_resolution
-    if resolution is None:
-        step = position_resolution(next(iter(read().chunks())).q)
-        known = robot.position_resolution
-        resolution = np.where(np.isfinite(known), known, step).tolist()
-    prior, rule = None, "given"
-    stated = stated_prior(settings, robot)
-    if stated is None and settings.contact.axis:
-        stated, rule = live_prior(robot.payload), "live"  # no pass over the log
-    if stated is not None and not _has_prior(config):
-        prior = stated
-        if settings.prior == "live":
-            rule = "live"
-    passes, shown, error, wide = 0.0, None, model.torque_error, model
-    watch: FrictionWatch | None = None
+) -> FirstPassResult:
+    """Estimates encoder resolution, load, friction drift and the prior from the whole log.
+
+    Args:
+        read: opens the log for one pass.
+    """
+    resolution = _encoder_resolution(read, robot, config)
+    prior, prior_rule = _prior_without_log(config, robot)
+    is_open = prior is None and not _states_prior(config.estimator)
+    work_done = 0.0
+    monitor: FrictionMonitor | None = None
     # A joint's friction is that of several motors where joints are coupled.
-    if model.provenance.logs and not robot.is_coupled and not settings.track:
-        part = Part(progress, 0.0, 0.3, "looking at friction")
-        watch = friction_of(read(), robot, model, settings, resolution, prior, part)
-        passes = 0.3
-    if watch is not None and settings.drift is None and error is not None:
-        shown = watch.drifts()
-        if shown is not None:
-            wide = replace(model, torque_error=replace(error, drift_shown=shown))
-    if prior is None and not _has_prior(config):
-        part = Part(progress, passes, passes + 0.3, "finding the prior")
-        prior, rule = evident_prior(read(), robot, model, settings, resolution, part, warnings)
-        passes += 0.3
-    return FirstPass(resolution, prior, rule, watch, shown, wide, passes)
+    if model.provenance.logs and not robot.is_coupled and not config.track:
+        pass_progress = PassProgress(progress, 0.0, _PASS_WORK, "looking at friction")
+        log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
+        monitor = _monitor_friction(log_pass, prior)
+        work_done = _PASS_WORK
+    drift_shown, model_with_drift = _model_with_drift(model, monitor, config)
+    warnings: tuple[str, ...] = ()
+    if is_open:
+        end = work_done + _PASS_WORK
+        pass_progress = PassProgress(progress, work_done, end, "finding the prior")
+        log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
+        prior, prior_rule, warnings = _evidence_prior(log_pass)
+        work_done = end
+    return FirstPassResult(
+        resolution=resolution,
+        prior=prior,
+        prior_rule=prior_rule,
+        friction_monitor=monitor,
+        drift_shown=drift_shown,
+        model_with_drift=model_with_drift,
+        warnings=warnings,
+        work_done=work_done,
+    )
 
 
-def _has_prior(config: WrenchEstimatorConfig) -> bool:
+def _encoder_resolution(
+    read: Callable[[], LogReader], robot: Robot, config: EstimateConfig
+) -> list[float]:
+    """(n,) rad: the configuration's, else the robot's, else the smallest step of the log."""
+    if config.estimator.position_resolution is not None:
+        return config.estimator.position_resolution
+    log_step = position_resolution(next(iter(read().chunks())).q)
+    robot_step = robot.position_resolution
+    return list(np.where(np.isfinite(robot_step), robot_step, log_step).tolist())
+
+
+def _prior_without_log(
+    config: EstimateConfig, robot: Robot
+) -> tuple[tuple[float, float] | None, str]:
+    """The prior that is stated without a pass over the log, if any, and its rule."""
+    prior, rule = stated_prior(config, robot), "given"
+    if prior is None and config.contact.axis:
+        prior, rule = live_prior(robot.payload), "live"
+    if prior is None or _states_prior(config.estimator):
+        return None, rule
+    return prior, "live" if config.prior == "live" else rule
+
+
+def _states_prior(config: WrenchEstimatorConfig) -> bool:
     prior = config.reconstruction
     return prior.prior_force_sd is not None and prior.prior_moment_sd is not None
 
 
-def friction_of(
-    reader: LogReader,
-    robot: Robot,
-    model: IdentifiedModel,
-    settings: EstimateConfig,
-    resolution: list[float],
-    prior: tuple[float, float] | None,
-    part: Part,
-) -> FrictionWatch | None:
-    """What a log's contact-free stretches say of its friction, and of a load; None: no sample."""
-    watch: FrictionWatch | None = None
-    config = settings.estimator
-    chunks = uniform_chunks(reader, screen_of(robot, config), config, settings.max_gap, part)
-    for chunk in chunks:
-        if watch is None:
-            own = completed(_plain(config), chunk, resolution, prior)
-            engine = ContactEstimator(WrenchEstimator(robot, model, own), settings.detection)
-            observer = make_observer(own.observer, robot.num_joints)
-            begin = chunk.t[0] + observer.settling_time
-            step = own.observer.time_step
-            watch = FrictionWatch(model, model.chain(robot), observer.pole, step, robot)
-        batch, found = engine.run(chunk.q, chunk.v, chunk.current)
+def _model_with_drift(
+    model: IdentifiedModel, monitor: FrictionMonitor | None, config: EstimateConfig
+) -> tuple[Array | None, IdentifiedModel]:
+    """The drift (n,) that the log shows, or None, and the model with it in its torque error."""
+    error = model.torque_error
+    if monitor is None or config.drift is not None or error is None:
+        return None, model
+    drift_shown = monitor.drifts()
+    if drift_shown is None:
+        return None, model
+    return drift_shown, replace(model, torque_error=replace(error, drift_shown=drift_shown))
+
+
+def _monitor_friction(
+    log_pass: _PassOverLog, prior: tuple[float, float] | None
+) -> FrictionMonitor | None:
+    """Gathers friction and load from a log's contact-free stretches; None: it has no sample."""
+    monitor: FrictionMonitor | None = None
+    robot, model, config = log_pass.robot, log_pass.model, log_pass.config
+    for chunk in log_pass.chunks():
+        if monitor is None:
+            estimator_config = completed(
+                _with_torque_observer(config.estimator), chunk, log_pass.resolution, prior
+            )
+            estimator = WrenchEstimator(robot, model, estimator_config)
+            engine = ContactEstimator(estimator, config.detection)
+            observer = make_observer(estimator_config.observer, robot.num_joints)
+            settled_from = chunk.t[0] + observer.settling_time
+            step = estimator_config.observer.time_step
+            monitor = FrictionMonitor(model, model.chain(robot), observer.pole, step, robot)
+        batch, detection = engine.run(chunk.q, chunk.v, chunk.current)
         fault = fault_of(chunk, batch)
-        free = ~found.without(chunk.dropout | (fault != 0)).contact
-        known = there(chunk, fault, batch.tau_ext, int(np.searchsorted(chunk.t, begin)))
-        watch.add(chunk.t, chunk.q, chunk.v, batch.tau_ext, known, free)
-    return watch
+        is_free = ~detection.without(chunk.dropout | (fault != 0)).contact
+        settled = int(np.searchsorted(chunk.t, settled_from))
+        monitor.add(
+            chunk.t,
+            chunk.q,
+            chunk.v,
+            batch.tau_ext,
+            is_usable(chunk, fault, batch.tau_ext, settled),
+            is_free,
+        )
+    return monitor
 
 
-def evident_prior(
-    reader: LogReader,
-    robot: Robot,
-    model: IdentifiedModel,
-    settings: EstimateConfig,
-    resolution: list[float],
-    part: "Part",
-    warnings: list[str],
-) -> tuple[tuple[float, float], str]:
-    """Force sd (N) and moment sd (N m) that explain the log best, and the rule's name."""
+def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
+    """The prior that explains best some thousand samples of a log (`evidence_prior`)."""
     J, tau_ext = EvenSample(_PRIOR_SAMPLES), EvenSample(_PRIOR_SAMPLES)
     estimator: WrenchEstimator | None = None
-    config = settings.estimator
-    chunks = uniform_chunks(reader, screen_of(robot, config), config, settings.max_gap, part)
-    for chunk in chunks:
+    model, config = log_pass.model, log_pass.config.estimator
+    for chunk in log_pass.chunks():
         if estimator is None:
-            own = completed(_plain(config), chunk, resolution, None)
-            estimator = WrenchEstimator(robot, model, own)
+            estimator_config = completed(
+                _with_torque_observer(config), chunk, log_pass.resolution, None
+            )
+            estimator = WrenchEstimator(log_pass.robot, model, estimator_config)
             state = estimator.initial_state()
         batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
-        measured = ~chunk.dropout & (batch.fault == 0)
+        is_measured = ~chunk.dropout & (batch.fault == 0)
         sd = np.ones_like(batch.tau_ext) if model.torque_error is None else batch.torque_sd
-        J.add((batch.J / sd[:, None, :])[measured])
-        tau_ext.add((batch.tau_ext / sd)[measured])
+        J.add((batch.J / sd[:, None, :])[is_measured])
+        tau_ext.add((batch.tau_ext / sd)[is_measured])
     noise = model.residual_covariance
     if model.torque_error is not None:
         noise = model.torque_error.correlation
     force_sd, moment_sd = evidence_prior(J.values(), tau_ext.values(), noise)
-    prior = config.reconstruction
-    live_force, live_moment = live_prior(robot.payload)
-    if force_sd < FLOOR_SHARE * live_force and prior.prior_force_sd is None:
-        warnings.append(
-            f"the prior that explains the log best is {force_sd:.3g} N; "
-            f"{FLOOR_SHARE * live_force:.3g} N are taken, so that a short contact still reads"
+    stated = config.reconstruction
+    live_force, live_moment = live_prior(log_pass.robot.payload)
+    warnings: tuple[str, ...] = ()
+    if force_sd < FLOOR_SHARE * live_force and stated.prior_force_sd is None:
+        warnings = (
+            f"prior that explains the log best: force sd {force_sd:.3g} N; raised to "
+            f"{FLOOR_SHARE * live_force:.3g} N, so that a short contact still reads; --prior "
+            "states another",
         )
     force_sd = max(force_sd, FLOOR_SHARE * live_force)
     moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)
-    given = [
-        name
-        for name, value in (("force", prior.prior_force_sd), ("moment", prior.prior_moment_sd))
-        if value is not None
-    ]
-    rule = "evidence of the log" + (f", {given[0]} given" if given else "")
-    return (float(force_sd), float(moment_sd)), rule
+    rule = "evidence of the log"
+    if stated.prior_force_sd is not None:
+        rule += ", force given"
+    elif stated.prior_moment_sd is not None:
+        rule += ", moment given"
+    return EvidencePrior((float(force_sd), float(moment_sd)), rule, warnings)
 
 
-def _plain(config: WrenchEstimatorConfig) -> WrenchEstimatorConfig:
-    """The configuration with an observer that leaves friction, and all that a prior is asked of,
-    in tau_ext: one that reads the wrench itself does not."""
+def _with_torque_observer(config: WrenchEstimatorConfig) -> WrenchEstimatorConfig:
+    """The configuration with an observer of tau_ext.
+
+    An observer that reads the wrench itself leaves neither friction nor the prior's evidence in
+    tau_ext: the momentum observer takes its place.
+    """
     kind = kind_of(config.observer)
     if kind is None or kind.kernels.wrench is None:
         return config
-    own = config.observer
-    observer = MomentumObserverConfig(time_step=own.time_step, torque_samples=own.torque_samples)
-    return replace(config, observer=observer)
+    momentum_observer = MomentumObserverConfig(
+        time_step=config.observer.time_step, torque_samples=config.observer.torque_samples
+    )
+    return replace(config, observer=momentum_observer)

@@ -1,25 +1,33 @@
-"""What is kept of a log's readings, chunk by chunk: its table, its figures, what to doubt."""
+"""Readings of a log, chunk by chunk: judged, written to the table and summed up."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.analyses.methods.estimate.contact_episodes import ContactEpisodes
-from wrenchsight.analyses.methods.estimate.contact_places import judge_places, of_contacts
-from wrenchsight.analyses.methods.estimate.engines import Read
+from wrenchsight.analyses.methods.estimate.contact_places import (
+    ContactTorque,
+    judge_places,
+    torque_of_contacts,
+)
+from wrenchsight.analyses.methods.estimate.engines import LogPart
 from wrenchsight.analyses.methods.estimate.estimate_config import EstimateSettings
 from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
-from wrenchsight.analyses.methods.estimate.uniform_log import fault_of, there
+from wrenchsight.analyses.methods.estimate.uniform_log import fault_of, is_usable
 from wrenchsight.analyses.methods.reference_sensor.comparison import (
     SensorComparison,
     compare_with_sensor,
 )
 from wrenchsight.analyses.methods.reference_sensor.reference_config import REFERENCE
-from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLogCollector
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
+    BLOCK,
+    SensorLogCollector,
+    SensorSamples,
+)
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.calibration.gravity_disagreement import GravityWatch
-from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.pure_force import force_alone_explains
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
@@ -33,15 +41,26 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.observer_kinds import kind_of, make_observer
-from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot
 
-_SEEN_SAMPLES = 1 << 9  # of which it is told why they are not valid
+_UNSURE_SAMPLES = 1 << 9  # readings that are not valid, from which the warning finds the reason
+
+
+class ReadingDoubts(NamedTuple):
+    """What makes the readings of a log doubtful.
+
+    Attributes:
+        sentences: one each.
+        gravity: figures of gravity that disagrees with the robot's; None: it agrees.
+    """
+
+    sentences: list[str]
+    gravity: dict[str, Any] | None
 
 
 class LogReadings:
-    """Judges the parts of a log one after the other, and writes and sums them up.
+    """Judges the parts of a log one after the other, writes them and sums them up.
 
     Args:
         config: as used, with the time step.
@@ -65,93 +84,114 @@ class LogReadings:
         self.summary = EstimateSummary(model.joint_names, model.validity, observer.settling_time)
         self.episodes = ContactEpisodes(robot.num_joints)
         reference, step = settings.estimate.reference, config.observer.time_step
-        self._beside = SensorLogCollector(step) if reference.columns else None
+        self._sensor_log = SensorLogCollector(step) if reference.columns else None
         # An observer of the wrench leaves no torque that a wrench at E does not explain.
         kind = kind_of(config.observer)
-        leaves = kind is None or kind.kernels.wrench is None
-        self._judges_places = leaves and not settings.estimate.contact.axis
-        self._J, self._torque_sd = EvenSample(_SEEN_SAMPLES), EvenSample(_SEEN_SAMPLES)
+        leaves_torque = kind is None or kind.kernels.wrench is None
+        self._judges_places = leaves_torque and not settings.estimate.contact.axis
+        self._J, self._torque_sd = EvenSample(_UNSURE_SAMPLES), EvenSample(_UNSURE_SAMPLES)
         sd_joints = np.sqrt(np.diag(model.residual_covariance))
-        self._upright = GravityWatch(model.chain(robot), sd_joints, step)
+        self._gravity_watch = GravityWatch(model.chain(robot), sd_joints, step)
 
-    def take(self, part: Read, table: WrenchTableWriter, bag: WrenchBagWriter | None) -> None:
-        """Takes the next part and writes it."""
-        chunk, batch, found, tau_ext = part
-        if self._settings.model is None:  # nothing holds the stated band to the arm
-            batch = batch._replace(valid=np.zeros_like(batch.valid))
-        fault = fault_of(chunk, batch)
-        found = found.without(chunk.dropout | (fault != 0))
+    def take(self, part: LogPart, table: WrenchTableWriter, bag: WrenchBagWriter | None) -> None:
+        """Judges the next part, writes it and adds it to the summaries."""
+        fault = fault_of(part.chunk, part.batch)
+        part = part._replace(detection=part.detection.without(part.chunk.dropout | (fault != 0)))
+        if self._settings.model is None:  # no model holds the stated band to the arm
+            part = _invalidated(part, np.ones(part.chunk.num_samples, bool))
         odds: Array | None = None
         if self._judges_places:
-            found, odds, trusted = self._placed(Read(chunk, batch, found, tau_ext))
-            batch = batch._replace(valid=batch.valid & trusted)
-        sd, valid = batch.standard_deviation, self.summary.judge(chunk, batch, self._config)
+            part, odds = self._with_places(part)
+        valid = self.summary.judge(part.chunk, part.batch, self._config)
+        self._write(part, valid, fault, table, bag)
+        self._sum_up(part, valid, fault, odds)
+
+    def _with_places(self, part: LogPart) -> tuple[LogPart, Array]:
+        """The part with each contact at its place, and the odds (N, n + 1) of the places.
+
+        A reading that is no wrench at E is not valid.
+        """
+        chunk, batch, detection, tau_ext = part
+        error = self._model.torque_error
+        places = judge_places(
+            detection,
+            ContactTorque(
+                t=chunk.t,
+                J=batch.J,
+                tau=torque_of_contacts(detection.contact, chunk.t, tau_ext),
+                sd=batch.torque_sd,
+                correlation=None if error is None else error.correlation,
+            ),
+        )
+        may_be_valid = places.may_be_valid
+        if error is not None and self._config.reconstruction.method == "force_only":
+            may_be_valid &= force_alone_explains(
+                chunk.t, batch.J, tau_ext, batch.torque_sd, error.correlation
+            )
+        part = _invalidated(part, ~may_be_valid)
+        return part._replace(detection=places.detection), places.odds
+
+    def _write(
+        self,
+        part: LogPart,
+        valid: Flags,
+        fault: NDArray[np.int64],
+        table: WrenchTableWriter,
+        bag: WrenchBagWriter | None,
+    ) -> None:
+        chunk, batch, detection, _ = part
         table.write(
             chunk.t,
             batch.wrench,
-            sd,
+            batch.standard_deviation,
             batch.condition_number,
             valid,
             batch.tau_ext,
-            found.statistic,
-            {**found._asdict(), "fault": fault},
+            detection.statistic,
+            {**detection._asdict(), "fault": fault},
             batch.covariance,
         )
         if bag is not None:
             _, p_WE = self._robot.chain.pose(np.nan_to_num(chunk.q))
             bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
-        if isinstance(batch, EstimateBatch):  # a smoothed reading says neither
-            whole = np.isfinite(batch.J).all(axis=(1, 2)) & ~valid
-            self._J.add(batch.J[whole])
-            self._torque_sd.add(batch.torque_sd[whole])
-        self.episodes.add(chunk.t, found, batch.wrench[:, 3:], valid, odds)
-        settled = int(np.searchsorted(chunk.t, self._settled_from))
-        self._upright.add(chunk.q, tau_ext, there(chunk, fault, tau_ext, settled))
-        torque = np.asarray(self._robot.joint_torque(chunk.current))
-        self.summary.add(chunk, batch, sd, valid, torque, found.contact)
-        self.summary.add_faults(fault)
-        if self._beside is not None:
-            self._collect(self._beside, chunk, batch, sd, valid, settled)
 
-    def _placed(self, part: Read) -> tuple[Detection, Array, Flags]:
-        """Contact by where it is, the odds of that, and which readings it leaves (N,)."""
-        chunk, batch, found, tau_ext = part
-        alone, error = of_contacts(found.contact, chunk.t, tau_ext), self._model.torque_error
-        found, odds, trusted = judge_places(
-            found,
-            chunk.t,
-            batch.J,
-            alone,
-            batch.torque_sd,
-            None if error is None else error.correlation,
-        )
-        if error is not None and self._config.reconstruction.method == "force_only":
-            trusted &= force_alone_explains(
-                chunk.t, batch.J, tau_ext, batch.torque_sd, error.correlation
-            )
-        return found, odds, trusted
+    def _sum_up(
+        self, part: LogPart, valid: Flags, fault: NDArray[np.int64], odds: Array | None
+    ) -> None:
+        """Adds a part to the summaries."""
+        chunk, batch, detection, tau_ext = part
+        if isinstance(batch, EstimateBatch):  # a smoothed reading has neither J nor torque_sd
+            is_unsure = np.isfinite(batch.J).all(axis=(1, 2)) & ~valid
+            self._J.add(batch.J[is_unsure])
+            self._torque_sd.add(batch.torque_sd[is_unsure])
+        self.episodes.add(chunk.t, detection, batch.wrench[:, 3:], valid, odds)
+        settled = int(np.searchsorted(chunk.t, self._settled_from))
+        self._gravity_watch.add(chunk.q, tau_ext, is_usable(chunk, fault, tau_ext, settled))
+        torque = np.asarray(self._robot.joint_torque(chunk.current))
+        sd = batch.standard_deviation
+        self.summary.add(chunk, batch, sd, valid, torque, detection.contact)
+        self.summary.add_faults(fault)
+        if self._sensor_log is not None:
+            self._collect(self._sensor_log, part, valid, settled)
 
     def _collect(
-        self,
-        beside: SensorLogCollector,
-        chunk: Recording,
-        batch: EstimateBatch,
-        sd: Array,
-        valid: Flags,
-        settled: int,
+        self, sensor_log: SensorLogCollector, part: LogPart, valid: Flags, settled: int
     ) -> None:
-        """Hands over the samples from the one on at which the observer has settled."""
+        """Adds the samples from index `settled` on to the log beside the sensor."""
+        chunk, batch = part.chunk, part.batch
         R_WE, _ = self._robot.chain.pose(chunk.q)
-        signals = (
-            chunk.t,
-            batch.wrench[:, FORCE_FIRST],
-            sd[:, FORCE_FIRST],
-            np.asarray(valid, float),
-            R_WE,
-            chunk.v,
-            chunk.extra[REFERENCE],
+        rows = slice(settled, None)
+        sensor_log.add(
+            SensorSamples(
+                t=chunk.t[rows],
+                reading=batch.wrench[rows, FORCE_FIRST],
+                sd=batch.standard_deviation[rows, FORCE_FIRST],
+                valid=np.asarray(valid[rows], float),
+                R_WE=R_WE[rows],
+                v=chunk.v[rows],
+                sensor=chunk.extra[REFERENCE][rows],
+            )
         )
-        beside.add(*(signal[settled:] for signal in signals))
 
     def comparison(self) -> SensorComparison | None:
         """With the log's force sensor; None where none is named.
@@ -159,35 +199,43 @@ class LogReadings:
         Raises:
             InputError: the log is too short.
         """
-        if self._beside is None:
+        if self._sensor_log is None:
             return None
-        log = self._beside.log()
+        log = self._sensor_log.log()
         if log is None:
-            problem = "the log is too short to compare with"
-            raise InputError("estimate", "--reference", problem, "record a longer one")
+            problem = f"the log has no {BLOCK:g} s with readings to compare with"
+            raise InputError("estimate", "--reference", problem, "record a longer log")
         return compare_with_sensor(log, self._settings.estimate.reference)
 
-    def doubts(self, wide: IdentifiedModel) -> tuple[list[str], dict[str, Any] | None]:
-        """What makes the readings doubtful, one sentence each; gravity's figures if it disagrees.
+    def doubts(self, model_with_drift: IdentifiedModel) -> ReadingDoubts:
+        """Doubts about the readings.
 
         Args:
-            wide: the model whose band is stated.
+            model_with_drift: the model whose band is stated.
         """
-        sentences, settings = self.summary.warnings(), self._settings
+        sentences, config = self.summary.warnings(), self._settings.estimate
         # At a contact of known axis `valid` rests on the contact's own sd.
-        if (
-            self.summary.mostly_unsure
-            and settings.model is not None
-            and not settings.estimate.contact.axis
-        ):
-            if settings.estimate.smooth:
-                sentences.append("most readings are not valid: without --smooth it is told why")
+        rests_on_model = self._settings.model is not None and not config.contact.axis
+        if self.summary.mostly_unsure and rests_on_model:
+            valid_share = self.summary.num_valid / self.summary.count
+            if config.smooth:
+                sentences.append(
+                    f"{100 * valid_share:.2g} % of readings are valid; run without --smooth for "
+                    "the reason"
+                )
             else:
-                by = WrenchEstimator(self._robot, wide, self._config)
-                uncertain = UncertainForce.of(by, self._J.values(), self._torque_sd.values())
-                sentences.append(uncertain.sentence(self.summary.num_valid / self.summary.count))
-        tilt = self._upright.disagreement()
+                estimator = WrenchEstimator(self._robot, model_with_drift, self._config)
+                uncertain_force = UncertainForce.of(
+                    estimator, self._J.values(), self._torque_sd.values()
+                )
+                sentences.append(uncertain_force.sentence(valid_share))
+        tilt = self._gravity_watch.disagreement()
         if tilt is None:
-            return sentences, None
+            return ReadingDoubts(sentences, None)
         gravity = {"tilt_deg": math.degrees(tilt.tilt), "m_per_s2": list(tilt.gravity)}
-        return [*sentences, tilt.sentence()], gravity
+        return ReadingDoubts([*sentences, tilt.sentence()], gravity)
+
+
+def _invalidated(part: LogPart, rows: Flags) -> LogPart:
+    """The part, its readings in these rows (N,) not valid."""
+    return part._replace(batch=part.batch._replace(valid=part.batch.valid & ~rows))

@@ -1,7 +1,7 @@
 """A log on its uniform grid, chunk by chunk, and which of its samples count.
 
-Samples are checked against what the joints can do before the log is resampled: interpolation would
-spread one absurd sample over its neighbours, where it is no longer noticed.
+Samples are checked against the joints' limits before the log is resampled: interpolation would
+spread one impossible sample over its neighbours, where no check notices it.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -20,20 +20,26 @@ from wrenchsight.models.robot.robot import Robot
 
 ProgressCallback = Callable[[float, str], None]
 
-CHUNK_SAMPLES = 1 << 16  # samples that are worked on at a time
+CHUNK_SAMPLES = 1 << 16  # samples of one chunk
 FAULT = "sample fault"
 """Signal of `Recording.extra`: 1 where a sample is missing because it is impossible; resampled,
 above 0 wherever such a sample would have counted."""
 
 
-class Part:
-    """Progress of one pass within the whole."""
+class PassProgress:
+    """Progress of one pass over the log within the whole work.
 
-    def __init__(self, report: ProgressCallback, begin: float, end: float, what: str) -> None:
-        self._report, self._begin, self._end, self._what = report, begin, end, what
+    Args:
+        report: takes the share of the whole work, 0 to 1, and the title of the pass.
+        begin, end: shares of the whole work at which the pass begins and ends.
+        title: of the pass.
+    """
+
+    def __init__(self, report: ProgressCallback, begin: float, end: float, title: str) -> None:
+        self._report, self._begin, self._end, self._title = report, begin, end, title
 
     def __call__(self, fraction: float) -> None:
-        self._report(self._begin + fraction * (self._end - self._begin), self._what)
+        self._report(self._begin + fraction * (self._end - self._begin), self._title)
 
 
 class SampleScreen:
@@ -46,42 +52,46 @@ class SampleScreen:
     def __init__(self, robot: Robot) -> None:
         self._check = SampleCheck(robot, jitter=True)
         self._state = self._check.initial_state()
-        self._last: float | None = None
-        self._count = 0
-        self._first = ""
+        self._last_t: float | None = None
+        self._num_impossible = 0
+        self._first_place = ""
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What was left out, in one sentence; none where nothing was."""
-        if not self._count:
+        """How many samples were left out, in one sentence; none where all count."""
+        if not self._num_impossible:
             return ()
-        samples = "1 sample is" if self._count == 1 else f"{self._count} samples are"
+        samples = "1 sample" if self._num_impossible == 1 else f"{self._num_impossible} samples"
         return (
-            f"{samples} beyond what the joints can do and left out as missing (the first in "
-            f"{self._first})",
+            f"{samples} beyond the joints' limits, taken as missing (first: {self._first_place}); "
+            "check the log there",
         )
 
     def screened(self, chunks: Iterable[Recording]) -> Iterator[Recording]:
         """Yields the same chunks without their impossible samples."""
         for chunk in chunks:
-            before = chunk.t[0] if self._last is None else self._last
-            period = np.diff(chunk.t, prepend=before)
-            self._last = float(chunk.t[-1])
+            previous_t = chunk.t[0] if self._last_t is None else self._last_t
+            period = np.diff(chunk.t, prepend=previous_t)
+            self._last_t = float(chunk.t[-1])
             # Time that stands still or runs backwards is refused later, with its line.
             (q, v, current), codes = self._check.run(
                 self._state, chunk.q, chunk.v, chunk.current, np.maximum(period, 1e-9)
             )
-            wrong = _lost(chunk.q, q) | _lost(chunk.v, v) | _lost(chunk.current, current)
-            if wrong.any() and not self._count:
-                self._first = place_of(chunk, int(np.argmax(wrong)))
-            self._count += int(wrong.sum())
-            fault = np.where(wrong, np.where(codes & BEYOND, 1.0, LESS), 0.0)
+            is_impossible = (
+                _is_removed(chunk.q, q)
+                | _is_removed(chunk.v, v)
+                | _is_removed(chunk.current, current)
+            )
+            if is_impossible.any() and not self._num_impossible:
+                self._first_place = place_of(chunk, int(np.argmax(is_impossible)))
+            self._num_impossible += int(is_impossible.sum())
+            fault = np.where(is_impossible, np.where(codes & BEYOND, 1.0, LESS), 0.0)
             yield replace(
                 chunk,
                 q=q,
                 v=v,
                 current=current,
-                dropout=chunk.dropout | wrong,
+                dropout=chunk.dropout | is_impossible,
                 extra={**chunk.extra, FAULT: fault},
             )
 
@@ -91,18 +101,24 @@ def uniform_chunks(
     screen: SampleScreen | None,
     config: WrenchEstimatorConfig,
     max_gap: float,
-    part: "Part",
+    progress: PassProgress,
 ) -> Iterator[Recording]:
-    """The log on its uniform grid, some ten thousand samples at a time."""
+    """The log on its uniform grid, at most CHUNK_SAMPLES at a time.
+
+    Args:
+        screen: of impossible samples; None: samples are not checked.
+        max_gap: s, longest gap that is bridged; 0: the default.
+    """
     step = config.observer.time_step or None
     chunks = reader.chunks() if screen is None else screen.screened(reader.chunks())
     for chunk in resample_chunks(chunks, step, max_gap or None):
         for begin in range(0, chunk.num_samples, CHUNK_SAMPLES):
             yield chunk[begin : begin + CHUNK_SAMPLES]
-        part(reader.progress)
+        progress(reader.progress)
 
 
 def screen_of(robot: Robot, config: WrenchEstimatorConfig) -> SampleScreen | None:
+    """The check of samples that the configuration requests, if any."""
     return SampleScreen(robot) if config.check_samples else None
 
 
@@ -112,12 +128,12 @@ def completed(
     resolution: list[float],
     prior: tuple[float, float] | None,
 ) -> WrenchEstimatorConfig:
-    """The configuration with what the log says where it says nothing itself.
+    """The configuration with the values that it leaves to the log.
 
     Args:
-        chunk: of the log, on its grid: whence the time step.
+        chunk: of the log, on its grid, which gives the time step.
         resolution: (n,) rad, of the encoders.
-        prior: sds of force and moment, N and N m; None: left open.
+        prior: sds of force and moment, N and N m; None: the configuration states it.
     """
     observer, reconstruction = config.observer, config.reconstruction
     if not observer.time_step:
@@ -133,32 +149,34 @@ def completed(
 
 
 def fault_of(chunk: Recording, batch: EstimateBatch) -> NDArray[np.int64]:
-    """(N,) as `EstimateBatch.fault`, with what was found before the log was resampled."""
-    found = chunk.extra.get(FAULT)
-    if found is None:
+    """(N,) as `EstimateBatch.fault`, with the faults from before the log was resampled."""
+    log_fault = chunk.extra.get(FAULT)
+    if log_fault is None:
         return batch.fault
     # An interpolated sample beside a missing one is missing, too.
-    return np.asarray(batch.fault | np.where(found == 0.0, 0, BEYOND))
+    return np.asarray(batch.fault | np.where(log_fault == 0.0, 0, BEYOND))
 
 
 def marked_current(chunk: Recording) -> Array:
-    """(N, n) A, inf in samples that were found BEYOND before the log was resampled."""
-    found = chunk.extra.get(FAULT)
-    if found is None:
+    """(N, n) A, inf in samples that were BEYOND before the log was resampled."""
+    log_fault = chunk.extra.get(FAULT)
+    if log_fault is None:
         return chunk.current
-    return np.asarray(np.where(found[:, None] > LESS, np.inf, chunk.current))
+    return np.asarray(np.where(log_fault[:, None] > LESS, np.inf, chunk.current))
 
 
-def measured(chunk: Recording, batch: EstimateBatch) -> Flags:
+def is_measured(chunk: Recording, batch: EstimateBatch) -> Flags:
+    """(N,) samples that are neither missing nor faulty."""
     return np.asarray(~chunk.dropout & (fault_of(chunk, batch) == 0))
 
 
-def there(chunk: Recording, fault: NDArray[np.int64], tau_ext: Array, settled: int) -> Flags:
-    """(N,) samples that were measured and, from index `settled` on, are read."""
-    there = ~chunk.dropout & (fault == 0) & (np.arange(chunk.num_samples) >= settled)
-    return np.asarray(there & np.isfinite(chunk.q + chunk.v + tau_ext).all(axis=1))
+def is_usable(chunk: Recording, fault: NDArray[np.int64], tau_ext: Array, settled: int) -> Flags:
+    """(N,) samples that were measured and, from index `settled` on, have a reading."""
+    is_settled = np.arange(chunk.num_samples) >= settled
+    is_finite = np.isfinite(chunk.q + chunk.v + tau_ext).all(axis=1)
+    return np.asarray(~chunk.dropout & (fault == 0) & is_settled & is_finite)
 
 
-def _lost(before: Array, after: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """(N,) which samples lack a number that they had."""
-    return np.asarray((np.isnan(after) & ~np.isnan(before)).any(axis=1))
+def _is_removed(logged: Array, checked: Array) -> Flags:
+    """(N,) samples that lack a number after the check."""
+    return np.asarray((np.isnan(checked) & ~np.isnan(logged)).any(axis=1))

@@ -1,5 +1,5 @@
 """Wrenches from the controller's external torque: logs in, wrenches and contacts out.
 
-Order: torque_log (one log), force_readings (wrenches by several methods), torque_touches (contacts
-and links), rows_beside_sensor, torque_logs (the command `estimate` on such logs).
+Order of the files: torque_log (one log), torque_touches (contacts and their places),
+rows_beside_sensor and force_readings (errors against a sensor), torque_logs (the whole command).
 """

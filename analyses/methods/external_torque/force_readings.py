@@ -1,8 +1,7 @@
-"""Forces read from external joint torque, and how far they are from a sensor, log by log.
+"""Forces read from external joint torque, and their errors against a sensor, log by log.
 
-What a reading needs beside the torque comes from the torques, by a rule: the prior's sds and the
-torque noise (one sd for all joints, where nothing tells them apart) are those of greatest evidence
-over all logs together (`wrenchsight.models.estimation.evidence_prior`). A sensor only judges.
+The prior's sds and the torque noise (one sd for all joints) are those of greatest evidence over all
+logs together (`wrenchsight.models.estimation.evidence_prior`). The sensor judges only.
 """
 
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What an estimate presupposes."""
+    """Prior and torque noise of an estimate."""
 
     force_sd: float  # N, prior
     moment_sd: float  # N m, prior
@@ -29,8 +28,8 @@ class Knowledge:
 class LogReading:
     """One log, read by one method, beside a sensor."""
 
-    force: Array  # (N, 3) N, in the axes in which it is judged
-    covariance: Array  # (N, 3, 3) of it
+    force: Array  # (N, 3) N, in the axes of the comparison
+    covariance: Array  # (N, 3, 3) N^2, of the force
     condition_number: Array  # (N,)
     error: Array  # (N, 3) N, estimate minus sensor
     loaded: Flags  # (N,) the rows that are judged
@@ -39,6 +38,17 @@ class LogReading:
     def rmse(self) -> float:
         """RMS length of the error over the loaded rows, N."""
         return float(np.sqrt(np.mean(np.sum(self.error[self.loaded] ** 2, axis=1))))
+
+    @property
+    def axis_rmse(self) -> list[float]:
+        """RMS error over the loaded rows along x, y and z, N."""
+        return [rms(self.error[self.loaded, axis]) for axis in range(3)]
+
+    @property
+    def axis_sd(self) -> list[float]:
+        """Stated sd over the loaded rows along x, y and z, N."""
+        covariance = self.covariance[self.loaded]
+        return [float(np.sqrt(np.mean(covariance[:, axis, axis]))) for axis in range(3)]
 
     @property
     def stated_sd(self) -> Array:
@@ -53,7 +63,7 @@ class MethodReading:
     logs: tuple[LogReading, ...]
 
     def of_one(self) -> dict[str, float]:
-        """The errors of a single log: RMSE (N), stated sd (N), their ratio, and its direction."""
+        """Errors of a single log: RMSE (N), stated sd (N), ratio, and direction."""
         (log,) = self.logs
         return {
             "rmse_n": log.rmse,
@@ -63,19 +73,12 @@ class MethodReading:
         }
 
     def metrics(self) -> dict[str, Any]:
-        """RMSE, and how the stated sd and the condition number rank the errors."""
+        """RMSE, and rank correlations of the errors with stated sd and condition number."""
         rmse = np.array([log.rmse for log in self.logs])
         sd = np.array([rms(log.stated_sd[log.loaded]) for log in self.logs])
         condition = np.array([np.mean(log.condition_number[log.loaded]) for log in self.logs])
-        axis_error = np.array(
-            [[rms(log.error[log.loaded, i]) for i in range(3)] for log in self.logs]
-        )
-        axis_sd = np.array(
-            [
-                [np.sqrt(np.mean(log.covariance[log.loaded, i, i])) for i in range(3)]
-                for log in self.logs
-            ]
-        )
+        axis_error = np.array([log.axis_rmse for log in self.logs])
+        axis_sd = np.array([log.axis_sd for log in self.logs])
         error_of_row = np.concatenate(
             [np.linalg.norm(log.error[log.loaded], axis=1) for log in self.logs]
         )
@@ -107,16 +110,17 @@ class MethodReading:
 
 
 def knowledge_by_evidence(J: Array, tau_ext: Array, torque_sd: Array | None = None) -> Knowledge:
-    """The rule: prior and torque noise (alike in all joints) of greatest evidence.
+    """Prior and torque noise (alike in all joints) of greatest evidence.
 
     Args:
         J: (N, 6, n) rows [angular; linear].
         tau_ext: (N, n) N m.
-        torque_sd: (n,) N m, of the torque's error where it is known.
+        torque_sd: (n,) N m, of the torque's error; None: it is estimated.
     """
     if torque_sd is not None:
         covariance = np.diag(torque_sd**2)
-        return Knowledge(*evidence_prior(J, tau_ext, covariance), covariance)
+        force_sd, moment_sd = evidence_prior(J, tau_ext, covariance)
+        return Knowledge(force_sd, moment_sd, covariance)
     n = tau_ext.shape[1]
     force_sd, moment_sd, sd = evidence_prior_and_noise(J, tau_ext, np.eye(n))
     return Knowledge(force_sd, moment_sd, sd**2 * np.eye(n))

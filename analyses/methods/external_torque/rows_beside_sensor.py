@@ -1,4 +1,4 @@
-"""Rows of a log beside its force sensor, as they stand: no averages."""
+"""Rows of a log beside its force sensor, without averages."""
 
 import numpy as np
 
@@ -13,10 +13,10 @@ _FORCE_COLUMNS = 3
 
 
 class RowsBesideSensor:
-    """Gathers them from a stream, at most `capacity`, evenly spread.
+    """Gathers rows from a stream, at most `capacity`, evenly spread.
 
     Attributes:
-        reading: once compared with the sensor; None before, and for a single force.
+        reading: set by `hold_against`; None for a sensor of a single force.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -25,7 +25,14 @@ class RowsBesideSensor:
         self.reading: LogReading | None = None
 
     def add(self, t: Array, batch: WrenchEstimate, R_WE: Array, sensor: Array) -> None:
-        """Takes the next rows: s, what is read, axes of the tool, the sensor as logged."""
+        """Takes the next rows.
+
+        Args:
+            t: (N,) s.
+            batch: their wrenches.
+            R_WE: (N, 3, 3) axes of the tool.
+            sensor: (N, k) as logged.
+        """
         size = len(t)
         covariance = batch.covariance[:, 3:, 3:].reshape(size, 9)
         parts = [t[:, None], batch.wrench[:, 3:], covariance, R_WE.reshape(size, 9), sensor]
@@ -39,12 +46,12 @@ class RowsBesideSensor:
         if sensor.shape[1] < _FORCE_COLUMNS:
             return
         truth = mounting.on_robot(t[:, 0], sensor, R_WE.reshape(-1, 3, 3))[:, :3]
-        known = np.asarray(np.isfinite(truth).all(axis=1))
-        truth = np.where(known[:, None], truth, 0.0)
+        is_sensed = np.asarray(np.isfinite(truth).all(axis=1))
+        truth = np.where(is_sensed[:, None], truth, 0.0)
         self.reading = LogReading(
             force=estimate,
             covariance=covariance.reshape(-1, 3, 3),
             condition_number=self._condition.values(),
             error=estimate - truth,
-            loaded=np.asarray(known & (np.linalg.norm(truth, axis=1) > force)),
+            loaded=np.asarray(is_sensed & (np.linalg.norm(truth, axis=1) > force)),
         )

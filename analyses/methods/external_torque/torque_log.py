@@ -1,4 +1,4 @@
-"""A log of external joint torque on disk: what it holds, and its Jacobians."""
+"""A log of external joint torque on disk: its torques and Jacobians."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +21,7 @@ from wrenchsight.models.recordings.recording_reader import RecordingReader
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
 
-_CHUNK = 1 << 15  # rows that are worked on at a time
+_CHUNK = 1 << 15  # rows of one chunk
 
 
 def is_torque_log(log: Path, log_format: str | Path | None, torque: str) -> bool:
@@ -48,7 +48,8 @@ class TorqueLog:
     Args:
         path, log_format, robot, check: as `RecordingReader`; the robot may be None.
         reference: a sensor among the log's columns.
-        sign: on which the torque is exerted, robot or environment; found: as its description says.
+        sign: body that the torque is exerted on, robot or environment; found: as its description
+            states.
 
     Raises:
         InputError: as `RecordingReader`; no external torque, or neither a Jacobian nor a robot
@@ -66,7 +67,7 @@ class TorqueLog:
     ) -> None:
         self.path = path
         self._log_format, self._robot, self._check = log_format, robot, check
-        self._further = reference_columns(reference)
+        self._sensor_columns = reference_columns(reference)
         reader = self.reader()
         torque = reader.layout.signal(TAU_EXT)
         self.is_sensed = torque is None
@@ -90,14 +91,14 @@ class TorqueLog:
             problem = "holds no Jacobian"
             remedy = "add its positions, and name the robot with --robot"
             if reader.layout.signal("q") is not None:
-                problem += ", and no robot is named whose Jacobian its positions would give"
+                problem += ", and no robot is named that would give it from the positions"
                 remedy = "name the robot with --robot"
             raise InputError(path, "", problem, f"{remedy}, or log J: see the documentation")
 
     def reader(self) -> RecordingReader:
         """Opens the log for one pass."""
         return RecordingReader(
-            self.path, self._log_format, self._robot, self._check, self._further, "estimate"
+            self.path, self._log_format, self._robot, self._check, self._sensor_columns, "estimate"
         )
 
     def chunks(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
@@ -116,8 +117,10 @@ class TorqueLog:
                 yield chunk, J, self._factor * chunk.extra[TAU_EXT]
 
     def _sensed(self, reader: RecordingReader) -> Iterator[tuple[Recording, Array, Array]]:
-        """As `chunks`, on a uniform grid: what the sensors read less what the robot's files say
-        that its links need, through the momentum observer.
+        """As `chunks`, on a uniform grid, from torque sensors.
+
+        The momentum observer reads tau_ext: the sensors' torque less the one that the links need by
+        the robot's files.
         """
         robot = self._robot
         assert robot is not None
@@ -133,8 +136,8 @@ class TorqueLog:
             for begin in range(0, whole.num_samples, _CHUNK):
                 chunk = whole[begin : begin + _CHUNK]
                 batch = estimator.run(state, chunk.q, chunk.v, chunk.current)
-                known = batch.fresh & (chunk.t >= settled)
-                tau_ext = np.where(known[:, None], self._factor * batch.tau_ext, np.nan)
+                is_read = batch.fresh & (chunk.t >= settled)
+                tau_ext = np.where(is_read[:, None], self._factor * batch.tau_ext, np.nan)
                 yield chunk, batch.J, tau_ext
 
     def axes(self, chunk: Recording) -> Array:

@@ -1,11 +1,13 @@
-"""What force acts at the tool of an arm that reports its external torque itself?
+"""The command `estimate` for logs of the controller's external torque.
 
-Some arms (Franka's, KUKA's) measure torque on the output side of their gears and report it less
-that of their own model: tau_ext. With the Jacobian, logged or of a robot and its positions,
-that is all a wrench needs: no model, friction law or observer of ours has a part in it, and its
-error and lag are the arm's. Every row is read as it stands.
+Some arms (Franka's, KUKA's) measure torque on the output side of their gears and report it less the
+torque of their own model: tau_ext. A wrench needs only tau_ext and the Jacobian, logged or of a
+robot and its positions. No model, friction law or observer of this package has a part in it; its
+error and lag are the controller's.
 
-The prior and the torque's sd come from the torques of all logs together, unless they are given
+    logs -> prior and torque sd -> wrenches, contacts -> comparison with a sensor -> files
+
+The prior and the torque's sd come from the torques of all logs together, unless they are stated
 (`force_readings`). Logs stream: memory does not grow with their length.
 """
 
@@ -28,6 +30,7 @@ from wrenchsight.analyses.methods.estimate.estimate_config import (
 from wrenchsight.analyses.methods.estimate.estimate_summary import EstimateSummary
 from wrenchsight.analyses.methods.external_torque.force_readings import (
     Knowledge,
+    LogReading,
     MethodReading,
     knowledge_by_evidence,
 )
@@ -43,15 +46,26 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import (
     REFERENCE,
     ReferenceConfig,
 )
-from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLogCollector, joined_logs
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
+    BLOCK,
+    SensorLog,
+    SensorLogCollector,
+    SensorSamples,
+    joined_logs,
+)
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
-from wrenchsight.models.estimation.wrench import WrenchReconstruction, live_prior
+from wrenchsight.models.estimation.wrench import (
+    WrenchReconstruction,
+    WrenchReconstructionConfig,
+    live_prior,
+)
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
 from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import Validity
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.layouts.external_torque import TAU_EXT
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import plausible_step
@@ -61,17 +75,17 @@ from wrenchsight.models.robot.robot import Robot
 ProgressCallback = Callable[[float, str], None]
 
 _WRENCH_NUMBERS = 6
-_ROWS = 1 << 16  # rows of all logs that the evidence, and of a log that the comparison looks at
+_ROWS = 1 << 16  # of all logs for the evidence, and of each log for the comparison
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueLogResult:
-    """One log, read.
+    """Result of one log.
 
     Attributes:
         name: of the log; its table is wrench.csv, or wrench_<name>.csv where there are several.
         num_samples: rows.
-        valid_share: of the rows that may be trusted.
+        valid_share: share of the rows that may be trusted.
         table: of the wrenches.
         metrics: as written to metrics.json.
         comparison: with the log's force sensor, where one is named.
@@ -89,7 +103,7 @@ class TorqueLogResult:
 
 @dataclass(frozen=True, eq=False)
 class TorqueLogsResult:
-    """What was read of all logs.
+    """Result of all logs.
 
     Attributes:
         logs: each.
@@ -126,15 +140,15 @@ def estimate_torque_logs(
 
     Args:
         logs: with the signals `tau_ext` and, unless there is a robot, `jacobian`
-            (`models.recordings.layouts.external_torque`). What all have in common, prior, torque
-            noise and how a sensor is mounted, is found from all together.
+            (`models.recordings.layouts.external_torque`). Prior, torque noise and the sensor's
+            mounting are found from all logs together.
         robot_name: whose Jacobian is taken where a log holds none, and whose payload the prior
             rests on; None: the logs hold the Jacobian.
         log_format: description of the logs' columns.
 
     Raises:
         InputError: as `Robot.load`, `RecordingReader` and `result_folder`; a setting that makes no
-            sense, or has no part in this.
+            sense, or is not used here.
     """
     config = config or EstimateConfig()
     with result_folder(out, "estimate") as folder:
@@ -159,20 +173,25 @@ def estimate_torque_logs(
 
 def _checked(config: EstimateConfig, robot: Robot | None) -> EstimateConfig:
     checked_config(config, robot)
-    plain = EstimateConfig()
-    idle = [
+    """Returns the configuration.
+
+    Raises:
+        InputError: a setting that makes no sense, or is not used here.
+    """
+    defaults = EstimateConfig()
+    unused = [
         option
         for option, entry, default in (
-            ("--smooth", config.smooth, plain.smooth),
-            ("--max-gap", config.max_gap, plain.max_gap),
-            ("--observer", config.estimator.observer, plain.estimator.observer),
-            ("--false-alarms-per-hour", config.detection, plain.detection),
+            ("--smooth", config.smooth, defaults.smooth),
+            ("--max-gap", config.max_gap, defaults.max_gap),
+            ("--observer", config.estimator.observer, defaults.estimator.observer),
+            ("--false-alarms-per-hour", config.detection, defaults.detection),
         )
         if entry != default
     ]
-    if idle:
-        problem = "is not used with the external torque that the arm reports"
-        raise InputError("estimate", ", ".join(idle), problem, "leave it out")
+    if unused:
+        problem = "is not used with the controller's external torque"
+        raise InputError("estimate", ", ".join(unused), problem, "leave it out")
     return config
 
 
@@ -189,65 +208,96 @@ def _estimate(
             problem = f"holds the torque of {log.num_joints} joints, {logs[0].path.name} of {n}"
             raise InputError(log.path, TAU_EXT, problem, "read logs of one arm together")
     progress(0.0, "prior and torque noise")
-    warnings: list[str] = []
-    config, knowledge, rule = _known(logs, robot, settings.estimate, warnings)
-    entry = config.estimator.reconstruction
+    prior = _prior_and_noise(logs, robot, settings.estimate)
+    config = prior.config
+    reconstruction = config.estimator.reconstruction
     if robot is not None:  # `valid` rests on the rated payload, else on the reading's own prior
-        entry = entry.with_live(*live_prior(robot.payload))
-    reading = WrenchReconstruction(entry, knowledge.torque_covariance)
+        reconstruction = reconstruction.with_live(*live_prior(robot.payload))
+    reading = WrenchReconstruction(reconstruction, prior.knowledge.torque_covariance)
     runs = []
     for k, (log, name) in enumerate(zip(logs, _names(logs), strict=True)):
         progress(0.3 + 0.6 * k / len(logs), f"reading {name}")
-        runs.append(_Run(log, name, "" if len(logs) == 1 else f"_{name}", config))
-        _read(log, runs[-1], reading, robot, out)
-    results, notices = _compared(runs, config.reference, out)
-    for run in runs:
-        warnings += [sentence for sentence in run.summary.warnings() if sentence not in warnings]
-        warnings += run.doubts
+        run = _Run(log, name, "" if len(logs) == 1 else f"_{name}", config)
+        _read(log, run, reading, robot, out)
+        runs.append(run)
+    results, mounting_notices = _compared(runs, config.reference, out)
+    against_sensor = _against_sensor(runs, results, config.reference)
+    metrics = _metrics(prior, results, against_sensor, config.reference)
+    out.write_settings("config.yaml", replace(settings, estimate=config))
+    out.write_json("metrics.json", metrics)
+    progress(1.0, "done")
+    return TorqueLogsResult(
+        logs=tuple(results),
+        config=config,
+        against_sensor=against_sensor,
+        notices=(*_notices(logs, runs), *mounting_notices),
+        warnings=tuple(_warnings(prior, runs, config.reference)),
+        _metrics=metrics,
+    )
+
+
+def _against_sensor(
+    runs: Sequence["_Run"], results: Sequence[TorqueLogResult], reference: ReferenceConfig
+) -> MethodReading | None:
+    """All logs row by row beside their sensors, also into the metrics of each log's result.
+
+    None where the sensor of some log is absent, or never reads a contact.
+    """
+    readings = [run.loaded_rows() for run in runs]
+    loaded = [reading for reading in readings if reading is not None]
+    if not loaded or len(loaded) != len(runs):
+        return None
+    for result, reading in zip(results, loaded, strict=True):
+        result.metrics["reference"]["rows"] = {
+            "sensor_above_n": reference.contact_force,
+            "count": int(reading.loaded.sum()),
+            **MethodReading((reading,)).of_one(),
+        }
+    return MethodReading(tuple(loaded))
+
+
+def _metrics(
+    prior: "_PriorAndNoise",
+    results: Sequence[TorqueLogResult],
+    against_sensor: MethodReading | None,
+    reference: ReferenceConfig,
+) -> dict[str, Any]:
+    """All figures, as written to metrics.json."""
+    knowledge = prior.knowledge
     common = {
         "prior": {
             "force_sd_n": knowledge.force_sd,
             "moment_sd_nm": knowledge.moment_sd,
-            "rule": rule,
+            "rule": prior.rule,
         },
         "torque_sd_nm": np.sqrt(np.diag(knowledge.torque_covariance)),
     }
-    against = [run.rows.reading for run in runs if run.rows is not None]
-    report = [one for one in against if one is not None and one.loaded.any()]
-    together = None
-    if report and len(report) == len(runs):
-        together = MethodReading(tuple(report))
-        for result, one in zip(results, together.logs, strict=True):
-            result.metrics["reference"]["rows"] = {
-                "sensor_above_n": config.reference.contact_force,
-                "count": int(one.loaded.sum()),
-                **MethodReading((one,)).of_one(),
-            }
     if len(results) == 1:
-        metrics = {**results[0].metrics, **common}
-    else:
-        metrics = {**common, "logs": {result.name: result.metrics for result in results}}
-        if together is not None:
-            metrics["reference"] = {
-                "sensor_above_n": config.reference.contact_force,
-                **together.metrics(),
-            }
-    out.write_settings("config.yaml", replace(settings, estimate=config))
-    out.write_json("metrics.json", metrics)
-    progress(1.0, "done")
-    if against and not report:
+        return {**results[0].metrics, **common}
+    metrics = {**common, "logs": {result.name: result.metrics for result in results}}
+    if against_sensor is not None:
+        metrics["reference"] = {
+            "sensor_above_n": reference.contact_force,
+            **against_sensor.metrics(),
+        }
+    return metrics
+
+
+def _warnings(
+    prior: "_PriorAndNoise", runs: Sequence["_Run"], reference: ReferenceConfig
+) -> list[str]:
+    """What makes the result doubtful, one sentence each."""
+    warnings = list(prior.warnings)
+    for run in runs:
+        warnings += [sentence for sentence in run.summary.warnings() if sentence not in warnings]
+        warnings += run.warnings
+    has_sensor = any(run.rows is not None for run in runs)
+    if has_sensor and not any(run.loaded_rows() is not None for run in runs):
         warnings.append(
-            f"the sensor never reads more than {config.reference.contact_force:g} N, above which "
-            "there is contact: lower it with --reference-contact"
+            f"the sensor never reads more than {reference.contact_force:g} N, the threshold of "
+            "contact; lower it with --reference-contact"
         )
-    return TorqueLogsResult(
-        logs=tuple(results),
-        config=config,
-        against_sensor=together,
-        notices=(*_notices(logs, runs), *notices),
-        warnings=tuple(warnings),
-        _metrics=metrics,
-    )
+    return warnings
 
 
 def _names(logs: Sequence[TorqueLog]) -> list[str]:
@@ -264,64 +314,105 @@ def _names(logs: Sequence[TorqueLog]) -> list[str]:
 
 
 def _notices(logs: Sequence[TorqueLog], runs: Sequence["_Run"]) -> list[str]:
-    report = [sentence for run in runs for sentence in run.notices]
-    report.append(
-        "read from the arm's own external torque: no model, friction law or observer has a part "
-        "in it; its error and its lag are the arm's"
+    """What reading the logs involved, one sentence each."""
+    notices = [sentence for run in runs for sentence in run.notices]
+    notices.append(
+        "read from the controller's external torque, without a model, friction law or observer: "
+        "its error and lag are the controller's"
     )
     if all(log.has_jacobian for log in logs):
-        report.append("the wrench is at the point and in the axes of the log's Jacobian")
-    return list(dict.fromkeys(report))
+        notices.append("the wrench is at the point and in the axes of the log's Jacobian")
+    return list(dict.fromkeys(notices))
 
 
-def _known(
-    logs: Sequence[TorqueLog], robot: Robot | None, config: EstimateConfig, warnings: list[str]
-) -> tuple[EstimateConfig, Knowledge, str]:
-    """The configuration with prior and torque sd, these as `Knowledge`, and the prior's rule."""
+@dataclass(frozen=True, eq=False)
+class _PriorAndNoise:
+    """Prior and torque noise of all logs.
+
+    Attributes:
+        config: with both filled in.
+        knowledge: both.
+        rule: of the prior.
+        warnings: one sentence each.
+    """
+
+    config: EstimateConfig
+    knowledge: Knowledge
+    rule: str
+    warnings: tuple[str, ...]
+
+
+def _prior_and_noise(
+    logs: Sequence[TorqueLog], robot: Robot | None, config: EstimateConfig
+) -> _PriorAndNoise:
+    """Prior and torque noise, as stated or as the torques of all logs show them.
+
+    Raises:
+        InputError: sds of the torque that are neither one nor one each joint.
+    """
     n = logs[0].num_joints
-    entry, rule = config.estimator.reconstruction, "given"
     sd = np.array(config.torque_sd)
     if sd.size not in (0, 1, n):
         problem = f"has {sd.size} numbers, expected 1 or {n}"
         raise InputError("estimate", "--torque-sd", problem, "give one for all joints or one each")
+    reconstruction, rule = config.estimator.reconstruction, "given"
     stated = stated_prior(config, robot)
-    if stated is not None and None in (entry.prior_force_sd, entry.prior_moment_sd):
-        entry = entry.with_prior(*stated)
+    if stated is not None and not _states_prior(reconstruction):
+        reconstruction = reconstruction.with_prior(*stated)
         rule = config.prior if config.prior in PRIORS else "given"
+    warnings: tuple[str, ...] = ()
     if not sd.size and n <= _WRENCH_NUMBERS:
-        warnings.append(
-            f"a wrench explains any torque of {n} joints: the torque's error shows by the changes "
-            "of posture alone; give --torque-sd"
+        warnings = (
+            f"a wrench explains any torque of {n} joints: only changes of posture show the "
+            "torque's error; state it with --torque-sd",
         )
-    if not sd.size or None in (entry.prior_force_sd, entry.prior_moment_sd):
-        J, tau_ext = EvenSample(_ROWS), EvenSample(_ROWS)
-        for log in logs:
-            for _, J_rows, torque in log.chunks(log.reader()):
-                J.add(J_rows)
-                tau_ext.add(torque)
-        stated_sd = np.broadcast_to(sd, n) if sd.size else None
-        result = knowledge_by_evidence(J.values(), tau_ext.values(), stated_sd)
-        sd = np.sqrt(np.diag(result.torque_covariance))
-        if None in (entry.prior_force_sd, entry.prior_moment_sd):
+    if not sd.size or not _states_prior(reconstruction):
+        evidence = _evidence(logs, np.broadcast_to(sd, n) if sd.size else None)
+        sd = np.sqrt(np.diag(evidence.torque_covariance))
+        if not _states_prior(reconstruction):
             rule = "evidence of the log" + ("s" if len(logs) > 1 else "")
-            least = (0.0, 0.0) if robot is None else live_prior(robot.payload)
-            entry = entry.with_prior(
-                max(result.force_sd, FLOOR_SHARE * least[0]),
-                max(result.moment_sd, FLOOR_SHARE * least[1]),
+            least_force, least_moment = (0.0, 0.0) if robot is None else live_prior(robot.payload)
+            reconstruction = reconstruction.with_prior(
+                max(evidence.force_sd, FLOOR_SHARE * least_force),
+                max(evidence.moment_sd, FLOOR_SHARE * least_moment),
             )
     sd = np.broadcast_to(sd, n)
     config = replace(
         config,
         torque="external",
         torque_sd=[float(x) for x in sd],
-        estimator=replace(config.estimator, reconstruction=entry),
+        estimator=replace(config.estimator, reconstruction=reconstruction),
     )
-    assert entry.prior_force_sd is not None and entry.prior_moment_sd is not None
-    return config, Knowledge(entry.prior_force_sd, entry.prior_moment_sd, np.diag(sd**2)), rule
+    force_sd, moment_sd = reconstruction.prior_force_sd, reconstruction.prior_moment_sd
+    assert force_sd is not None and moment_sd is not None
+    return _PriorAndNoise(config, Knowledge(force_sd, moment_sd, np.diag(sd**2)), rule, warnings)
+
+
+def _states_prior(reconstruction: WrenchReconstructionConfig) -> bool:
+    return None not in (reconstruction.prior_force_sd, reconstruction.prior_moment_sd)
+
+
+def _evidence(logs: Sequence[TorqueLog], torque_sd: Array | None) -> Knowledge:
+    """Prior and torque noise that the torques of all logs show; `torque_sd` as stated, if it is."""
+    J, tau_ext = EvenSample(_ROWS), EvenSample(_ROWS)
+    for log in logs:
+        for _, J_rows, torque in log.chunks(log.reader()):
+            J.add(J_rows)
+            tau_ext.add(torque)
+    return knowledge_by_evidence(J.values(), tau_ext.values(), torque_sd)
 
 
 class _Run:
-    """One log as it is read: its table is written, and what metrics and comparison need kept."""
+    """Readings of one log, as its metrics and comparison need them.
+
+    Args:
+        suffix: of the names of its files.
+
+    Attributes:
+        table: name of its file.
+        sensor_log, rows: beside the sensor, as averages and row by row; None: no sensor is named.
+        notices, warnings: one sentence each.
+    """
 
     def __init__(self, log: TorqueLog, name: str, suffix: str, config: EstimateConfig) -> None:
         self.name, self.suffix, self.config = name, suffix, config
@@ -329,19 +420,24 @@ class _Run:
         names = [f"joint {j + 1}" for j in range(log.num_joints)]
         self.summary = EstimateSummary(names, Validity(), 0.0)
         self.touches = TorqueTouches(log)
-        self.beside: SensorLogCollector | None = None
+        self.sensor_log: SensorLogCollector | None = None
         self.rows: RowsBesideSensor | None = None
         self.notices: tuple[str, ...] = ()
-        self.doubts: list[str] = []
+        self.warnings: list[str] = []
 
     def start(self, chunk: Recording) -> None:
-        """Fills in what the first rows of the log tell."""
+        """Fills in the time step of the log's first rows."""
         step = float(plausible_step(chunk))
         estimator = self.config.estimator
         observer = replace(estimator.observer, time_step=step)
         self.config = replace(self.config, estimator=replace(estimator, observer=observer))
         if self.config.reference.columns:
-            self.beside, self.rows = SensorLogCollector(step), RowsBesideSensor(_ROWS)
+            self.sensor_log, self.rows = SensorLogCollector(step), RowsBesideSensor(_ROWS)
+
+    def loaded_rows(self) -> LogReading | None:
+        """The rows beside the sensor; None where no sensor is named or none is in contact."""
+        reading = None if self.rows is None else self.rows.reading
+        return reading if reading is not None and reading.loaded.any() else None
 
 
 def _read(
@@ -363,8 +459,8 @@ def _read(
             if not run.summary.count:
                 run.start(chunk)
             batch = reading.reconstruct(J, tau_ext)
-            found, odds, trusted = touches.take(chunk, J, tau_ext)
-            batch = batch._replace(valid=batch.valid & trusted)
+            detection, odds, may_be_valid = touches.take(chunk, J, tau_ext)
+            batch = batch._replace(valid=batch.valid & may_be_valid)
             sd = batch.standard_deviation
             valid = run.summary.judge(chunk, batch, run.config.estimator)
             table.write(
@@ -374,38 +470,41 @@ def _read(
                 batch.condition_number,
                 valid,
                 np.nan_to_num(tau_ext),
-                found.statistic,
-                {**found._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
+                detection.statistic,
+                {**detection._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
                 batch.covariance,
             )
             if bag is not None and robot is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))
                 bag.write(chunk.t, batch.wrench, batch.covariance, p_WE)
-            touches.episodes.add(chunk.t, found, batch.wrench[:, 3:], valid, odds)
-            run.summary.add(chunk, batch, sd, valid, tau_ext, found.contact)
-            if run.beside is not None and run.rows is not None:
+            touches.episodes.add(chunk.t, detection, batch.wrench[:, 3:], valid, odds)
+            run.summary.add(chunk, batch, sd, valid, tau_ext, detection.contact)
+            if run.sensor_log is not None and run.rows is not None:
                 R_WE, sensor = log.axes(chunk), chunk.extra[REFERENCE]
-                run.beside.add(
-                    chunk.t,
-                    batch.wrench[:, FORCE_FIRST],
-                    sd[:, FORCE_FIRST],
-                    np.asarray(valid, float),
-                    R_WE,
-                    chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1)),
-                    sensor,
+                v = chunk.v if chunk.num_joints else np.zeros((chunk.num_samples, 1))
+                run.sensor_log.add(
+                    SensorSamples(
+                        t=chunk.t,
+                        reading=batch.wrench[:, FORCE_FIRST],
+                        sd=sd[:, FORCE_FIRST],
+                        valid=np.asarray(valid, float),
+                        R_WE=R_WE,
+                        v=v,
+                        sensor=sensor,
+                    )
                 )
                 run.rows.add(chunk.t, batch, R_WE, sensor)
     touches.episodes.finish()
     run.notices = reader.notices
     if touches.sign.contradicts:
-        run.doubts.append(touches.sign.sentence(log.path.name, log.exerted_on))
+        run.warnings.append(touches.sign.sentence(log.path.name, log.exerted_on))
     reads_moments = config.estimator.reconstruction.method != "force_only"
     out.write_figure(f"wrench{run.suffix}", run.summary.figure(reads_moments))
 
 
 def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
     if robot is None or not log.has_positions or log.has_jacobian:
-        problem = "says where E is, which only a robot and its positions tell"
+        problem = "needs the place of E, which only a robot and its positions give"
         raise InputError("estimate", "--mcap", problem, "leave it out")
     return WrenchBagWriter(path, robot.config.base_link)
 
@@ -413,37 +512,53 @@ def _bag(log: TorqueLog, path: Path, robot: Robot | None) -> WrenchBagWriter:
 def _compared(
     runs: Sequence[_Run], reference: ReferenceConfig, out: OutputFolder
 ) -> tuple[list[TorqueLogResult], tuple[str, ...]]:
-    """Each log's result, compared with its sensor, which is mounted alike in all of them."""
-    beside = [run.beside.log() for run in runs if run.beside is not None]
-    sensor_logs = [log for log in beside if log is not None]
-    if len(sensor_logs) != len(beside):
-        problem = "a log is too short to compare with"
-        raise InputError("estimate", "--reference", problem, "record a longer one")
+    """Each log's result, compared with its sensor, and notices about the mounting.
+
+    The sensor is mounted alike in all logs.
+    """
+    sensor_logs: list[SensorLog] = []
+    for run in runs:
+        if run.sensor_log is None:
+            continue
+        sensor_log = run.sensor_log.log()
+        if sensor_log is None:
+            problem = f"{run.name} is shorter than {BLOCK:g} s: too short to compare with"
+            raise InputError("estimate", "--reference", problem, "record a longer log")
+        sensor_logs.append(sensor_log)
     mounting, notices = None, tuple[str, ...]()
     if sensor_logs:
         mounting, notices = find_mounting(joined_logs(sensor_logs), reference)
     results = []
     for k, run in enumerate(runs):
-        metrics = _own_metrics(run)
+        metrics = _log_metrics(run)
         comparison = None
         if mounting is not None:
-            entry = mounting
-            if reference.tare == "start":  # each log has its own
-                own = sensor_logs[k]
-                entry = replace(mounting, tare=tare_of(own.t, own.sensor, reference))
-            comparison = compare_with_sensor(sensor_logs[k], reference, entry)
+            sensor_log = sensor_logs[k]
+            log_mounting = mounting
+            if reference.tare == "start":  # each log has a tare of its own
+                tare = tare_of(sensor_log.t, sensor_log.sensor, reference)
+                log_mounting = replace(mounting, tare=tare)
+            comparison = compare_with_sensor(sensor_log, reference, log_mounting)
             metrics["reference"] = comparison.metrics()
             if run.rows is not None:
-                run.rows.hold_against(entry, reference.contact_force)
+                run.rows.hold_against(log_mounting, reference.contact_force)
             out.write_figure(f"reference{run.suffix}", comparison.figure("from external torque"))
-        count, contacts = run.summary.count, tuple(run.touches.episodes.lines())
-        of_log = run.name, count, run.summary.num_valid / count, out / run.table
-        results.append(TorqueLogResult(*of_log, metrics, comparison, contacts))
+        results.append(
+            TorqueLogResult(
+                name=run.name,
+                num_samples=run.summary.count,
+                valid_share=run.summary.num_valid / run.summary.count,
+                table=out / run.table,
+                metrics=metrics,
+                comparison=comparison,
+                contacts=tuple(run.touches.episodes.lines()),
+            )
+        )
     return results, notices
 
 
-def _own_metrics(run: _Run) -> dict[str, Any]:
-    """Of one log, without figures that need an observer or a model."""
+def _log_metrics(run: _Run) -> dict[str, Any]:
+    """Figures of one log, without those that need an observer or a model."""
     metrics = run.summary.metrics(run.config.estimator, "")
     for key in ("faults", "outside_model", "prior"):
         del metrics[key]

@@ -1,8 +1,8 @@
-"""The contacts of a log of external torque: since when, how sure, and on which link.
+"""Contacts of a log of external torque: their begin, statistic and place.
 
 The torque's error and its baseline come from the log itself (`models.detection.torque_contact`).
-Where the log holds positions, what a contact moves tells the torque's sign besides: an arm at rest
-yields along the torque that acts on it.
+Where the log holds positions, the contacts show the torque's sign besides: an arm at rest yields
+along the torque that acts on it.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrenchsight.analyses.methods.estimate.contact_episodes import ContactEpisodes
-from wrenchsight.analyses.methods.estimate.contact_places import judge_places, stretches
+from wrenchsight.analyses.methods.estimate.contact_places import (
+    ContactTorque,
+    PlacedContacts,
+    judge_places,
+    stretches,
+)
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.torque_contact import (
@@ -21,22 +26,22 @@ from wrenchsight.models.detection.torque_contact import (
     first_baseline,
     learn_torque_error,
 )
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording import Recording
 
-_BEFORE = (0.2, 0.08)  # s before a contact, between which the arm is where it rests
-_FEWEST = 3  # contacts that the sign is told by
-_AGREES = 0.5  # least correlation, in size, that tells it
-_LOADED = 1.5  # sds of what a sensor reads, beyond which a joint is loaded
+_BEFORE = (0.2, 0.08)  # s before a contact, between which the arm's place of rest is read
+_FEWEST = 3  # contacts that determine the sign
+_AGREES = 0.5  # least size of the correlation that determines it
+_LOADED = 1.5  # sds of a torque sensor's reading, beyond which a joint is loaded
 _LEAST_YIELD = 2e-6  # rad (m); less is rounding
 
 
 @dataclass(frozen=True)
 class TorqueSign:
-    """How torque and the motion that it causes go together.
+    """Agreement of the torque with the motion that it causes.
 
     Attributes:
-        contacts: of an arm at rest that shifted it.
+        contacts: that shifted an arm at rest.
         correlation: of torque and shift over the joints, median of these; NaN where there are few.
     """
 
@@ -45,23 +50,32 @@ class TorqueSign:
 
     @property
     def contradicts(self) -> bool:
-        """Whether the arm moves against the torque that is said to push it."""
+        """Whether the arm moves against the logged torque."""
         return self.correlation < -_AGREES
 
     def sentence(self, name: str, exerted_on: str) -> str:
-        """What to tell a user of a log whose torques were read as exerted on `exerted_on`."""
+        """The contradiction, and what to do, for the user.
+
+        Args:
+            name: of the log.
+            exerted_on: body that its torques were read to be exerted on.
+        """
         other = "environment" if exerted_on == "robot" else "robot"
         return (
-            f"{name}: the sign of the external torque is contradicted: touched at rest the arm "
+            f"{name}: the sign of the external torque is contradicted: touched at rest, the arm "
             f"moves against it (correlation {self.correlation:.2f} over {self.contacts} contacts), "
-            f"so that forces read reversed; say --torque-sign {other}"
+            f"so forces read reversed; pass --torque-sign {other}"
         )
 
 
 class TorqueTouches:
-    """Finds the contacts of a log, chunk by chunk, and where each of them is.
+    """Finds the contacts of a log and their places, chunk by chunk.
 
-    Reads the beginning of the log to learn its error.
+    Reads the beginning of the log to estimate the torque's error.
+
+    Attributes:
+        error: of the torque.
+        episodes: the contacts.
     """
 
     def __init__(self, log: TorqueLog) -> None:
@@ -71,30 +85,27 @@ class TorqueTouches:
         self.episodes = ContactEpisodes(log.num_joints, ANEW)
         self._shifts: list[float] = []
 
-    def take(self, chunk: Recording, J: Array, tau_ext: Array) -> tuple[Detection, Array, Flags]:
-        """Takes N samples: (N, 6, n), (N, n) N m.
-
-        Returns:
-            As `judge_places`.
-        """
-        found = self._detector.run(chunk.t, tau_ext, J)
-        alone = tau_ext - found.baseline
-        nothing = np.zeros(chunk.num_samples, bool)
+    def take(self, chunk: Recording, J: Array, tau_ext: Array) -> PlacedContacts:
+        """Takes N samples: J (N, 6, n), tau_ext (N, n) N m; places their contacts."""
+        contact = self._detector.run(chunk.t, tau_ext, J)
+        contact_torque = tau_ext - contact.baseline
+        none = np.zeros(chunk.num_samples, bool)
         detection = Detection(
-            statistic=found.statistic,
-            contact=found.contact,
-            misfit=nothing,
-            link=nothing.astype(np.int8),
-            rest=~found.moving,
-            out_of_range=nothing,
+            statistic=contact.statistic,
+            contact=contact.contact,
+            misfit=none,
+            link=none.astype(np.int8),
+            rest=~contact.moving,
+            out_of_range=none,
         )
         if chunk.num_joints:
-            self._shifts += _shifts(chunk, found, alone)
-        return judge_places(detection, chunk.t, J, alone, found.sd, loaded=_LOADED)
+            self._shifts += _shifts(chunk, contact, contact_torque)
+        torque = ContactTorque(chunk.t, J, contact_torque, contact.sd)
+        return judge_places(detection, torque, loaded=_LOADED)
 
     @property
     def sign(self) -> TorqueSign:
-        """Of all that was taken."""
+        """The sign that all contacts so far show."""
         count = len(self._shifts)
         return TorqueSign(count, float(np.median(self._shifts)) if count >= _FEWEST else np.nan)
 
@@ -111,17 +122,17 @@ def _beginning(log: TorqueLog) -> tuple[Array, Array, Array]:
     return t, tau, J
 
 
-def _shifts(chunk: Recording, found: TorqueContact, alone: Array) -> list[float]:
+def _shifts(chunk: Recording, contact: TorqueContact, contact_torque: Array) -> list[float]:
     """Per contact at rest that moves the arm, the correlation of its torque with the shift."""
     correlations = []
-    for piece in stretches(found.contact):
-        begin = chunk.t[piece.start]
-        first, last = np.searchsorted(chunk.t, (begin - _BEFORE[0], begin - _BEFORE[1]))
-        if first == last or found.moving[first : piece.stop].any():
+    for stretch in stretches(contact.contact):
+        begin = chunk.t[stretch.start]
+        start, stop = np.searchsorted(chunk.t, (begin - _BEFORE[0], begin - _BEFORE[1]))
+        if start == stop or contact.moving[start : stretch.stop].any():
             continue
-        shift = chunk.q[piece] - chunk.q[first:last].mean(axis=0)
-        known = np.isfinite(shift + alone[piece]).all(axis=1)
-        shift, torque = shift[known], alone[piece][known]
+        shift = chunk.q[stretch] - chunk.q[start:stop].mean(axis=0)
+        is_finite = np.isfinite(shift + contact_torque[stretch]).all(axis=1)
+        shift, torque = shift[is_finite], contact_torque[stretch][is_finite]
         if not len(shift) or np.abs(shift).max() < _LEAST_YIELD:
             continue
         size = float(np.sqrt((shift**2).sum() * (torque**2).sum()))

@@ -1,5 +1,5 @@
-"""Comparison of a reading with a force sensor: columns of a log in, mounting and errors out.
+"""Comparison with a force sensor: columns of a log in, the sensor's mounting and errors out.
 
-Order: reference_config (settings), sensor_log (the sensor's columns), mounting (its frame, sign and
-delay), judged_force and force_errors (errors by phase), comparison (all of it).
+Order of the files: reference_config (settings), sensor_log (reading and sensor side by side),
+mounting (frame, sign, tare, delay), judged_force and force_errors (errors), comparison (by phase).
 """

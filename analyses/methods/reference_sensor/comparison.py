@@ -1,9 +1,8 @@
-"""How far a reading is from a sensor, by phase: at rest or in motion, in contact or free.
+"""Comparison of a reading with a force sensor, by phase: at rest or in motion, contact or free.
 
-Phases are told apart by the sensor's own force and by the joints' speed. Numbers are over averages
-of 0.1 s (`sensor_log.WINDOW` blocks), as in all our experiments; the sd of an average is the mean
-of its parts', since their errors last longer. A band holds where the average's error is within 1.96
-sds.
+The sensor's force and the joints' speed separate the phases. Figures are over averages of 0.1 s
+(`sensor_log.WINDOW` blocks). The sd of an average is the mean of its parts' sds, since their errors
+last longer. A band holds where the average's error is within 1.96 sds.
 """
 
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 PHASES: Final = ("all", "free_rest", "free_moving", "contact_rest", "contact_moving")
 AXES: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 ALONG: Final = "along"  # the name of a single force
-_BAND = 1.959963984540054
+_BAND = 1.959963984540054  # sds of the 95 % band
 _POINTS = 2000  # of a figure
 
 
@@ -41,7 +40,7 @@ class SensorComparison:
         sensor: (M, k); NaN where the sensor's delay leads out of the log.
         phases: (M,) flags by name.
         mounting: of the sensor.
-        notices: what was left open, one sentence each.
+        notices: what the log leaves open, one sentence each.
     """
 
     t: Array
@@ -55,19 +54,19 @@ class SensorComparison:
     notices: tuple[str, ...]
 
     def judged(self, axis: str, phase: str) -> Judgement | None:
-        """One quantity in one phase; None where there is none of it."""
+        """One quantity in one phase; None where no average of it has a reading."""
         return self.judged_over(axis, self.phases[phase])
 
     def judged_over(self, axis: str, rows: Flags) -> Judgement | None:
-        """One quantity over some of the averages (M,); None where there is none."""
+        """One quantity over some of the averages (M,); None where none has a reading."""
         k = self.axes.index(axis)
         reading = ForceReading(self.reading[rows, k], self.sd[rows, k], self.valid[rows])
         return Judgement.of(reading, self.sensor[rows, k])
 
     def metrics(self) -> dict[str, Any]:
-        """The mounting, and by phase the errors of each quantity; null where there is nothing."""
+        """The mounting, and by phase the errors of each quantity; null where nothing was judged."""
         mounting = self.mounting
-        found: dict[str, Any] = {
+        metrics: dict[str, Any] = {
             "mounting": {
                 "frame": mounting.frame,
                 "axes": mounting.R,
@@ -77,12 +76,12 @@ class SensorComparison:
             }
         }
         for phase, rows in self.phases.items():
-            found[phase] = {"share_pct": 100.0 * float(rows.mean())}
+            metrics[phase] = {"share_pct": 100.0 * float(rows.mean())}
             for axis in self.axes:
-                judged = self.judged(axis, phase)
+                judgement = self.judged(axis, phase)
                 unit = "nm" if axis.startswith("m") else "n"
-                found[phase][axis] = None if judged is None else judged.metrics(unit)
-        return found
+                metrics[phase][axis] = None if judgement is None else judgement.metrics(unit)
+        return metrics
 
     def figure(self, reading: str = "from motor currents") -> "Figure":
         """Sensor and reading with its band over time, a panel for each quantity."""
@@ -105,7 +104,7 @@ class SensorComparison:
             panel.plot(t, self.sensor[every, k], color=COLOUR["truth"], lw=1.0, label="sensor")
             panel.plot(t, mean, color=COLOUR["estimate"], lw=1.0, label=reading)
             panel.set_ylabel(f"{axis} [{'N m' if axis.startswith('m') else 'N'}]")
-            _keep_in_view(panel, np.concatenate([mean, self.sensor[every, k]]))
+            _show_lines(panel, np.concatenate([mean, self.sensor[every, k]]))
         for column in range(columns):
             panels[-1, column].set_xlabel("time [s]")
         handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -116,11 +115,11 @@ class SensorComparison:
 def compare_with_sensor(
     log: SensorLog, config: ReferenceConfig, mounted: Mounting | None = None
 ) -> SensorComparison:
-    """Finds what the configuration leaves open, and holds the reading against the sensor.
+    """Compares a reading with the sensor, mounted as stated or as found from the log.
 
     Args:
-        config: what is given of the sensor.
-        mounted: how it is mounted, where that has been found before.
+        config: of the sensor.
+        mounted: its mounting, where another log has given it; None: it is found.
 
     Raises:
         InputError: as `find_mounting`.
@@ -128,7 +127,7 @@ def compare_with_sensor(
     k = log.sensor.shape[1]
     mounting, notices = find_mounting(log, config) if mounted is None else (mounted, ())
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)
-    reading = mounting.seen(log.reading, log.R_WE, k)
+    reading = mounting.compared(log.reading, log.R_WE, k)
     if k == 1:
         # The largest sd along an axis: the components' errors may not be independent.
         sd = np.sum(np.abs(mounting.direction(log.R_WE)) * log.sd[:, :3], axis=1)[:, None]
@@ -136,23 +135,23 @@ def compare_with_sensor(
     else:
         sd, axes = log.sd[:, :k], AXES[:k]
     force = _averages(sensor[:, : min(k, 3)])
-    averages = _averages(log.valid.astype(float)) == 1.0
+    valid = _averages(log.valid.astype(float)) == 1.0
     contact = np.linalg.norm(force, axis=1) > config.contact_force
     moving = _averages(log.speed) > config.rest_speed
-    known = np.isfinite(force).all(axis=1)
+    is_sensed = np.isfinite(force).all(axis=1)
     phases = {
-        "all": known,
-        "free_rest": known & ~contact & ~moving,
-        "free_moving": known & ~contact & moving,
-        "contact_rest": known & contact & ~moving,
-        "contact_moving": known & contact & moving,
+        "all": is_sensed,
+        "free_rest": is_sensed & ~contact & ~moving,
+        "free_moving": is_sensed & ~contact & moving,
+        "contact_rest": is_sensed & contact & ~moving,
+        "contact_moving": is_sensed & contact & moving,
     }
     return SensorComparison(
         t=_averages(log.t),
         axes=axes,
         reading=_averages(reading),
         sd=_averages(sd),
-        valid=averages,
+        valid=valid,
         sensor=_averages(sensor),
         phases=phases,
         mounting=mounting,
@@ -161,7 +160,7 @@ def compare_with_sensor(
 
 
 def _averages(signal: Array) -> Array:
-    """Means over successive windows; a rest at the end is left out, unless it is all there is."""
+    """Means over successive windows, without an incomplete last one unless it is the only one."""
     window = min(WINDOW, len(signal))
     count = len(signal) // window
     return np.asarray(
@@ -169,8 +168,8 @@ def _averages(signal: Array) -> Array:
     )
 
 
-def _keep_in_view(panel: Any, values: Array) -> None:
-    """The band may leave the picture, the lines may not."""
+def _show_lines(panel: Any, values: Array) -> None:
+    """Limits of the panel that show the lines; the band may leave it."""
     values = values[np.isfinite(values)]
     low, high = float(values.min()), float(values.max())
     margin = 0.25 * (high - low) + 1.0

@@ -1,4 +1,4 @@
-"""How far is a force reading from its reference, and is its stated band right?
+"""Errors of a force reading against a reference, and the calibration of its stated band.
 
 Force along X, Y and Z of W, axis by axis: root mean square, largest, mean error (bias),
 correlation, and calibration: the share of samples whose error lies inside the stated 68 % and 95 %
@@ -27,14 +27,14 @@ FIGURE_COLUMNS = 1500  # of a figure: a longer signal is drawn as its extremes, 
 
 @dataclass(frozen=True, eq=False)
 class ForceReading:
-    """What one variant reads along one run.
+    """Reading of one variant along one run.
 
     Attributes:
         name: of the variant.
         t: (T,) s.
         force: (T, 3) N along X, Y, Z of W, on the robot.
         sd: (T, 3) N, stated.
-        reference: (T, 3) N, what it is compared with.
+        reference: (T, 3) N.
     """
 
     name: str
@@ -100,8 +100,8 @@ def reductions(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str,
     out = {}
     for axis in AXES:
         for key, name in (("rmse", "rmse"), ("max_error", "max")):
-            b, a = before[f"{key}_{axis}_n"], after[f"{key}_{axis}_n"]
-            out[f"reduction_{name}_{axis}_pct"] = 100.0 * (1.0 - a / b)
+            ratio = after[f"{key}_{axis}_n"] / before[f"{key}_{axis}_n"]
+            out[f"reduction_{name}_{axis}_pct"] = 100.0 * (1.0 - ratio)
     return out
 
 
@@ -114,9 +114,9 @@ def envelope(t: Array, x: Array, columns: int = FIGURE_COLUMNS) -> tuple[Array, 
 
 
 def draw_signal(axis: Any, t: Array, x: Array, colour: str, label: str, **style: Any) -> None:
-    """Draws a long signal such that no peak is lost: as the area between its extremes."""
-    at, low, high = envelope(t, x)
-    axis.fill_between(at, low, high, color=colour, lw=0.6, label=label, **style)
+    """Draws a long signal as the area between its extremes, so that every peak shows."""
+    times, low, high = envelope(t, x)
+    axis.fill_between(times, low, high, color=colour, lw=0.6, label=label, **style)
 
 
 def draw_band(axis: Any, reading: ForceReading, k: int, edges: bool = False) -> None:
@@ -125,17 +125,17 @@ def draw_band(axis: Any, reading: ForceReading, k: int, edges: bool = False) -> 
     Args:
         edges: on top, too, for a noisy reading of a quiet reference, which fills the band.
     """
-    at, _, sd = envelope(reading.t, reading.sd[:, k])
+    times, _, sd = envelope(reading.t, reading.sd[:, k])
     _, low, high = envelope(reading.t, reading.reference[:, k])
     low, high = low - SIGMA_95 * sd, high + SIGMA_95 * sd
     label = "stated 95 % band"
     if edges:
         style = {"color": SERIES[3], "lw": 1.0, "zorder": 5}
-        axis.plot(at, low, label=label, **style)
-        axis.plot(at, high, **style)
+        axis.plot(times, low, label=label, **style)
+        axis.plot(times, high, **style)
     else:
         style = {"alpha": 2 * BAND_ALPHA, "lw": 0, "zorder": 0.9}
-        axis.fill_between(at, low, high, color=SERIES[3], label=label, **style)
+        axis.fill_between(times, low, high, color=SERIES[3], label=label, **style)
 
 
 def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title: str) -> "Figure":
@@ -148,7 +148,7 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
     count = len(labels)
     figure, axes = new_figure(1, 3, height=1.3 + 0.42 * count, share_y=True)
     rows = np.arange(count)
-    own_metrics = [metrics[variant] for variant in labels]
+    metrics_of_variants = [metrics[variant] for variant in labels]
     columns = (
         ("rmse_{}_n", "RMSE [N]"),
         ("max_error_{}_n", "largest error [N]"),
@@ -156,7 +156,7 @@ def variants_figure(metrics: Mapping[str, Any], labels: Mapping[str, str], title
     )
     for panel, (key, label) in zip(axes[0], columns, strict=True):
         for k, axis in enumerate(AXES):
-            values = [own[key.format(axis)] for own in own_metrics]
+            values = [variant[key.format(axis)] for variant in metrics_of_variants]
             panel.barh(rows + 0.27 * (k - 1), values, 0.25, color=SERIES[k], label=f"f{axis}")
         panel.set_xlabel(label)
     axes[0, 2].axvspan(0.90, 0.98, color=COLOUR["reference"], alpha=0.25, lw=0)

@@ -1,4 +1,4 @@
-"""A force read against a sensor's: bias, scatter, and whether the stated band holds the truth.
+"""Judgement of a force reading by a sensor: bias, scatter, and coverage of the stated band.
 
 All numbers are over averages of some time, so that two readings of one log are judged alike
 whatever their rates.
@@ -22,7 +22,7 @@ class ForceReading:
     Attributes:
         force: (M,) N; NaN where there is no reading.
         sd: (M,) N, or None for a method that states none.
-        valid: (M,), or None for a method that does not say.
+        valid: (M,), or None for a method that does not state it.
     """
 
     force: Array
@@ -45,7 +45,7 @@ class Judgement:
     Attributes:
         bias, sd, rmse: of the error, N.
         inside_95: share of the truth in the 95 % band; None without one.
-        share_valid: None for a method that does not say.
+        share_valid: None for a method that does not state it.
         rmse_valid, inside_95_valid: as rmse, N, and inside_95, of the valid averages alone; None
             where there are none.
         stated_sd: mean of the stated sd, N; None without one.
@@ -74,18 +74,18 @@ class Judgement:
             reading: M averages.
             truth: (M,) N.
         """
-        there = np.isfinite(reading.force) & np.isfinite(truth)
-        if not there.any():
+        is_judged = np.isfinite(reading.force) & np.isfinite(truth)
+        if not is_judged.any():
             return None
-        error = (reading.force - truth)[there]
+        error = (reading.force - truth)[is_judged]
         inside = valid = stated = rmse_valid = inside_valid = None
         is_valid = np.zeros(len(error), np.bool_)
         if reading.valid is not None:
-            is_valid = reading.valid[there]
+            is_valid = reading.valid[is_judged]
             valid = float(np.mean(is_valid))
             rmse_valid = float(np.sqrt(np.mean(error[is_valid] ** 2))) if is_valid.any() else None
         if reading.sd is not None:
-            sd = reading.sd[there]
+            sd = reading.sd[is_judged]
             is_inside = np.abs(error) <= SIGMA_95 * sd
             inside, stated = float(np.mean(is_inside)), float(np.mean(sd))
             inside_valid = float(np.mean(is_inside[is_valid])) if is_valid.any() else None
@@ -96,15 +96,15 @@ class Judgement:
             inside_95=inside,
             share_valid=valid,
             stated_sd=stated,
-            force=float(np.mean(truth[there])),
-            correlation=correlation(reading.force[there], truth[there]),
+            force=float(np.mean(truth[is_judged])),
+            correlation=correlation(reading.force[is_judged], truth[is_judged]),
             count=len(error),
             rmse_valid=rmse_valid,
             inside_95_valid=inside_valid,
         )
 
     def metrics(self, unit: str = "n") -> dict[str, Any]:
-        """Under the keys of a study's metrics; `unit` is that of what is judged: n or nm."""
+        """Figures under the keys of a study's metrics; `unit` is n or nm."""
         share = {
             "inside_95_pct": self.inside_95,
             "share_valid_pct": self.share_valid,
@@ -133,8 +133,8 @@ def pooled_judgement(judgements: Sequence[Judgement]) -> dict[str, Any]:
     """Means over logs, under the keys of a study's metrics; None where nothing was judged."""
 
     def mean(values: list[float | None], factor: float = 1.0) -> float | None:
-        there = [value for value in values if value is not None]
-        return factor * float(np.mean(there)) if there else None
+        judged = [value for value in values if value is not None]
+        return factor * float(np.mean(judged)) if judged else None
 
     return {
         "runs": len(judgements),

@@ -1,15 +1,16 @@
-"""How a force sensor is mounted: frame, sign, tare and delay, given or found from its log.
+"""Mounting of a force sensor: frame, sign, tare and delay, stated or found from its log.
 
-Found is what makes the sensor agree best with the reading, root mean square over the log:
+The mounting that is found is the one whose sensor agrees best with the reading, root mean square
+over the log:
 
-    frame   the axes of W or of the tool, turned by quarter turns (24 ways); or given, with any turn
+    frame   the axes of W or of the tool, in quarter turns (24); or stated, with any turn
     sign    whether the sensor reports the force on the robot or the force on the environment
     delay   in steps of a block, up to MAX_DELAY either way
-    tare    `fit`: the constant in the sensor's axes, whatever the rest
+    tare    `fit`: the constant in the sensor's axes, whatever the others are
 
-A force that never changes its direction leaves some of that open. Of mountings that agree within
-SAME of the best the simplest is taken, the unturned before the turned; a notice says so where it
-matters. The reading has errors of its own: a fit of the tare hides a constant one.
+A force that never changes its direction leaves some of this open. Among mountings that agree within
+SAME of the best the simplest is taken, the unturned first; a notice states it where it matters. A
+fit of the tare hides a constant error of the reading.
 """
 
 from dataclasses import dataclass, replace
@@ -35,21 +36,21 @@ MAX_DELAY: Final = 0.3  # s
 TARE_TIME: Final = 0.5  # s, of the tare `start`
 SAME: Final = 1.02  # times the least error: agrees equally well
 _FLAT = 1.05  # times the least error over all delays: the log does not determine the delay
-_ROWS = 5000  # that a search looks at
-_POOR = 0.6  # of the sensor's force, RMS: no agreement that tells a mounting
-_DIFFERS = 0.5  # of the error: two mountings that say different things
+_ROWS = 5000  # of a search
+_POOR = 0.6  # share of the sensor's RMS force: an error above it determines no mounting
+_DIFFERS = 0.5  # share of the error, beyond which the forces of two mountings differ
 
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
-    """How a sensor's numbers become a wrench on the robot.
+    """Mounting of a sensor: turns its numbers into a wrench on the robot.
 
     Attributes:
         frame: "world" or "tool".
         R: (3, 3) axes of the sensor in that frame. A single column is a force along its z.
         sign: 1: the sensor reports the force on the robot; -1: the force on the environment.
-        tare: (k,) what it reads without load.
-        delay: s that it is late by.
+        tare: (k,) its reading without load.
+        delay: s, by which it is late.
     """
 
     frame: str
@@ -61,18 +62,18 @@ class Mounting:
     def on_robot(self, t: Array, sensor: Array, R_WE: Array) -> Array:
         """The wrench on the robot in axes of W (N, 3) or (N, 6), or (N, 1) along `direction`.
 
-        NaN where the log has ended before the sensor has followed.
+        NaN where the log ends before the sensor has followed.
 
         Args:
             t: (N,) s.
             sensor: (N, k) as logged.
             R_WE: (N, 3, 3).
         """
-        late = np.stack([_shifted(t, column, self.delay) for column in sensor.T], axis=1)
-        own = self.sign * (late - self.tare)
-        if own.shape[1] == 1:
-            return own
-        return _turned(self.axes(R_WE), own)
+        shifted = np.stack([_shifted(t, column, self.delay) for column in sensor.T], axis=1)
+        wrench = self.sign * (shifted - self.tare)
+        if wrench.shape[1] == 1:
+            return wrench
+        return _turned(self.axes(R_WE), wrench)
 
     def axes(self, R_WE: Array) -> Array:
         """(N, 3, 3) axes of the sensor in W."""
@@ -83,15 +84,15 @@ class Mounting:
         """(N, 3) in W, of a single force."""
         return self.axes(R_WE)[:, :, 2]
 
-    def seen(self, wrench: Array, R_WE: Array, columns: int) -> Array:
-        """(N, columns) of a wrench (N, 6) in W what can be compared with the sensor."""
+    def compared(self, wrench: Array, R_WE: Array, columns: int) -> Array:
+        """Components (N, columns) of a wrench (N, 6) in W that the sensor measures."""
         if columns == 1:
             return np.asarray(np.sum(wrench[:, :3] * self.direction(R_WE), axis=1)[:, None])
         return wrench[:, :columns]
 
 
 def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tuple[str, ...]]:
-    """The mounting that the configuration gives or leaves to be found, and notices.
+    """Finds what the configuration leaves open of the mounting; returns it with notices.
 
     Raises:
         InputError: the log is too short.
@@ -99,31 +100,37 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
     k = log.sensor.shape[1]
     if len(log.t) < 2:
         raise InputError(
-            "estimate", "--reference", "the log is too short to compare with", "record a longer one"
+            "estimate",
+            "--reference",
+            "the log has fewer than two blocks to compare with",
+            "record a longer log",
         )
-    plain = Mounting("world", np.eye(3), 1, tare_of(log.t, log.sensor, config), 0.0)
+    unturned = Mounting("world", np.eye(3), 1, tare_of(log.t, log.sensor, config), 0.0)
     coarse = log.every(max(1, len(log.t) // _ROWS))
-    candidates = _candidates(plain, config, k)
-    wants_delay = config.delay == FOUND
-    if not wants_delay:
-        candidates = [replace(one, delay=float(config.delay)) for one in candidates]
+    candidates = _candidates(unturned, config, k)
+    finds_delay = config.delay == FOUND
+    if not finds_delay:
+        candidates = [replace(m, delay=float(config.delay)) for m in candidates]
     best, open_frame = _best(coarse, candidates, config)
     notices = []
-    if wants_delay:
+    if finds_delay:
         delay = _found_delay(coarse, best, config)
         if delay is None:
-            notices.append("the log does not determine the sensor's delay; taken as zero")
+            notices.append(
+                "the log does not determine the sensor's delay: taken as zero; state it with "
+                "--reference-delay"
+            )
         elif delay != 0.0:
-            candidates = [replace(one, delay=delay) for one in candidates]
+            candidates = [replace(m, delay=delay) for m in candidates]
             best, open_frame = _best(coarse, candidates, config)
     if open_frame:
         notices.append(
-            "the forces of the log leave the sensor's axes or sign open: the simplest that agree "
-            "are taken; give --reference-frame and --reference-sign"
+            "the log's forces leave the sensor's axes or sign open: the simplest that agree are "
+            "taken; state them with --reference-frame and --reference-sign"
         )
     if config.tare == "fit":
-        mean = _error(coarse, best, k).mean(axis=0)  # which it makes zero
-        best = replace(best, tare=best.tare - best.sign * mean)
+        mean_error = _error(coarse, best, k).mean(axis=0)
+        best = replace(best, tare=best.tare - best.sign * mean_error)
     if len(candidates) > 1:
         error, size = error_of(coarse, best, True), _size(coarse, best)
         if error > _POOR * size:
@@ -136,20 +143,21 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
 
 
 def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -> Array:
-    """(N, n) N m, torque that a log's force sensor says acts from outside; zero where q is missing.
+    """External torque (N, n) by a log's force sensor, N m; zero where q is missing.
 
-    The mounting is as given: an axis z of `world` or `tool` for one column. A delay that is left to
-    be found is none.
+    The mounting is as stated; one column is a force along the axis z of `world` or `tool`. A delay
+    that is to be found counts as zero.
 
     Raises:
-        InputError: frame or sign are left to be found, or the tare to be fitted.
+        InputError: frame or sign are to be found, or the tare is to be fitted.
     """
     if FOUND in (config.frame, config.sign) or config.tare == "fit":
-        problem = "a calibration takes the sensor as it is given, and finds nothing of it"
-        remedy = "give --reference-frame, --reference-sign and numbers for --reference-tare"
+        problem = "needs the sensor's frame, sign and tare: a calibration finds none of them"
+        remedy = "state --reference-frame, --reference-sign and numbers for --reference-tare"
         raise InputError("identify", "--reference", problem, remedy)
-    sensor, known = recording.extra[REFERENCE], np.asarray(np.isfinite(recording.q).all(axis=1))
-    q = np.where(known[:, None], recording.q, 0.0)
+    sensor = recording.extra[REFERENCE]
+    is_finite = np.asarray(np.isfinite(recording.q).all(axis=1))
+    q = np.where(is_finite[:, None], recording.q, 0.0)
     mounting = Mounting(
         config.frame,
         _stated_axes(config),
@@ -158,15 +166,15 @@ def sensor_torque(recording: Recording, robot: Robot, config: ReferenceConfig) -
         0.0 if config.delay == FOUND else float(config.delay),
     )
     R_WE, _ = robot.chain.pose(q)
-    own = mounting.on_robot(recording.t, sensor, R_WE)
-    if own.shape[1] == 1:
-        own = own * mounting.direction(R_WE)
-    wrench = np.zeros((len(own), 6))
-    wrench[:, 3:] = own[:, :3]
-    wrench[:, :3] = own[:, 3:] if own.shape[1] == 6 else 0.0
+    sensed = mounting.on_robot(recording.t, sensor, R_WE)
+    if sensed.shape[1] == 1:
+        sensed = sensed * mounting.direction(R_WE)
+    wrench = np.zeros((len(sensed), 6))
+    wrench[:, 3:] = sensed[:, :3]
+    wrench[:, :3] = sensed[:, 3:] if sensed.shape[1] == 6 else 0.0
     tau_ext = np.einsum("kaj,ka->kj", robot.chain.jacobian(q), wrench)
-    known &= np.asarray(np.isfinite(tau_ext).all(axis=1))
-    return np.where(known[:, None], tau_ext, 0.0)
+    is_finite &= np.asarray(np.isfinite(tau_ext).all(axis=1))
+    return np.where(is_finite[:, None], tau_ext, 0.0)
 
 
 def _size(log: SensorLog, mounting: Mounting) -> float:
@@ -188,11 +196,10 @@ def error_of(log: SensorLog, mounting: Mounting, with_offset: bool) -> float:
 
 
 def tare_of(t: Array, sensor: Array, config: ReferenceConfig) -> Array:
-    """(k,) what the configuration says that a sensor (N, k) reads without load; zero where it is
-    fitted."""
-    given = tare_numbers(config)
-    if given is not None:
-        return np.array(given)
+    """(k,) reading of a sensor (N, k) without load, as configured; zero where it is fitted."""
+    stated_numbers = tare_numbers(config)
+    if stated_numbers is not None:
+        return np.array(stated_numbers)
     if config.tare == "start":
         return np.asarray(sensor[t <= t[0] + TARE_TIME].mean(axis=0))
     return np.zeros(sensor.shape[1])
@@ -202,50 +209,63 @@ def _stated_axes(config: ReferenceConfig) -> Array:
     return np.asarray(Rotation.from_euler("xyz", config.turn or [0.0] * 3).as_matrix())
 
 
-def _candidates(plain: Mounting, config: ReferenceConfig, columns: int) -> list[Mounting]:
-    """All mountings that the configuration leaves open, the plainest first."""
+def _candidates(unturned: Mounting, config: ReferenceConfig, columns: int) -> list[Mounting]:
+    """All mountings that the configuration leaves open, the simplest first."""
     signs = {"found": (1, -1), "robot": (1,), "environment": (-1,)}[config.sign]
     if config.frame == FOUND:
         turns = _quarter_turns()
         if columns == 1:  # only the direction of z counts
-            ways = {tuple(np.round(R[:, 2]).astype(int)): R for R in reversed(turns)}
-            turns = [R for R in turns if any(R is way for way in ways.values())]
+            turns = _distinct_directions(turns)
             signs = signs if len(signs) == 1 else (1,)
         return [
-            replace(plain, frame=frame, R=R, sign=sign)
+            replace(unturned, frame=frame, R=R, sign=sign)
             for R, frame, sign in product(turns, ("world", "tool"), signs)
         ]
     R = _stated_axes(config)
-    return [replace(plain, frame=config.frame, R=R, sign=sign) for sign in signs]
+    return [replace(unturned, frame=config.frame, R=R, sign=sign) for sign in signs]
+
+
+def _distinct_directions(turns: list[Array]) -> list[Array]:
+    """The first turn of each direction of z."""
+    directions: set[tuple[int, ...]] = set()
+    distinct = []
+    for R in turns:
+        direction = tuple(int(x) for x in np.round(R[:, 2]))
+        if direction not in directions:
+            directions.add(direction)
+            distinct.append(R)
+    return distinct
 
 
 def _quarter_turns() -> list[Array]:
     """The 24 rotations that take axes to axes, the smallest first."""
-    found = []
+    turns = []
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         R = np.zeros((3, 3))
         R[list(order), range(3)] = signs
         if np.linalg.det(R) > 0.0:
-            found.append(R)
-    return sorted(found, key=lambda R: -float(np.trace(R)))
+            turns.append(R)
+    return sorted(turns, key=lambda R: -float(np.trace(R)))
 
 
 def _best(
     log: SensorLog, candidates: list[Mounting], config: ReferenceConfig
 ) -> tuple[Mounting, bool]:
-    """The plainest of the best, and whether another as good says something else."""
-    errors = [error_of(log, one, config.tare != "fit") for one in candidates]
+    """The simplest of the best, and whether another as good gives other forces."""
+    errors = [error_of(log, mounting, config.tare != "fit") for mounting in candidates]
     least = min(errors)
-    good = [
-        one for one, error in zip(candidates, errors, strict=True) if error <= SAME * least + 1e-9
+    best, *others = [
+        mounting
+        for mounting, error in zip(candidates, errors, strict=True)
+        if error <= SAME * least + 1e-9
     ]
-    best = good[0]
-    mine, scale = _force_vector(log, best), _DIFFERS * least + 1e-9
-    differs = [
-        float(np.sqrt(np.nanmean(np.sum((_force_vector(log, one) - mine) ** 2, axis=1)))) > scale
-        for one in good[1:]
-    ]
-    return best, any(differs)
+    force = _force_vector(log, best)
+    for mounting in others:
+        difference = _force_vector(log, mounting) - force
+        rms = float(np.sqrt(np.nanmean(np.sum(difference**2, axis=1))))
+        if rms > _DIFFERS * least + 1e-9:
+            return best, True
+    return best, False
 
 
 def _force_vector(log: SensorLog, mounting: Mounting) -> Array:
@@ -255,9 +275,9 @@ def _force_vector(log: SensorLog, mounting: Mounting) -> Array:
 
 
 def _error(log: SensorLog, mounting: Mounting, columns: int) -> Array:
-    """Reading less sensor in the sensor's axes, where both are there."""
+    """Reading less sensor in the sensor's axes, where both are known."""
     sensor = mounting.on_robot(log.t, log.sensor, log.R_WE)[:, :columns]
-    error = mounting.seen(log.reading, log.R_WE, columns) - sensor
+    error = mounting.compared(log.reading, log.R_WE, columns) - sensor
     if columns > 1:
         error = _turned(mounting.axes(log.R_WE).transpose(0, 2, 1), error)
     return np.asarray(error[np.isfinite(error).all(axis=1)])
@@ -270,7 +290,7 @@ def _turned(R: Array, x: Array) -> Array:
 
 
 def _found_delay(log: SensorLog, mounting: Mounting, config: ReferenceConfig) -> float | None:
-    """s; None where the log does not tell it: no delay is better, or ever longer ones are."""
+    """s; None where the log does not determine it: all fit alike, or the longest fits best."""
     step = log.step
     reach = max(1, round(MAX_DELAY / step))
     delays = [k * step for k in sorted(range(-reach, reach + 1), key=abs)]

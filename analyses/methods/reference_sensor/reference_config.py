@@ -30,7 +30,7 @@ class ReferenceConfig:
     # its reading without load: none, start (mean of the first half second), fit, or numbers
     delay: str = "found"  # s, delay of the sensor behind the motion, or found
     contact_force: float = 5.0  # N, force of the sensor above which there is contact
-    rest_speed: float = 0.01  # rad/s of the fastest joint, below which the arm rests
+    rest_speed: float = 0.01  # rad/s of the fastest joint, below which the arm is at rest
 
 
 def tare_numbers(config: ReferenceConfig) -> list[float] | None:
@@ -39,7 +39,7 @@ def tare_numbers(config: ReferenceConfig) -> list[float] | None:
 
 
 def checked_reference(config: ReferenceConfig, command: str = "estimate") -> ReferenceConfig:
-    """Returns `config`; `command` is what a problem names.
+    """Returns `config`; `command` is the one that a problem names.
 
     Raises:
         InputError: a setting that makes no sense.
@@ -48,19 +48,20 @@ def checked_reference(config: ReferenceConfig, command: str = "estimate") -> Ref
     def refuse(option: str, problem: str, remedy: str) -> InputError:
         return InputError(command, option, problem, remedy)
 
-    for name, value, known in (
+    for name, value, choices in (
         ("--reference-frame", config.frame, FRAMES),
         ("--reference-sign", config.sign, SIGNS),
     ):
-        if value not in known:
-            raise refuse(name, f'is "{value}"', f"give {', '.join(known[:-1])} or {known[-1]}")
+        if value not in choices:
+            remedy = f"give {', '.join(choices[:-1])} or {choices[-1]}"
+            raise refuse(name, f'is "{value}"', remedy)
     if len(config.turn) not in (0, 3) or not np.isfinite(config.turn).all():
-        found = f"is {config.turn}, expected three angles"
-        raise refuse("--reference-turn", found, "give roll, pitch and yaw in rad: 0,0,3.1416")
+        problem = f"is {config.turn}, expected three angles"
+        raise refuse("--reference-turn", problem, "give roll, pitch and yaw in rad: 0,0,3.1416")
     if config.turn and config.frame == FOUND:
         raise refuse(
             "--reference-turn",
-            "is given, but not of which frame",
+            "needs the frame that it is of",
             "give --reference-frame world or tool",
         )
     if config.delay != FOUND:
@@ -69,16 +70,16 @@ def checked_reference(config: ReferenceConfig, command: str = "estimate") -> Ref
         except ValueError:
             delay = float("nan")
         if not abs(delay) <= _LONGEST_DELAY:
-            found = f'is "{config.delay}", expected seconds, at most {_LONGEST_DELAY:g}, or found'
-            raise refuse("--reference-delay", found, "give 0.08, say")
+            problem = f'is "{config.delay}", expected seconds, at most {_LONGEST_DELAY:g}, or found'
+            raise refuse("--reference-delay", problem, "give 0.08, say")
     try:
         tare = tare_numbers(config)
     except ValueError:
         tare = [float("nan")]
     if tare is not None and not np.isfinite(tare).all():
-        found = f'is "{config.tare}", expected {", ".join(TARES)}, or numbers'
+        problem = f'is "{config.tare}", expected {", ".join(TARES)}, or numbers'
         raise refuse(
-            "--reference-tare", found, "give the sensor's reading without load: 0.4,2.5,9.6"
+            "--reference-tare", problem, "give the sensor's reading without load: 0.4,2.5,9.6"
         )
     for name, number in (
         ("reference.contact_force", config.contact_force),

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -40,9 +40,34 @@ class SensorLog:
         return float(np.median(np.diff(self.t)))
 
     def every(self, stride: int) -> "SensorLog":
-        """One block in so many."""
-        own = (getattr(self, name)[::stride] for name in self.__dataclass_fields__)
-        return SensorLog(*own)
+        """Every `stride`-th block."""
+        names = self.__dataclass_fields__
+        return SensorLog(**{name: getattr(self, name)[::stride] for name in names})
+
+
+class SensorSamples(NamedTuple):
+    """N successive samples of a reading and a sensor; fields as `SensorLog`, but for v.
+
+    Attributes:
+        v: (N, n) rad/s, of the joints.
+    """
+
+    t: Array
+    reading: Array
+    sd: Array
+    valid: Array
+    R_WE: Array
+    v: Array
+    sensor: Array
+
+    def rows(self, rows: slice) -> "SensorSamples":
+        """Some of the samples."""
+        return SensorSamples(*[signal[rows] for signal in self])
+
+    def followed_by(self, later: "SensorSamples") -> "SensorSamples":
+        """The samples of both."""
+        pairs = zip(self, later, strict=True)
+        return SensorSamples(*[np.concatenate(pair) for pair in pairs])
 
 
 class SensorLogCollector:
@@ -50,58 +75,64 @@ class SensorLogCollector:
 
     Args:
         time_step: s, between samples.
+
+    Attributes:
+        samples: of a block.
     """
 
     def __init__(self, time_step: float) -> None:
         self.samples = max(1, round(BLOCK / time_step))
-        self._kept: list[tuple[Array, ...]] = []
-        self._rest: tuple[Array, ...] | None = None
+        self._blocks: list[SensorLog] = []
+        self._unfinished: SensorSamples | None = None  # samples that do not fill a block yet
 
-    def add(self, *signals: Array) -> None:
-        """Takes the next samples: t, reading, sd, valid, R_WE, v, sensor, as `SensorLog`.
+    def add(self, samples: SensorSamples) -> None:
+        """Takes the next samples."""
+        samples = SensorSamples(*[np.asarray(signal, float) for signal in samples])
+        if self._unfinished is not None:
+            samples = self._unfinished.followed_by(samples)
+        count = len(samples.t) // self.samples
+        self._unfinished = samples.rows(slice(count * self.samples, None))
+        if count:
+            self._blocks.append(self._blocks_of(samples, count))
 
-        v is (N, n) rad/s, of the joints.
-        """
-        parts = tuple(np.asarray(signal, float) for signal in signals)
-        if self._rest is not None:
-            parts = tuple(np.concatenate(pair) for pair in zip(self._rest, parts, strict=True))
-        count = len(parts[0]) // self.samples
-        whole = count * self.samples
-        self._rest = tuple(part[whole:] for part in parts)
-        if not count:
-            return
-        blocks = [p[:whole].reshape(count, self.samples, *p.shape[1:]) for p in parts]
-        t, reading, sd, valid, R_WE, v, sensor = blocks
-        self._kept.append(
-            (
-                t.mean(axis=1),
-                reading.mean(axis=1),
-                sd.mean(axis=1),
-                valid.min(axis=1),
-                R_WE[:, self.samples // 2],
-                np.abs(v.mean(axis=1)).max(axis=1),
-                sensor.mean(axis=1),
-            )
+    def _blocks_of(self, samples: SensorSamples, count: int) -> SensorLog:
+        """The first `count` blocks of the samples."""
+        size = self.samples
+        whole = samples.rows(slice(0, count * size))
+        blocks = SensorSamples(
+            *[signal.reshape(count, size, *signal.shape[1:]) for signal in whole]
+        )
+        return SensorLog(
+            t=blocks.t.mean(axis=1),
+            reading=blocks.reading.mean(axis=1),
+            sd=blocks.sd.mean(axis=1),
+            valid=blocks.valid.min(axis=1) == 1.0,
+            R_WE=blocks.R_WE[:, size // 2],
+            speed=np.abs(blocks.v.mean(axis=1)).max(axis=1),
+            sensor=blocks.sensor.mean(axis=1),
         )
 
     def log(self) -> SensorLog | None:
         """All blocks so far; None where there is none."""
-        if not self._kept:
+        if not self._blocks:
             return None
-        t, reading, sd, valid, R_WE, speed, sensor = (
-            np.concatenate(column) for column in zip(*self._kept, strict=True)
-        )
-        return SensorLog(t, reading, sd, valid == 1.0, R_WE, speed, sensor)
+        return _concatenated(self._blocks, np.concatenate([log.t for log in self._blocks]))
 
 
 def joined_logs(logs: Sequence[SensorLog]) -> SensorLog:
     """Logs one after the other on one clock: for what a sensor has in common in all of them."""
-    end, clocks = 0.0, []
+    if len(logs) == 1:
+        return logs[0]
+    end = 0.0
+    clocks = []
     for log in logs:
         clocks.append(log.t - log.t[0] + end)
         end = clocks[-1][-1] + log.step
-    if len(logs) == 1:
-        return logs[0]
+    return _concatenated(logs, np.concatenate(clocks))
+
+
+def _concatenated(logs: Sequence[SensorLog], t: Array) -> SensorLog:
+    """The blocks of all logs, over the time t."""
     names = [name for name in SensorLog.__dataclass_fields__ if name != "t"]
-    parts = {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
-    return SensorLog(t=np.concatenate(clocks), **parts)
+    columns = {name: np.concatenate([getattr(log, name) for log in logs]) for name in names}
+    return SensorLog(t=t, **columns)

@@ -1,4 +1,4 @@
-"""What is read, for Foxglove: plots and a scene, from a server on this computer's loopback.
+"""View of readings in Foxglove: plots and a scene, from a server on this computer's loopback.
 
 - /wrench: JSON, each reading: fx fy fz mx my mz at E in axes of W with sd_fx and so on, flags;
 - /joints: foxglove.JointStates, each reading: positions, and the external torque as effort;
@@ -10,7 +10,7 @@ Clients can write nothing. One that is slow loses the oldest of its messages.
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import foxglove
 import numpy as np
@@ -135,8 +135,9 @@ def _numbers(reading: Reading) -> dict[str, float | None]:
     names = [*WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES)]
     values: dict[str, float] = dict(zip(names, reading.force_first.tolist(), strict=True))
     values |= {name: getattr(reading, name) for name in NUMBERS}
-    found = {name: value if math.isfinite(value) else None for name, value in values.items()}
-    return {"t": reading.t, **found, **{name: int(getattr(reading, name)) for name in FLAGS}}
+    numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
+    flags = {name: int(getattr(reading, name)) for name in FLAGS}
+    return {"t": reading.t, **numbers, **flags}
 
 
 def _stamp(t: float) -> tuple[Any, int]:
@@ -182,39 +183,47 @@ def _arrow(reading: Reading, stamp: Any) -> Any:
 def _links(shapes: list[LinkShape]) -> list[Any]:
     """An entity a link, with its shapes."""
     parts: dict[str, dict[str, list[Any]]] = {}
-    for one in shapes:
-        made = _primitive(one)
-        if made is not None:
-            parts.setdefault(one.link, {}).setdefault(made[0], []).append(made[1])
+    for link_shape in shapes:
+        primitive = _primitive(link_shape)
+        if primitive is not None:
+            lists = parts.setdefault(link_shape.link, {})
+            lists.setdefault(primitive.list_name, []).append(primitive.message)
     return [
         messages.SceneEntity(frame_id=link, id=link, frame_locked=True, **lists)
         for link, lists in parts.items()
     ]
 
 
-def _primitive(one: LinkShape) -> tuple[str, Any] | None:
-    """The list of an entity that a shape belongs to, and what stands for it there."""
-    shape, rgba, pose = one.shape, one.rgba, _pose(one.X_LS)
+class _Primitive(NamedTuple):
+    """A shape as Foxglove draws it: the entity's list that it belongs to, and its message."""
+
+    list_name: str
+    message: Any
+
+
+def _primitive(link_shape: LinkShape) -> _Primitive | None:
+    """The shape as Foxglove draws it; None where it cannot."""
+    shape, rgba, pose = link_shape.shape, link_shape.rgba, _pose(link_shape.X_LS)
     color = messages.Color(r=rgba.r(), g=rgba.g(), b=rgba.b(), a=rgba.a())
     look = {"pose": pose, "color": color}
     if isinstance(shape, Box):
-        return "cubes", messages.CubePrimitive(size=_vector(shape.size()), **look)
+        return _Primitive("cubes", messages.CubePrimitive(size=_vector(shape.size()), **look))
     if isinstance(shape, Sphere):
         size = 2.0 * shape.radius() * np.ones(3)
-        return "spheres", messages.SpherePrimitive(size=_vector(size), **look)
+        return _Primitive("spheres", messages.SpherePrimitive(size=_vector(size), **look))
     if isinstance(shape, Ellipsoid):
         size = 2.0 * np.array([shape.a(), shape.b(), shape.c()])
-        return "spheres", messages.SpherePrimitive(size=_vector(size), **look)
+        return _Primitive("spheres", messages.SpherePrimitive(size=_vector(size), **look))
     if isinstance(shape, Cylinder | Capsule):
         size = np.array([2.0 * shape.radius(), 2.0 * shape.radius(), shape.length()])
-        more = {"size": _vector(size), "bottom_scale": 1.0, "top_scale": 1.0}
-        return "cylinders", messages.CylinderPrimitive(**more, **look)
+        cylinder = {"size": _vector(size), "bottom_scale": 1.0, "top_scale": 1.0}
+        return _Primitive("cylinders", messages.CylinderPrimitive(**cylinder, **look))
     if isinstance(shape, Mesh | Convex):
         return _model(shape, pose)
     return None
 
 
-def _model(shape: Any, pose: Any) -> tuple[str, Any] | None:
+def _model(shape: Any, pose: Any) -> _Primitive | None:
     media = _MEDIA.get(shape.extension())
     source = shape.source()
     if media is None or not source.is_path():
@@ -222,5 +231,5 @@ def _model(shape: Any, pose: Any) -> tuple[str, Any] | None:
     path = Path(source.path())
     if path.stat().st_size > LARGEST_MESH:
         return None
-    more = {"media_type": media, "data": path.read_bytes(), "scale": _vector(shape.scale3())}
-    return "models", messages.ModelPrimitive(pose=pose, **more)
+    model = {"media_type": media, "data": path.read_bytes(), "scale": _vector(shape.scale3())}
+    return _Primitive("models", messages.ModelPrimitive(pose=pose, **model))

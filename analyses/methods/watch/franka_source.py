@@ -34,12 +34,12 @@ def connect(host: str) -> Any:
 
 
 class FrankaSource:
-    """Reads states, connects again where the robot is lost, and says what happens.
+    """Reads states, connects again where the robot is lost, and reports it.
 
     Args:
         host: of the robot's control.
         external: whether effort is the external torque.
-        opener: makes what has `read_once`.
+        opener: opens a connection with `read_once`.
     """
 
     rate = 1.0
@@ -98,9 +98,9 @@ class FrankaSource:
             self._robot = self._opener(self._host)
         except Exception as error:  # of any kind of the library's
             self._next_try = time.monotonic() + RETRY_TIME
-            said, self._refusal = self._refusal, str(error)
-            if said == self._refusal:
-                return []
+            previous_refusal, self._refusal = self._refusal, str(error)
+            if previous_refusal == self._refusal:
+                return []  # reported already
             return [
                 self._event(
                     EventKind.REFUSED,

@@ -1,4 +1,4 @@
-"""What a person sees of a live robot: in a terminal, or line by line where there is none."""
+"""Display of a live robot: in a terminal, or line by line where there is none."""
 
 import math
 from collections import deque
@@ -69,7 +69,7 @@ class StartUp:
         return True
 
     def event(self) -> StreamEvent:
-        """What is said of it, once it is over."""
+        """The event that reports start-up, once it is over."""
         text = (
             f"the first {self.count} samples waited for the estimator to start, "
             f"{1e3 * self.longest:.0f} ms at most; they do not count in the latency shown"
@@ -79,7 +79,7 @@ class StartUp:
 
 @dataclass
 class LiveSummary:
-    """What is shown, gathered from readings and events."""
+    """Summary that is shown, gathered from readings and events."""
 
     source: str
     dropped: int = 0
@@ -92,7 +92,7 @@ class LiveSummary:
     _valid: deque[bool] = field(default_factory=lambda: deque(maxlen=_WINDOW))
 
     def add(self, rows: Array, events: list[StreamEvent]) -> list[StreamEvent]:
-        """Takes what is new; returns the events, with its own."""
+        """Takes new readings and events; returns the events, with that of start-up."""
         was_starting = not self.start_up.is_over
         for row in rows:
             reading = Reading(row)
@@ -125,7 +125,7 @@ class LiveSummary:
         return "starting" if math.isnan(p50) else f"latency {p50:.2f} ms (p99 {p99:.2f})"
 
     def state(self) -> str:
-        """In a word or some."""
+        """State of the last reading in a few words."""
         if self.last is None:
             return "waiting for samples"
         words = ["valid" if self.last.valid else "NOT VALID"]
@@ -137,7 +137,7 @@ class LiveSummary:
         return ", ".join(words)
 
     def line(self) -> str:
-        """One line of all that."""
+        """The summary in one line."""
         numbers = "no reading yet"
         if self.last is not None:
             values = self.last.force_first
@@ -152,25 +152,25 @@ class LiveSummary:
         )
 
     def picture(self) -> RenderableType:
-        """The same for a terminal."""
+        """The summary for a terminal."""
         table = new_table("", "", "sd", "")
         values = self.last.force_first if self.last is not None else np.full(12, np.nan)
         for k, axis in enumerate(WRENCH_AXES):
             unit = "N" if axis.startswith("f") else "N m"
             table.add_row(axis, f"{values[k]:9.2f}", f"{values[6 + k]:.2f}", unit)
         share = 100.0 * float(np.mean(self._valid)) if self._valid else 0.0
-        good = self.last is not None and self.last.valid
-        state = Text(self.state(), "bold green" if good else "bold red")
+        is_valid = self.last is not None and self.last.valid
+        state = Text(self.state(), "bold green" if is_valid else "bold red")
         foot = (
             f"{self.rate:.0f} Hz, {self._latency()}, {share:.0f} % valid, "
             f"{self.count} readings, dropped {self.dropped}"
         )
-        told = [
+        event_lines = [
             plain_text(f"{event.kind}: {event.text}", "yellow" if event.kind in _ALARMS else "dim")
             for event in self.events
         ]
         head: Table | Text = plain_text(self.source, "bold")
-        return Group(head, table, state, plain_text(foot, "dim"), *told)
+        return Group(head, table, state, plain_text(foot, "dim"), *event_lines)
 
 
 LEGEND = (

@@ -1,4 +1,4 @@
-"""A load at the tool that the model does not know, looked for while a stream runs.
+"""Load search: looks for an unmodelled load at the tool while a stream runs.
 
 All readings since the stream began are weighed after LOOKS seconds, as `estimate` weighs a log's,
 until a load shows. A look takes some 0.2 s: at real time it runs in a thread of its own, so that
@@ -6,11 +6,12 @@ no sample waits for it.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from wrenchsight.analyses.methods.estimate.friction_watch import FrictionWatch
+from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
 from wrenchsight.models.calibration.load_across_joints import LoadAcrossJoints, load_across_joints
 from wrenchsight.models.calibration.load_identification import LoadPrior
 from wrenchsight.models.estimation.estimator import WrenchEstimator
@@ -23,6 +24,13 @@ from wrenchsight.models.robot.robot import Robot
 LOOKS = (5.0, 10.0, 20.0, 40.0)  # s since the stream began
 SETTLING = 1.0  # s of readings that are left out at the beginning
 LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
+
+
+class _Speed(NamedTuple):
+    """Velocity of the joints at a sample: t in s, v (n,) in rad/s."""
+
+    t: float
+    v: Array
 
 
 class LoadSearch:
@@ -44,27 +52,27 @@ class LoadSearch:
         """The stream begins anew."""
         self._begin: float | None = None
         self._looks = list(LOOKS)
-        self._speeds: list[tuple[float, Array]] = []
+        self._speeds: list[_Speed] = []
         self._readings: list[Reading] = []
         self._estimator: WrenchEstimator | None = None
-        self._watch: FrictionWatch | None = None
+        self._monitor: FrictionMonitor | None = None
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is looked for any more."""
+        """Whether the search has ended."""
         return not self._looks and self._running is None
 
     def add_sample(self, sample: Sample) -> None:
         """Takes the next sample of the stream."""
         if not self._looks:
             return
-        if self._speeds and sample.t - self._speeds[-1][0] > LONGEST_GAP:
+        if self._speeds and sample.t - self._speeds[-1].t > LONGEST_GAP:
             self.restart()
         self._begin = sample.t if self._begin is None else self._begin
-        self._speeds.append((sample.t, sample.v))
+        self._speeds.append(_Speed(sample.t, sample.v))
 
     def add_reading(self, reading: Reading) -> None:
-        """Takes what was read of the stream."""
+        """Takes the next reading of the stream."""
         if self._looks and self._begin is not None and reading.t >= self._begin:
             self._readings.append(reading)
 
@@ -73,11 +81,11 @@ class LoadSearch:
 
         Args:
             t: s, of the stream.
-            estimator: that the readings came from.
+            estimator: that gives the readings.
         """
         if self._estimator is not estimator:
-            if self._estimator is not None:  # it began anew
-                self._begin, self._readings, self._watch = t, [], None
+            if self._estimator is not None:  # reading began anew
+                self._begin, self._readings, self._monitor = t, [], None
             self._estimator = estimator
         if self._begin is None or not self._looks or self._running is not None:
             return
@@ -87,16 +95,16 @@ class LoadSearch:
         speeds, self._speeds = self._speeds, self._speeds[-1:]
         readings, self._readings = self._readings, []
         observer = estimator.observer
-        if self._watch is None:
+        if self._monitor is None:
             pole, step = observer.pole, observer.time_step
-            self._watch = FrictionWatch(self._model, estimator.chain, pole, step, self._robot)
+            self._monitor = FrictionMonitor(self._model, estimator.chain, pole, step, self._robot)
         settled = self._begin + max(SETTLING, observer.settling_time)
         if self._in_background:
             self._pool = self._pool or ThreadPoolExecutor(1)
-            self._running = self._pool.submit(self._judge, self._watch, speeds, readings, settled)
+            self._running = self._pool.submit(self._judge, self._monitor, speeds, readings, settled)
         else:
             self._running = Future()
-            self._running.set_result(self._judge(self._watch, speeds, readings, settled))
+            self._running.set_result(self._judge(self._monitor, speeds, readings, settled))
 
     def result(self) -> LoadAcrossJoints | None:
         """The load, once, where a look that is over has shown one."""
@@ -109,46 +117,50 @@ class LoadSearch:
 
     def _judge(
         self,
-        watch: FrictionWatch,
-        speeds: list[tuple[float, Array]],
+        monitor: FrictionMonitor,
+        speeds: list[_Speed],
         readings: list[Reading],
         settled: float,
     ) -> LoadAcrossJoints | None:
-        """Adds what is new, but nothing from before `settled` (s), and weighs all of it."""
+        """Adds the new readings from time `settled` (s) on, and weighs all of them."""
         if readings:
-            _add(watch, speeds, readings, settled)
-        rows = watch.load_rows()
+            _add(monitor, speeds, readings, settled)
+        rows = monitor.load_rows()
         if rows is None:
             return None
         law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
         try:
             return load_across_joints(rows, law, prior)
-        except (LinAlgError, ValueError):  # rows that determine nothing
+        except (LinAlgError, ValueError):  # the rows determine no load
             return None
 
 
 def _add(
-    watch: FrictionWatch,
-    speeds: list[tuple[float, Array]],
+    monitor: FrictionMonitor,
+    speeds: list[_Speed],
     readings: list[Reading],
     settled: float,
 ) -> None:
+    """Adds readings to the monitor, with velocities interpolated between the samples'.
+
+    The grid's velocities are linear between two samples likewise.
+    """
     t = np.array([reading.t for reading in readings])
-    later = _later(t)
-    t, readings = t[later], [readings[k] for k in np.flatnonzero(later)]
-    sample_t = np.array([at for at, _ in speeds])
-    ahead = _later(sample_t)
-    sample_v = np.array([v for _, v in speeds])[ahead]
-    # As the grid's own velocity: linear between two samples.
-    v = np.stack([np.interp(t, sample_t[ahead], one) for one in sample_v.T], axis=1)
+    is_later = _is_later(t)
+    t, readings = t[is_later], [readings[k] for k in np.flatnonzero(is_later)]
+    sample_t = np.array([sample.t for sample in speeds])
+    is_later = _is_later(sample_t)
+    sample_t = sample_t[is_later]
+    sample_v = np.array([sample.v for sample in speeds])[is_later]
+    v = np.stack([np.interp(t, sample_t, joint_v) for joint_v in sample_v.T], axis=1)
     q = np.array([reading.q for reading in readings])
     tau_ext = np.array([reading.tau_ext for reading in readings])
-    usable = np.array([not (reading.dropout or reading.fault) for reading in readings])
-    known = usable & (t >= settled) & np.isfinite(v).all(axis=1)
-    free = np.array([not reading.contact for reading in readings])
-    watch.add(t, q, np.nan_to_num(v), tau_ext, known, free)
+    is_measured = np.array([not (reading.dropout or reading.fault) for reading in readings])
+    is_usable = is_measured & (t >= settled) & np.isfinite(v).all(axis=1)
+    is_free = np.array([not reading.contact for reading in readings])
+    monitor.add(t, q, np.nan_to_num(v), tau_ext, is_usable, is_free)
 
 
-def _later(t: Array) -> Flags:
+def _is_later(t: Array) -> Flags:
     """(N,) which times are later than all before."""
     return np.asarray(np.r_[True, t[1:] > np.maximum.accumulate(t)[:-1]])

@@ -1,4 +1,4 @@
-"""Readings into files that are whole at any time: a folder of short ones, the newest written anew.
+"""Recorder: readings into a folder of short files, each of which is complete at any time.
 
 `mcap` is a ROS 2 bag (a folder with metadata.yaml) whose files hold what `estimate --mcap` writes;
 `parquet` tables hold the columns of `estimate`'s. A file holds SEGMENT_TIME; the newest is
@@ -39,10 +39,10 @@ class Recorder:
     Args:
         folder: a new one, or an empty one.
         form: "mcap" or "parquet".
-        begin: what is done once, before the first reading is written.
+        begin: called once, before the first reading is written.
 
     Attributes:
-        lost: readings that no disk took.
+        lost: readings that could not be written.
 
     Raises:
         InputError: the folder holds something, or cannot be made.
@@ -71,38 +71,40 @@ class Recorder:
         self.lost = 0
 
     def take(self, rows: list[Array]) -> str:
-        """Takes the rows of readings; returns a sentence where something is to be said."""
-        said = ""
+        """Takes the rows of readings; returns a message, or an empty text."""
+        message = ""
         for row in rows:
             if row[0] == self._last:  # the same reading, no longer valid
                 continue
             self._last = row[0]
             if self._form == "mcap" and not 0.0 <= row[0] < LAST_STAMP:
                 if not self.lost:
-                    said = "a stamp of ROS holds no time before 0: such readings are left out"
+                    message = (
+                        "readings before t = 0 are left out: a ROS time stamp holds no such time"
+                    )
                 self.lost += 1
                 continue
-            over = self._rows and not 0.0 <= row[0] - self._rows[0][0] < SEGMENT_TIME
-            if over and not self._failed:
-                said = self._save() or said
+            is_full = self._rows and not 0.0 <= row[0] - self._rows[0][0] < SEGMENT_TIME
+            if is_full and not self._failed:
+                message = self._save() or message
                 if not self._failed:
                     self._segment += 1
                     self._rows.clear()
             self._rows.append(row)
         if time.monotonic() - self._saved < SAVE_TIME:
-            return said
+            return message
         was_failed = self._failed
-        said = self._save() or said
+        message = self._save() or message
         if was_failed and not self._failed:  # a segment that has become long ends here
             self._segment += 1
             self._rows.clear()
-        return said
+        return message
 
     def close(self) -> str:
-        """Writes what is left; returns a sentence where something is to be said."""
-        said = self._save()
+        """Writes the remaining readings; returns a message, or an empty text."""
+        message = self._save()
         self.lost += self._not_saved() if self._failed else 0
-        return f"{self.lost} readings are not in the recording" if self.lost else said
+        return f"{self.lost} readings are not in the recording" if self.lost else message
 
     def _save(self) -> str:
         self._saved = time.monotonic()
@@ -113,20 +115,20 @@ class Recorder:
                 self._begin()
             self._write(np.array(self._rows))
         except InputError as error:
-            first, self._failed = not self._failed, True
+            is_first_failure, self._failed = not self._failed, True
             if len(self._rows) > MOST_ROWS:
                 self.lost += self._not_saved()
                 self._segment += 1
                 self._rows.clear()
-            return f"{error}; it is tried again" if first else ""
-        again, self._failed = self._failed, False
-        return "the recording goes on" if again else ""
+            return f"{error}; it is tried again" if is_first_failure else ""
+        had_failed, self._failed = self._failed, False
+        return "the recording goes on" if had_failed else ""
 
     def _name(self) -> str:
         return f"wrench_{self._segment:05d}.{self._form}"
 
     def _not_saved(self) -> int:
-        """Of the rows that are held, those that no file has."""
+        """Number of the rows in memory that no file holds."""
         saved = sum(file.readings for file in self._files[-1:] if file.name == self._name())
         return len(self._rows) - saved
 
@@ -163,7 +165,7 @@ class Recorder:
             self._write_metadata()
 
     def _write_metadata(self) -> None:
-        """What makes a ROS 2 bag of the folder."""
+        """Writes metadata.yaml, which makes the folder a ROS 2 bag."""
         files = self._files
         count = sum(file.readings for file in files)
         topics = [
@@ -190,7 +192,7 @@ class Recorder:
             "compression_mode": "",
         }
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-        # A long recording has thousands of files, and is told of each second: yaml would take long.
+        # A long recording has thousands of files, listed anew each second: yaml would take long.
         text += "  relative_file_paths:\n" + "".join(f"  - {file.name}\n" for file in files)
         text += "  files:\n" + "".join(file.entry() for file in files)
         path = self._folder / "metadata.yaml"

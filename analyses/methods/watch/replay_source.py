@@ -59,7 +59,7 @@ class ReplaySource:
             time.sleep(timeout)
             return []
         now = time.monotonic()
-        found: list[Sample | StreamEvent] = []
+        items: list[Sample | StreamEvent] = []
         if self._begin is None:
             self._begin = now - (self._next.t / self.rate if self.rate else 0.0)
             pace = "as fast as it is read"
@@ -67,24 +67,24 @@ class ReplaySource:
                 times = "" if self.rate == 1.0 else f"{self.rate:g} times "
                 pace = f"at {times}its own pace"
             text = f"{self._name} is played {pace}"
-            found.append(StreamEvent(EventKind.CONNECTED, text, now))
-        elif self.rate and (wait := self._due(self._next) - now) > 0.0:
-            time.sleep(min(wait, timeout))
+            items.append(StreamEvent(EventKind.CONNECTED, text, now))
+        elif self.rate and self._due(self._next) > now:
+            time.sleep(min(self._due(self._next) - now, timeout))
             now = time.monotonic()
         most = MOST_ITEMS if self.rate else _AT_ONCE
         try:
-            while self._next is not None and len(found) < most and self._due(self._next) <= now:
+            while self._next is not None and len(items) < most and self._due(self._next) <= now:
                 sample = self._next
-                found.append(
+                items.append(
                     Sample(sample.t, now, sample.q, sample.v, sample.effort, more=sample.more)
                 )
                 self._next = next(self._samples, None)
         except InputError as error:
             self._next = None
-            found.append(StreamEvent(EventKind.GARBAGE, str(error), now))
+            items.append(StreamEvent(EventKind.GARBAGE, str(error), now))
         if self._next is None:
-            found.append(StreamEvent(EventKind.ENDED, f"{self._name} is over", now))
-        return found
+            items.append(StreamEvent(EventKind.ENDED, f"{self._name} is over", now))
+        return items
 
     def close(self) -> None:
         """As the protocol."""
@@ -103,5 +103,5 @@ def _samples(chunks: Iterator[Recording]) -> Iterator[Sample]:
             if signal.shape == chunk.q.shape
         }
         for k, t in enumerate(chunk.t.tolist()):
-            more = {name: signal[k] for name, signal in targets.items()}
-            yield Sample(t, 0.0, chunk.q[k], chunk.v[k], chunk.current[k], more=more)
+            targets_now = {name: signal[k] for name, signal in targets.items()}
+            yield Sample(t, 0.0, chunk.q[k], chunk.v[k], chunk.current[k], more=targets_now)

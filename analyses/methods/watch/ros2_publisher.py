@@ -56,8 +56,8 @@ class Ros2Publisher:
         # by kind, as `WrenchMessages` has them
         self._writers = {kind: TopicWriter(participant, name, kind) for name, kind in kinds.items()}
         self._status = TopicWriter(participant, f"{topic}/status", STATUS)
-        self._told: tuple[float, ...] = ()
-        self._told_at = 0.0
+        self._published_state: tuple[float, ...] = ()
+        self._published_at = 0.0
         self.lost = 0
 
     @classmethod
@@ -101,17 +101,17 @@ class Ros2Publisher:
     def _send_status(self, reading: Reading, stamp: int) -> bool:
         state = (*(float(getattr(reading, flag)) for flag in _FLAGS), float(reading.link))
         now = time.monotonic()
-        if state == self._told and now - self._told_at < STATUS_TIME:
+        if state == self._published_state and now - self._published_at < STATUS_TIME:
             return True
-        self._told, self._told_at = state, now
+        self._published_state, self._published_at = state, now
         types = typestore().types
         pair, level = types["diagnostic_msgs/msg/KeyValue"], 0 if reading.valid else 1
         values = [pair(name, f"{value:g}") for name, value in zip(_FLAGS, state, strict=False)]
         values.append(pair("link", str(reading.link)))
         word = "valid" if reading.valid else "not valid"
         status = types["diagnostic_msgs/msg/DiagnosticStatus"]
-        one = status(level, "wrenchsight", word, self._robot.name, values)
-        whole_header = header("", 0)
-        whole_header.stamp.sec, whole_header.stamp.nanosec = divmod(stamp, 10**9)
-        message = types[STATUS](whole_header, [one])
+        message_status = status(level, "wrenchsight", word, self._robot.name, values)
+        status_header = header("", 0)
+        status_header.stamp.sec, status_header.stamp.nanosec = divmod(stamp, 10**9)
+        message = types[STATUS](status_header, [message_status])
         return self._status.write(bytes(typestore().serialize_cdr(message, STATUS)))

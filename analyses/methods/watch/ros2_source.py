@@ -8,6 +8,7 @@ Joints are found by their names. The sample's time is the header's stamp.
 import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,9 @@ from wrenchsight.models.recordings.rosbag.messages import JOINT_STATE, QUANTITIE
 from wrenchsight.models.robot.robot import Robot
 
 EFFORTS = ("found", "torque", "current")
-WAIT_TIME = 1.0  # s without a publisher, after which that is said
-UNIT_TIME, UNIT_SAMPLES = 0.5, 25  # s and samples by which gravity decides of the effort's unit
-LONGEST_UNIT_TIME = 3.0  # s, where it cannot before
+WAIT_TIME = 1.0  # s without a publisher, after which an event reports it
+UNIT_TIME, UNIT_SAMPLES = 0.5, 25  # s and samples from which gravity decides the effort's unit
+LONGEST_UNIT_TIME = 3.0  # s, where it cannot decide earlier
 REMEDIES = {"N m": "?effort=torque", "A": "?effort=current"}
 
 
@@ -47,13 +48,13 @@ class Ros2Source:
         self._participant, self._topic, self._robot = participant, topic, robot
         self._reader: TopicReader | None = None
         self._is_torque = None if effort == "found" else effort == "torque"
-        self._held: list[Sample] = []  # until the unit is known
+        self._waiting: list[Sample] = []  # until the unit is known
         self._unit_time = UNIT_TIME if telling_joints(robot).any() else 0.0
         self._names: list[str] = []
         self._places: list[int] | None = None
         self._is_there = self._closed = False
         self._counts: Counter[str] = Counter()
-        self._told: dict[str, float] = {}
+        self._event_times: dict[str, float] = {}
         self._begin = 0.0
 
     @classmethod
@@ -81,13 +82,13 @@ class Ros2Source:
         for data in received:
             if data is None:
                 self._is_there, self._begin = False, now
-                self._say(items, EventKind.LOST, "nobody publishes it any more; it is waited for")
+                self._say(items, EventKind.LOST, "no publisher any more; waiting for one")
             else:
                 self._take(data, now, items)
         if not self._is_there and now - self._begin > WAIT_TIME:
             self._begin = now
-            text = "nobody publishes JointStates under this name: check topic, domain and network"
-            self._say(items, EventKind.REFUSED, f"{text}; it is waited for")
+            text = "no publisher of JointStates: check topic, domain and network; waiting for one"
+            self._say(items, EventKind.REFUSED, text)
         return items[:MOST_ITEMS]
 
     def close(self) -> None:
@@ -95,14 +96,14 @@ class Ros2Source:
         self._closed = True
 
     def _say(self, items: list[Sample | StreamEvent], kind: EventKind, text: str) -> None:
-        """Says something of the topic, once in a while; all are counted."""
+        """Adds an event of the topic, at most one of a text each SAY_AGAIN; all are counted."""
         now = time.monotonic()
         if len(self._counts) > MOST_ITEMS:
             self._counts.clear()
-            self._told.clear()
+            self._event_times.clear()
         self._counts[text] += 1
-        if now - self._told.get(text, -SAY_AGAIN) >= SAY_AGAIN:
-            self._told[text] = now
+        if now - self._event_times.get(text, -SAY_AGAIN) >= SAY_AGAIN:
+            self._event_times[text] = now
             items.append(StreamEvent(kind, f"{self._topic}: {text}", now, self._counts[text]))
 
     def _take(self, data: bytes, now: float, items: list[Sample | StreamEvent]) -> None:
@@ -110,8 +111,8 @@ class Ros2Source:
             message = typestore().deserialize_cdr(data, JOINT_STATE)
             sample = self._sample(message, now)
         except Exception as error:  # rosbags raises any kind over damaged bytes
-            why = str(error) if isinstance(error, _RefusedError) else "bytes of no JointState"
-            self._say(items, EventKind.RECIPE, f"{why}; it is left out")
+            reason = str(error) if isinstance(error, _RefusedError) else "bytes of no JointState"
+            self._say(items, EventKind.RECIPE, f"{reason}; it is left out")
             return
         if sample is None:  # of a gripper, or another arm
             return
@@ -122,28 +123,26 @@ class Ros2Source:
         if self._is_torque is not None:
             items.append(sample)
             return
-        self._held.append(sample)
-        first = self._held[0]
-        span = max(abs(sample.t - first.t), now - first.received)
-        if len(self._held) >= UNIT_SAMPLES and span >= self._unit_time:
+        self._waiting.append(sample)
+        oldest = self._waiting[0]
+        span = max(abs(sample.t - oldest.t), now - oldest.received)
+        if len(self._waiting) >= UNIT_SAMPLES and span >= self._unit_time:
             items += self._settle(span, now)
 
     def _settle(self, span: float, now: float) -> list[Sample | StreamEvent]:
         """Decides whether effort is torque or current, as the reader of logs does."""
-        held = self._held
-        t, q, v, effort = (
-            np.array([getattr(sample, name) for sample in held])
-            for name in ("t", "q", "v", "effort")
-        )
-        found = effort_unit([Recording(t, q, v, effort, self._topic, effort)], self._robot)
-        if not found.unit and self._unit_time and span < LONGEST_UNIT_TIME:
+        waiting = self._waiting
+        t = np.array([sample.t for sample in waiting])
+        q = np.array([sample.q for sample in waiting])
+        v = np.array([sample.v for sample in waiting])
+        effort = np.array([sample.effort for sample in waiting])
+        unit = effort_unit([Recording(t, q, v, effort, self._topic, effort)], self._robot)
+        if not unit.unit and self._unit_time and span < LONGEST_UNIT_TIME:
             self._unit_time = span + UNIT_TIME
             return []
-        self._held, self._is_torque = [], found.unit != "A"
-        text = f"{self._topic}: {found.sentence(self._robot, REMEDIES)}"
-        samples = [
-            Sample(one.t, one.received, one.q, one.v, one.effort, self._is_torque) for one in held
-        ]
+        self._waiting, self._is_torque = [], unit.unit != "A"
+        text = f"{self._topic}: {unit.sentence(self._robot, REMEDIES)}"
+        samples = [replace(sample, is_torque=self._is_torque) for sample in waiting]
         return [StreamEvent(EventKind.CHECK, text, now), *samples]
 
     def _sample(self, message: Any, now: float) -> Sample | None:
@@ -163,16 +162,15 @@ class Ros2Source:
         return Sample(t, now, q, v, effort, self._is_torque is not False)
 
     def _find_joints(self, names: Sequence[str]) -> list[int] | None:
-        """Where the robot's joints are among the names; None where none of them is."""
-        mine = self._robot.joint_names
-        found = [name for name in mine if names.count(name) == 1]
-        if not found:
+        """Indices of the robot's joints among the names; None where none is there."""
+        joint_names = self._robot.joint_names
+        missing = [name for name in joint_names if names.count(name) != 1]
+        if len(missing) == len(joint_names):
             return None
-        if len(found) < len(mine):
-            missing = next(name for name in mine if name not in found)
-            self._names = []  # a message like it is looked at again
-            raise _RefusedError(f'a message that names the joint "{missing}" not once')
-        return [names.index(name) for name in mine]
+        if missing:
+            self._names = []  # the next message is checked again
+            raise _RefusedError(f'a message that does not name the joint "{missing[0]}" once')
+        return [names.index(name) for name in joint_names]
 
 
 class _RefusedError(Exception):

@@ -1,4 +1,4 @@
-"""A controller of ours that speaks RTDE: it plays a log, or a simulated arm, to whoever connects.
+"""RTDE controller: plays a log, or a simulated arm, to whoever connects.
 
 It stands in for a robot: `simulate --realtime --publish rtde` and the tests use it. It listens on
 this computer alone unless told otherwise, and takes no input.
@@ -50,8 +50,8 @@ class RtdeController:
         parts: of one recording of six joints.
         host, port: to listen on; port 0: a free one.
         rate: seconds of the recording in one of this computer's; 0: as fast as clients take it.
-        tamper: given number and bytes of each data packet, what is sent in its place; for tests.
-            A ConnectionError of it ends the connection.
+        tamper: takes number and bytes of each data packet and returns what is sent in its place;
+            for tests. Its ConnectionError ends the connection.
 
     Attributes:
         port: that it listens on.
@@ -205,8 +205,10 @@ class RtdeController:
 
     def _now(self, name: str, rows: dict[str, Array], k: int) -> list[float] | list[int]:
         if name in ("robot_mode", "safety_mode"):
-            own = self.robot_mode if name == "robot_mode" else self.safety_mode
-            return [int(rows[name][k, 0])] if np.isfinite(rows[name][k, 0]) else [own]
+            logged = rows[name][k, 0]
+            if np.isfinite(logged):
+                return [int(logged)]
+            return [self.robot_mode if name == "robot_mode" else self.safety_mode]
         if name == "payload":
             return [self.payload]
         values: list[float] = rows[name][k].tolist()
@@ -255,9 +257,9 @@ class _Client:
 
 
 def _signals(part: Recording) -> dict[str, Array]:
-    """What a part says, by the names that the protocol has."""
+    """Signals of a part, by their names in the protocol."""
     unknown = np.full(len(part.t), np.nan)
-    found: dict[str, Array] = {
+    signals: dict[str, Array] = {
         "timestamp": part.t,
         "actual_q": part.q,
         "actual_qd": part.v,
@@ -267,10 +269,10 @@ def _signals(part: Recording) -> dict[str, Array]:
         "payload": unknown,
     }
     if part.tau_J is not None:
-        found["actual_current_as_torque"] = part.tau_J
-    for own, signal in part.extra.items():
-        name = CONTROLLER_SIGNALS.get(own, own)
+        signals["actual_current_as_torque"] = part.tau_J
+    for extra_name, signal in part.extra.items():
+        name = CONTROLLER_SIGNALS.get(extra_name, extra_name)
         size = _SIZES.get(TYPES.get(name, ""))
         if size is not None and signal.size == size * len(part.t):
-            found[name] = signal
-    return found
+            signals[name] = signal
+    return signals

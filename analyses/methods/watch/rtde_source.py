@@ -58,7 +58,7 @@ class RtdeSource:
 
     Args:
         host, port: of the controller.
-        frequency: Hz that is asked for.
+        frequency: Hz that is requested.
         effort: "current" or "torque".
     """
 
@@ -66,7 +66,7 @@ class RtdeSource:
 
     def __init__(self, host: str, port: int, frequency: float, effort: str) -> None:
         self._address = host, port
-        self._where = printable(f"{host}:{port}")
+        self._place = printable(f"{host}:{port}")
         self._frequency = frequency
         self._effort = _CURRENT if effort == "current" else _TORQUE
         self._socket: socket.socket | None = None
@@ -76,7 +76,7 @@ class RtdeSource:
         self._refusal = ""
         self._was_connected = False
         self._last_packet = 0.0
-        self._strangers = 0
+        self._num_unexpected = 0
         self._closed = False
         self.step: float | None = 1.0 / frequency
 
@@ -102,18 +102,18 @@ class RtdeSource:
             if not ready:
                 if now - self._last_packet < QUIET_TIME:
                     return []
-                return [self._lost(EventKind.LOST, f"has said nothing for {QUIET_TIME:g} s")]
+                return [self._lost(EventKind.LOST, f"has sent nothing for {QUIET_TIME:g} s")]
             data = self._socket.recv(_CHUNK)
         except OSError as error:
             return [self._lost(EventKind.LOST, error.strerror or str(error))]
         if not data:
             return [self._lost(EventKind.LOST, "closed the connection")]
-        found: list[Sample | StreamEvent] = []
+        items: list[Sample | StreamEvent] = []
         try:
-            found.extend(self._items(data, now))
+            items.extend(self._items(data, now))
         except ProtocolError as error:
-            found.append(self._lost(EventKind.GARBAGE, f"sent {error}"))
-        return found[:MOST_ITEMS]
+            items.append(self._lost(EventKind.GARBAGE, f"sent {error}"))
+        return items[:MOST_ITEMS]
 
     def close(self) -> None:
         """As the protocol."""
@@ -129,9 +129,9 @@ class RtdeSource:
                 continue
             numbers = recipe.decode(payload) if kind is PacketType.DATA else None
             if numbers is None:
-                self._strangers += 1
-                text = f"{self._where} sent a packet that was not asked for; it is left out"
-                yield StreamEvent(EventKind.RECIPE, text, now, self._strangers)
+                self._num_unexpected += 1
+                text = f"{self._place} sent a packet that was not requested; it is left out"
+                yield StreamEvent(EventKind.RECIPE, text, now, self._num_unexpected)
                 continue
             yield self._sample(recipe, numbers, now)
 
@@ -177,9 +177,9 @@ class RtdeSource:
         self._disconnect()
         self._next_try = time.monotonic() + RETRY_TIME
         if reason == self._refusal:
-            return []  # said already
+            return []  # reported already
         self._refusal = reason
-        text = f"{self._where}: {reason}; it is tried again"
+        text = f"{self._place}: {reason}; it is tried again"
         return [StreamEvent(EventKind.REFUSED, text, time.monotonic())]
 
     def _started(self) -> StreamEvent:
@@ -193,21 +193,22 @@ class RtdeSource:
         major, minor, *_ = read_control_version(answer)
         frequency = min(self._frequency, 500.0 if major >= _FIRST_OF_500_HZ else 125.0)
         self.step = 1.0 / frequency
-        wanted = [*_NEEDED, self._effort, *_MODES, *_MORE]
-        wanted += [_TORQUE] if self._effort != _TORQUE else []
-        recipe = self._set_up(frequency, wanted)
+        names = [*_NEEDED, self._effort, *_MODES, *_MORE]
+        names += [_TORQUE] if self._effort != _TORQUE else []
+        recipe = self._set_up(frequency, names)
         if recipe.missing:
-            lacking = {*_NEEDED, self._effort} & {*recipe.missing}
-            if lacking:
-                raise ProtocolError(f"no {', '.join(sorted(lacking))}")
-            recipe = self._set_up(frequency, [n for n in wanted if n not in recipe.missing])
+            missing = {*_NEEDED, self._effort} & {*recipe.missing}
+            if missing:
+                raise ProtocolError(f"no {', '.join(sorted(missing))}")
+            names = [name for name in names if name not in recipe.missing]
+            recipe = self._set_up(frequency, names)
         if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
             raise ProtocolError("a no to the start")
         self._recipe, self._refusal = recipe, ""
         self._last_packet = time.monotonic()
         again = " again" if self._was_connected else ""
         self._was_connected = True
-        text = f"{self._where}: connected{again}, {frequency:g} Hz, software {major}.{minor}"
+        text = f"{self._place}: connected{again}, {frequency:g} Hz, software {major}.{minor}"
         return StreamEvent(EventKind.CONNECTED, text, self._last_packet)
 
     def _set_up(self, frequency: float, names: list[str]) -> Recipe:
@@ -217,27 +218,27 @@ class RtdeSource:
         """Sends a request and returns the payload of its answer.
 
         Raises:
-            OSError: none came in time.
-            ProtocolError: what came is no packet.
+            OSError: no answer came in time.
+            ProtocolError: the bytes are no packet.
         """
         assert self._socket is not None
         self._socket.settimeout(ANSWER_TIME)
         self._socket.sendall(request)
         deadline = time.monotonic() + ANSWER_TIME
-        while (left := deadline - time.monotonic()) > 0.0:
-            self._socket.settimeout(left)
+        while time.monotonic() < deadline:
+            self._socket.settimeout(max(deadline - time.monotonic(), 1e-3))
             data = self._socket.recv(_CHUNK)
             if not data:
                 raise ConnectionError("closed the connection")
             for code, payload in self._packets.feed(data):
                 if code == kind:
-                    return payload  # what came after it is kept
+                    return payload
         raise TimeoutError("no answer")
 
     def _lost(self, kind: EventKind, reason: str) -> StreamEvent:
         self._disconnect()
         self._next_try = time.monotonic() + 0.1 * RETRY_TIME
-        return StreamEvent(kind, f"{self._where} {reason}; connecting again", time.monotonic())
+        return StreamEvent(kind, f"{self._place} {reason}; connecting again", time.monotonic())
 
     def _disconnect(self) -> None:
         if self._socket is not None:

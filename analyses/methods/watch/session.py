@@ -27,15 +27,15 @@ from wrenchsight.models.robot.robot import Robot
 
 _MODULE = "wrenchsight.analyses.methods.watch.reader_process"
 _EVENTS_HELD = 100
-_REFUSED = 2  # exit code of a reading process that refused what it was given
+_REFUSED = 2  # exit code of a reading process that refused its settings or its source
 _END_TIME = 3.0  # s that the reading process has to end by itself
 
 
 class LiveSession:
-    """A robot that is read in a process of its own; iterated, it gives each reading once.
+    """A robot, read in a process of its own; iteration gives each reading once.
 
     Args:
-        settings: as the command `watch` has them; view and record are not looked at.
+        settings: as of the command `watch`; view and record are not used.
 
     Attributes:
         robot, model: as loaded.
@@ -52,16 +52,16 @@ class LiveSession:
         self.events: deque[StreamEvent] = deque(maxlen=_EVENTS_HELD)
         self._readings = Ring(row_size(self.robot.num_joints), READING_COUNT)
         self._event_ring = Ring(EVENT_SIZE, EVENT_COUNT)
-        self._mine = RingReader(self._readings)
-        self._my_events = RingReader(self._event_ring)
+        self._reader = RingReader(self._readings)
+        self._event_reader = RingReader(self._event_ring)
         self._wake, wake = os.pipe()
         os.set_blocking(self._wake, False)
-        given = self._readings.descriptor, self._event_ring.descriptor, wake
-        words = [str(word) for word in (*given, self.robot.num_joints)]
+        descriptors = self._readings.descriptor, self._event_ring.descriptor, wake
+        arguments = [str(number) for number in (*descriptors, self.robot.num_joints)]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", _MODULE, *words],
+            [sys.executable, "-m", _MODULE, *arguments],
             stdin=subprocess.PIPE,
-            pass_fds=given,
+            pass_fds=descriptors,
             env={**os.environ, "NUMBA_NUM_THREADS": "1"},
         )
         os.close(wake)
@@ -78,8 +78,8 @@ class LiveSession:
 
     @property
     def dropped(self) -> int:
-        """Readings that came and went while this iterator was not asked for them."""
-        return self._mine.dropped
+        """Readings that were overwritten before this iterator took them."""
+        return self._reader.dropped
 
     @property
     def ended(self) -> bool:
@@ -91,10 +91,10 @@ class LiveSession:
         return RingReader(self._readings)
 
     def new_events(self) -> list[StreamEvent]:
-        """What happened since the last call; kept in `events`, too."""
-        found = [StreamEvent.of_row(row) for row in self._my_events.read()]
-        self.events.extend(found)
-        return found
+        """Events since the last call; also added to `events`."""
+        events = [StreamEvent.of_row(row) for row in self._event_reader.read()]
+        self.events.extend(events)
+        return events
 
     def __iter__(self) -> Iterator[Reading]:
         """Each reading once, in order, as soon as it is there; until the stream ends.
@@ -103,9 +103,9 @@ class LiveSession:
             InputError: the source cannot be read at all.
         """
         while True:
-            over = self.ended  # before what is left is taken
+            has_ended = self.ended  # read before the last readings are taken
             yield from self.take()
-            if over:
+            if has_ended:
                 break
             self.wait(0.1)
         self.check()
@@ -113,7 +113,7 @@ class LiveSession:
     def take(self) -> list[Reading]:
         """The readings that are new."""
         self.new_events()
-        return [Reading(row) for row in self._mine.read()]
+        return [Reading(row) for row in self._reader.read()]
 
     def wait(self, timeout: float) -> None:
         """Waits until something is new, for `timeout` s at most."""
@@ -132,17 +132,17 @@ class LiveSession:
         return self._process.poll() == _REFUSED
 
     def check(self) -> None:
-        """Tells how the reading process ended.
+        """Raises an error if the reading process failed.
 
         Raises:
-            InputError: it refused what it was given.
+            InputError: it refused its settings or its source.
             RuntimeError: it broke.
         """
         code = self._process.poll()
         self.new_events()
         if code == _REFUSED:
-            said = [event.text for event in self.events if event.kind is EventKind.ENDED]
-            raise InputError("watch", "", said[-1] if said else "the source cannot be read")
+            reasons = [event.text for event in self.events if event.kind is EventKind.ENDED]
+            raise InputError("watch", "", reasons[-1] if reasons else "the source cannot be read")
         if code:
             raise RuntimeError(f"the process that reads the robot broke (code {code})")
 
@@ -181,7 +181,7 @@ def live(
         source: its URL, see docs/live.md.
         robot, model: as `estimate_log`.
         config: how it is read.
-        publish: where each reading is sent besides, at once.
+        publish: addresses that each reading is also sent to, at once.
 
     Raises:
         InputError: as `LiveSession`.

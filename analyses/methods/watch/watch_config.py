@@ -1,4 +1,4 @@
-"""How a live robot is watched: the settings of `watch`, and what they name, loaded."""
+"""Settings of `watch`, their checks, and the robot and model that they name."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -64,8 +64,8 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         InputError: a setting that makes no sense.
     """
 
-    def refuse(option: str, found: object, expected: str) -> InputError:
-        return InputError("watch", option, f"is {found}, expected {expected}")
+    def refuse(option: str, value: object, expected: str) -> InputError:
+        return InputError("watch", option, f"is {value}, expected {expected}")
 
     config = settings.watch
     if not 0.0 <= settings.duration_s < 1e9:
@@ -74,15 +74,15 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         raise refuse("zero", f"{config.live.zero_s:g} s", f"0 to {LONGEST_ZERO:g}")
     if not 0.0 < config.live.late <= LONGEST_LATE:
         raise refuse("late", f"{config.live.late:g} s", f"more than 0, at most {LONGEST_LATE:g}")
-    for option, value, known in (
+    for option, value, choices in (
         ("record_format", settings.record_format, RECORDS),
         ("view", settings.view, VIEWS),
     ):
-        if value not in known:
-            raise refuse(option, f'"{value}"', " or ".join(known))
+        if value not in choices:
+            raise refuse(option, f'"{value}"', " or ".join(choices))
     if config.prior == "log":
-        raise refuse("prior", '"log"', "live or two numbers: a stream has no end to look at")
-    same = EstimateConfig(
+        raise refuse("prior", '"log"', "live or two numbers: a stream is not known to its end")
+    estimate_config = EstimateConfig(
         prior=config.prior,
         estimator=config.live.estimator,
         detection=config.live.detection,
@@ -91,7 +91,7 @@ def checked_settings(settings: WatchSettings, robot: Robot) -> WatchSettings:
         contact=config.live.contact,
         torque_sd=config.live.torque_sd,
     )
-    checked = checked_config(same, robot)
+    checked = checked_config(estimate_config, robot)
     prior = stated_prior(checked, robot)
     assert prior is not None
     estimator = checked.estimator
@@ -117,7 +117,7 @@ def load_watched(settings: WatchSettings) -> tuple[WatchSettings, Robot, Identif
     config, path = settings.watch, Path(settings.model)
     model = IdentifiedModel.load(path, robot, config.other_robot)
     if model.torque_error is None and (config.live.track or config.live.zero_s):
-        problem = "states no torque error, so that friction is not followed and nothing is zeroed"
+        problem = "states no torque error: friction cannot be followed, nor a payload zeroed"
         raise InputError(path, "", problem, "identify it again, or leave --track and --zero out")
     model = with_known_tool(model, robot, path, config.tool, config.other_robot)
     return settings, robot, model

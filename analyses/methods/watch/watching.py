@@ -1,4 +1,4 @@
-"""A live robot, watched: who gets its readings besides those that the reading process sends."""
+"""The command `watch`: readings of a live robot to terminal, viewer and recorder."""
 
 import threading
 import time
@@ -29,7 +29,7 @@ LINE_TIME = 1.0  # s between two lines where there is none
 
 
 class Sink(Protocol):
-    """Gets readings at its own pace; it may be slow.
+    """Receiver of readings at its own pace; it may be slow.
 
     Attributes:
         period: s between two calls.
@@ -38,7 +38,7 @@ class Sink(Protocol):
     period: float
 
     def take(self, rows: list[Array]) -> str:
-        """Takes rows of `Reading`; returns a sentence where something is to be said."""
+        """Takes rows of `Reading`; returns a message, or an empty text."""
         ...
 
     def close(self) -> str:
@@ -71,22 +71,22 @@ class SinkThread(threading.Thread):
     Args:
         make: makes the sink.
         reader: its place among the readings.
-        tell: takes what is to be said.
+        report: takes messages.
 
     Attributes:
-        reader: as given, with what the sink was too slow for.
+        reader: with the count of readings that the sink was too slow for.
 
     Raises:
         InputError: as `make`.
     """
 
     def __init__(
-        self, make: Callable[[], Sink], reader: RingReader, tell: Callable[[str], None]
+        self, make: Callable[[], Sink], reader: RingReader, report: Callable[[str], None]
     ) -> None:
         super().__init__(daemon=True)
-        self._make, self.reader, self._tell = make, reader, tell
+        self._make, self.reader, self._report = make, reader, report
         self._refusal: InputError | None = None
-        self._made, self._over = threading.Event(), threading.Event()
+        self._made, self._finished = threading.Event(), threading.Event()
         self.start()
         self._made.wait()
         if self._refusal is not None:
@@ -99,27 +99,31 @@ class SinkThread(threading.Thread):
             sink = self._make()
             name = type(sink).__name__
             self._made.set()
-            while not self._over.wait(sink.period):
+            while not self._finished.wait(sink.period):
                 self._say(sink.take(list(self.reader.read())))
-            while len(rows := self.reader.read()):
+            rows = self.reader.read()
+            while len(rows):
                 self._say(sink.take(list(rows)))
+                rows = self.reader.read()
             self._say(sink.close())
         except InputError as error:
             self._refusal = error
-            self._tell(str(error))
+            self._report(str(error))
         except Exception as error:  # of any library: the others go on
-            self._tell(f"{name} broke and gets nothing more ({type(error).__name__}: {error})")
+            self._report(
+                f"{name} failed and gets no more readings ({type(error).__name__}: {error})"
+            )
         finally:
             self._made.set()
 
     def finish(self) -> None:
-        """Ends the sink with all that was read."""
-        self._over.set()
+        """Ends the sink once it has all readings."""
+        self._finished.set()
         self.join()
 
     def _say(self, text: str) -> None:
         if text:
-            self._tell(text)
+            self._report(text)
 
 
 def watch(settings: WatchSettings, console: Console) -> int:
@@ -135,26 +139,26 @@ def watch(settings: WatchSettings, console: Console) -> int:
         InputError: as `LiveSession` and `Recorder`.
     """
     with LiveSession(settings) as session:
-        told: list[StreamEvent] = []
+        sink_events: list[StreamEvent] = []
 
-        def tell(text: str) -> None:
-            told.append(StreamEvent(EventKind.SINK, text, time.monotonic()))
+        def report(text: str) -> None:
+            sink_events.append(StreamEvent(EventKind.SINK, text, time.monotonic()))
 
         def recorder() -> Sink:
             assert settings.record is not None
             folder = Path(settings.record)
-            # Of a source that is refused nothing stays: the same folder will do again.
+            # config.yaml comes with the first reading: a refused source leaves the folder empty.
             config = partial(OutputFolder(folder).write_settings, "config.yaml", settings)
             return Recorder(folder, session.robot, settings.record_format, config)
 
         def view() -> Sink:
-            made = SERVED_VIEWS[settings.view](session.robot)
-            tell(f"the arm and its force are at {made.url}")
-            return made
+            served_view = SERVED_VIEWS[settings.view](session.robot)
+            report(f"the arm and its force are at {served_view.url}")
+            return served_view
 
-        wanted = [recorder] if settings.record is not None else []
-        wanted += [view] if settings.view in SERVED_VIEWS else []
-        threads = [SinkThread(make, session.follow(), tell) for make in wanted]
+        sinks = [recorder] if settings.record is not None else []
+        sinks += [view] if settings.view in SERVED_VIEWS else []
+        threads = [SinkThread(make, session.follow(), report) for make in sinks]
         summary, reader = LiveSummary(settings.source), session.follow()
         shows = settings.view != "none"
         plain = settings.view == "lines" or not console.is_terminal or not shows
@@ -165,15 +169,15 @@ def watch(settings: WatchSettings, console: Console) -> int:
             now = time.monotonic()
             if settings.duration_s and summary.last is not None:
                 end = min(end, now + settings.duration_s)  # since the first reading
-            over = session.ended or now >= end
-            events = session.new_events() + [told.pop(0) for _ in range(len(told))]
+            is_over = session.ended or now >= end
+            events = session.new_events() + [sink_events.pop(0) for _ in range(len(sink_events))]
             events = summary.add(reader.read(), events)
             summary.dropped = sum(thread.reader.dropped for thread in threads) + reader.dropped
             if plain and shows:
                 for event in events:
                     if not session.is_refusal(event):
                         say_event(console, event)
-            return not over
+            return not is_over
 
         def say_line() -> None:
             nonlocal legend
@@ -185,10 +189,10 @@ def watch(settings: WatchSettings, console: Console) -> int:
 
         try:
             if plain:
-                said = time.monotonic()
+                last_line = time.monotonic()
                 while step():
-                    if time.monotonic() - said >= LINE_TIME:
-                        said = time.monotonic()
+                    if time.monotonic() - last_line >= LINE_TIME:
+                        last_line = time.monotonic()
                         say_line()
                     time.sleep(0.05)
                 say_line()
@@ -201,7 +205,7 @@ def watch(settings: WatchSettings, console: Console) -> int:
         finally:
             for thread in threads:
                 thread.finish()
-            for event in told:
+            for event in sink_events:
                 say_event(console, event)
         session.check()
         return summary.count

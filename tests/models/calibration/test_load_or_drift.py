@@ -51,9 +51,9 @@ def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
         error = (found.load.mass - 1.5) / found.load.standard_deviation[0]
         assert abs(error) < 3.0
         line = found.sentence()
-        assert line.startswith(f"a load of {found.load.mass:.3g} +- ")
+        assert line.startswith(f"unmodelled load at the tool: {found.load.mass:.3g} +- ")
         assert "mm from the flange, since the log's start" in line
-        assert ("friction that has drifted" in line) == (expected == "both")
+        assert ("drifted friction" in line) == (expected == "both")
 
 
 def test_what_comes_half_way_is_no_load_since_the_start(ur10e):

@@ -50,10 +50,12 @@ def test_the_joint_that_counts_most_is_named_with_the_remedy(robot):
     better = [stated(judged(robot, sd / np.where(np.arange(6) == j, 10, 1))[1]) for j in range(6)]
     worst = int(np.argmin(better))
     assert found.joint == robot.joint_names[worst]
-    said = found.sentence(0.0)
-    assert said.startswith("no reading is valid: the force's sd is ")
-    assert "payload 4 kg in robot.yaml" in said
-    assert f"of {found.joint}, {sd[worst]:g} N m, which is assumed: give --model" in said
+    message = found.sentence(0.0)
+    assert message.startswith("no reading is valid: the force's sd is ")
+    assert "payload 4 kg in robot.yaml" in message
+    assert (
+        f"of {found.joint}, {sd[worst]:g} N m, counts most; it is assumed: pass --model" in message
+    )
     fitted = replace(found, assumed=False).sentence(0.2)
     assert fitted.startswith("20 % of readings are valid")
     assert "--max-force-sd" in fitted
@@ -62,4 +64,4 @@ def test_the_joint_that_counts_most_is_named_with_the_remedy(robot):
 def test_where_the_sd_would_do_rest_and_foreign_contact_are_named(robot):
     found, _ = judged(robot, [0.01] * 6)
     assert found.sd < found.limit
-    assert "joints rest or turn round" in found.sentence(0.0)
+    assert "joints rest or reverse" in found.sentence(0.0)

@@ -26,7 +26,10 @@ from wrenchsight.analyses.methods.reference_sensor.comparison import (
 )
 from wrenchsight.analyses.methods.reference_sensor.mounting import Mounting
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
-from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLogCollector
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
+    SensorLogCollector,
+    SensorSamples,
+)
 from wrenchsight.models.estimation.estimator import (
     EstimateBatch,
     WrenchEstimator,
@@ -156,18 +159,17 @@ class Lara8Reading:
     def against_sensor(self) -> SensorComparison:
         """The wrench against the sensor's, over 0.1 s, from the observer's settling on."""
         recording, batch = self.log.recording, self.batch
-        signals = (
-            recording.t,
-            batch.wrench[:, FORCE_FIRST],
-            batch.standard_deviation[:, FORCE_FIRST],
-            batch.valid,
-            self.log.R_WE,
-            recording.v,
-            recording.extra["sensor"],
+        samples = SensorSamples(
+            t=recording.t,
+            reading=batch.wrench[:, FORCE_FIRST],
+            sd=batch.standard_deviation[:, FORCE_FIRST],
+            valid=np.asarray(batch.valid, float),
+            R_WE=self.log.R_WE,
+            v=recording.v,
+            sensor=recording.extra["sensor"],
         )
         collector = SensorLogCollector(recording.time_step)
-        first = settled_from(recording)
-        collector.add(*(np.asarray(signal[first:], float) for signal in signals))
+        collector.add(samples.rows(slice(settled_from(recording), None)))
         both = collector.log()
         assert both is not None
         return compare_with_sensor(both, self.log.config)

@@ -6,9 +6,10 @@ import pytest
 from wrenchsight.analyses.methods.estimate.contact_places import (
     BEFORE,
     LONGEST,
+    ContactTorque,
     judge_places,
-    of_contacts,
     stretches,
+    torque_of_contacts,
 )
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.robot.robot import Robot
@@ -23,8 +24,8 @@ CONTACTS = ((100, 150), (300, 900))
 
 @pytest.fixture(scope="module")
 def J() -> np.ndarray:
-    own = Robot.load("panda").chain.jacobian(np.array(POSTURE))
-    return np.tile(own, (N, 1, 1))
+    at_posture = Robot.load("panda").chain.jacobian(np.array(POSTURE))
+    return np.tile(at_posture, (N, 1, 1))
 
 
 def detection(spans=CONTACTS) -> Detection:
@@ -40,14 +41,14 @@ def test_a_touch_of_a_link_voids_its_samples_and_one_at_e_does_not(J):
     tau = np.zeros((N, 7))
     tau[100:150] = ON_LINK
     tau[300:900] = J[0, 3:].T @ AT_E
-    found, odds, trusted = judge_places(detection(), t, J, tau, sd)
-    assert found.misfit[100:150].all()
-    assert found.misfit.sum() == 50
-    assert (found.link[100:150] == 5).all()
-    assert not trusted[100:150].any()
-    assert trusted.sum() == N - 50
-    np.testing.assert_allclose(odds[found.contact].sum(axis=1), 1.0)
-    assert not odds[~found.contact].any()
+    placed, odds, may_be_valid = judge_places(detection(), ContactTorque(t, J, tau, sd))
+    assert placed.misfit[100:150].all()
+    assert placed.misfit.sum() == 50
+    assert (placed.link[100:150] == 5).all()
+    assert not may_be_valid[100:150].any()
+    assert may_be_valid.sum() == N - 50
+    np.testing.assert_allclose(odds[placed.contact].sum(axis=1), 1.0)
+    assert not odds[~placed.contact].any()
     # The pieces of the long one add up: nothing is left of the links before the last.
     assert odds[500, :6].sum() < 0.02
 
@@ -57,13 +58,15 @@ def test_what_a_sample_lacks_does_not_spoil_its_contact(J):
     tau = np.tile(ON_LINK, (N, 1))
     tau[120], J = np.nan, J.copy()
     J[130, 2, 2] = np.nan
-    found, odds, _ = judge_places(detection(((100, 150),)), t, J, tau, sd)
-    assert found.misfit[100:150].all()
+    placed, odds, _ = judge_places(detection(((100, 150),)), ContactTorque(t, J, tau, sd))
+    assert placed.misfit[100:150].all()
     assert np.isfinite(odds).all()
     tau[100:150] = np.nan  # nothing is known: every place is as likely
-    found, odds, trusted = judge_places(detection(((100, 150),)), t, J, tau, sd)
+    placed, odds, may_be_valid = judge_places(
+        detection(((100, 150),)), ContactTorque(t, J, tau, sd)
+    )
     assert odds[120] == pytest.approx(1.0 / 8.0)
-    assert not trusted[100:150].any()
+    assert not may_be_valid[100:150].any()
 
 
 def test_a_contact_is_read_from_what_was_before_it():
@@ -71,11 +74,11 @@ def test_a_contact_is_read_from_what_was_before_it():
     tau = np.full((N, 7), 2.0)
     tau[contact] += 5.0
     tau[280] = 99.0  # within BEFORE of the second, but of one sample
-    own = of_contacts(contact, t, tau)
-    np.testing.assert_allclose(own[100:150], 5.0)
+    torque = torque_of_contacts(contact, t, tau)
+    np.testing.assert_allclose(torque[100:150], 5.0)
     late = 300 + round(LONGEST / T)
-    before = tau[300 - round(BEFORE / T) : 295].mean()
-    np.testing.assert_allclose(own[300:late], 7.0 - before)
-    np.testing.assert_allclose(own[late:900], 7.0)  # what was before it has changed since
-    np.testing.assert_array_equal(own[~contact], tau[~contact])
+    baseline = tau[300 - round(BEFORE / T) : 295].mean()
+    np.testing.assert_allclose(torque[300:late], 7.0 - baseline)
+    np.testing.assert_allclose(torque[late:900], 7.0)  # what was before it has changed since
+    np.testing.assert_array_equal(torque[~contact], tau[~contact])
     assert stretches(contact) == [slice(100, 150), slice(300, 900)]

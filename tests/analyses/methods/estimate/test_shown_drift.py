@@ -86,10 +86,10 @@ def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path
     assert inside.min() > 0.9
     assert before.min() < 0.8
     (line,) = (line for line in result.warnings if "until then" in line)
-    assert "the stated band allows for what" in line
-    assert f"joint_2 by {100.0 * shares[1]:.0f} % of the viscous torque, the others by less" in line
+    assert "the stated band includes the friction drift" in line
+    assert f"joint_2 {100.0 * shares[1]:.0f} % of the viscous torque, other joints less" in line
     (line,) = (line for line in told.warnings if "until then" in line)
-    assert "too narrow: --drift 0." in line
+    assert "too narrow" in line and "pass --drift 0." in line
     # What is read, and whether it is contact, is what was known before the log.
     columns = columns_of(6)
     for name in ("fx", "fy", "fz", "mx", "contact_statistic", "contact", "misfit"):

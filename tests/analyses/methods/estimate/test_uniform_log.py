@@ -34,8 +34,8 @@ def test_one_absurd_current_is_a_hole_and_spreads_to_no_neighbour():
     found = on_grid.extra[FAULT]
     np.testing.assert_array_equal(found > 0.0, wrong)
     assert screen.notices == (
-        "1 sample is beyond what the joints can do and left out as missing (the first in sample "
-        "101)",
+        "1 sample beyond the joints' limits, taken as missing (first: sample 101); check the log "
+        "there",
     )
 
 

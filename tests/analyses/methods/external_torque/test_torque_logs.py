@@ -128,7 +128,7 @@ def test_logs_are_read_together_and_each_has_its_table(torque_log, tmp_path):
         ({"torque_sign": "arm"}, ("torque sign", "robot or environment")),
         ({"torque_sd": [0.1, 0.2]}, ("--torque-sd", "expected 1 or 7")),
         ({"torque_sd": [-0.1]}, ("torque_sd", "positive")),
-        ({"mcap": True}, ("--mcap", "where E is")),
+        ({"mcap": True}, ("--mcap", "place of E")),
     ],
 )
 def test_what_has_no_part_in_it_is_refused(torque_log, tmp_path, changes, words):

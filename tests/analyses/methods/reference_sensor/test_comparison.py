@@ -5,7 +5,11 @@ import pytest
 
 from wrenchsight.analyses.methods.reference_sensor.comparison import PHASES, compare_with_sensor
 from wrenchsight.analyses.methods.reference_sensor.reference_config import ReferenceConfig
-from wrenchsight.analyses.methods.reference_sensor.sensor_log import SensorLog, SensorLogCollector
+from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
+    SensorLog,
+    SensorLogCollector,
+    SensorSamples,
+)
 
 _GIVEN = ReferenceConfig("fz", "world", [], "robot", "none", "0")
 
@@ -57,23 +61,25 @@ def test_one_column_is_compared_along_its_axis():
 def test_blocks_do_not_depend_on_the_chunks():
     rng = np.random.default_rng(0)
     N = 1003
-    signals = (
-        np.arange(N) * 0.004,
-        *(rng.normal(size=(N, k)) for k in (6, 6)),
-        np.ones(N),
-        np.broadcast_to(np.eye(3), (N, 3, 3)),
-        *(rng.normal(size=(N, k)) for k in (6, 3)),
+    samples = SensorSamples(
+        t=np.arange(N) * 0.004,
+        reading=rng.normal(size=(N, 6)),
+        sd=rng.normal(size=(N, 6)),
+        valid=np.ones(N),
+        R_WE=np.broadcast_to(np.eye(3), (N, 3, 3)),
+        v=rng.normal(size=(N, 6)),
+        sensor=rng.normal(size=(N, 3)),
     )
-    whole, parts = SensorLogCollector(0.004), SensorLogCollector(0.004)
-    whole.add(*signals)
+    at_once, in_chunks = SensorLogCollector(0.004), SensorLogCollector(0.004)
+    at_once.add(samples)
     for start in range(0, N, 37):
-        parts.add(*(signal[start : start + 37] for signal in signals))
-    one, other = whole.log(), parts.log()
-    assert one is not None
-    assert other is not None
-    assert len(one.t) == N // 5
+        in_chunks.add(samples.rows(slice(start, start + 37)))
+    log, log_of_chunks = at_once.log(), in_chunks.log()
+    assert log is not None
+    assert log_of_chunks is not None
+    assert len(log.t) == N // 5
     for name in SensorLog.__dataclass_fields__:
-        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert np.array_equal(getattr(log, name), getattr(log_of_chunks, name)), name
     assert SensorLogCollector(0.004).log() is None
 
 

@@ -20,7 +20,7 @@ _PLAIN = ReferenceConfig("fx,fy,fz", frame="tool")
         ({"frame": "flange"}, 'reference-frame: is "flange"'),
         ({"sign": "-1"}, 'reference-sign: is "-1"'),
         ({"turn": [1.0]}, "expected three angles"),
-        ({"turn": [0.0, 0.0, 1.0], "frame": "found"}, "not of which frame"),
+        ({"turn": [0.0, 0.0, 1.0], "frame": "found"}, "needs the frame"),
         ({"delay": "soon"}, 'is "soon", expected seconds'),
         ({"delay": "60"}, "at most 5"),
         ({"tare": "0,x"}, 'is "0,x", expected none, start, fit, or numbers'),

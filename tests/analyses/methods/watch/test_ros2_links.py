@@ -304,5 +304,5 @@ def test_faults_without_end_are_not_all_remembered(ur10e, url):
     for k in range(3 * MOST_ITEMS):
         source._say([], EventKind.RECIPE, f"fault {k}")
     assert len(source._counts) <= MOST_ITEMS + 1
-    assert len(source._told) <= MOST_ITEMS + 1
+    assert len(source._event_times) <= MOST_ITEMS + 1
     source.close()

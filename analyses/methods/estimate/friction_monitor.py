@@ -1,0 +1,341 @@
+"""Friction monitor: compares the friction of a log's contact-free stretches with the model's.
+
+The observer's reading there is the model's error. About ten rows a second of it are gathered, each
+with the torque that friction's coefficients add through the observer's pole. They are judged by
+`wrenchsight.models.calibration.friction_disagreement`, and by
+`wrenchsight.models.calibration.load_or_drift` for a load.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from wrenchsight.analyses.methods.estimate.estimate_config import LARGEST_DRIFT
+from wrenchsight.models.calibration.friction_disagreement import (
+    FrictionDisagreement,
+    friction_disagreements,
+)
+from wrenchsight.models.calibration.friction_refresh import refresh_friction
+from wrenchsight.models.calibration.load_identification import LoadPrior, LoadRows
+from wrenchsight.models.calibration.load_or_drift import (
+    LoadOrDrift,
+    loaded_from,
+    weigh,
+    weigh_begin,
+    without_load,
+)
+from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
+from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.signals.first_order import low_pass
+
+ROW_TIME = 0.1  # s
+MOST_ROWS = 6000  # ten minutes
+MARGIN = 0.5  # s before and after a contact that are not contact-free
+SHORTEST = 4.0  # s of free motion that suffice for a refresh
+LITTLE = 0.5  # share of the model's unexplained torque, below which a joint's drift is not listed
+MOSTLY = 0.5  # share of contact beyond which the flag itself is doubtful, and all rows are judged
+_ROW_COLUMNS = ("t", "v", "residual", "dry", "viscous", "stiction", "sliding")
+
+
+class _JudgedRows(NamedTuple):
+    """The load that the gathered rows show, and the rows that friction is judged by.
+
+    Attributes:
+        num_gathered: rows.
+        load: None where none is looked for, or rows are too few.
+        rows: without the torque of the load; None where there is none.
+    """
+
+    num_gathered: int
+    load: LoadOrDrift | None
+    rows: ResidualRows | None
+
+
+class FrictionMonitor:
+    """Gathers rows chunk by chunk, and judges friction and a load by them.
+
+    Args:
+        model: that reads the log.
+        chain: with the model's inertias.
+        pole: (n,) 1/s of the observer; None for one without such a lag.
+        time_step: s.
+        robot: whose payload a load may be; None: no load is looked for.
+    """
+
+    def __init__(
+        self,
+        model: IdentifiedModel,
+        chain: SerialChain,
+        pole: Array | None,
+        time_step: float,
+        robot: Robot | None = None,
+    ) -> None:
+        self._model, self._chain, self._time_step = model, chain, time_step
+        n = chain.num_joints
+        self._decay = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        self._row_stride = max(1, round(ROW_TIME / time_step))
+        self._filter_state = np.zeros((n, 5))
+        self._rows: list[ResidualRows] = []
+        self._robot = robot
+        self._regressor: ObservedRegressor | None = None
+        if robot is not None:
+            self._regressor = ObservedRegressor(robot, model, pole, time_step)
+        self._load_columns: list[Array] = []
+        self._model_columns: list[Array] = []
+        self._judged = _JudgedRows(-1, None, None)
+        self._is_free: list[Flags] = []
+        self._count = 0
+        self._time_since_contact = np.inf  # s
+        self._stretch_begin, self._longest_stretch = 0.0, (0.0, 0.0)
+        self._log_begin: float | None = None
+
+    def add(
+        self, t: Array, q: Array, v: Array, tau_ext: Array, is_usable: Flags, is_free: Flags
+    ) -> None:
+        """Takes the next samples.
+
+        Args:
+            t: (N,) s.
+            q, v: (N, n) rad and rad/s.
+            tau_ext: (N, n) N m.
+            is_usable: (N,) whether tau_ext counts.
+            is_free: (N,) whether nothing touches the arm.
+        """
+        if not len(t) or self._count >= MOST_ROWS:
+            return
+        if self._log_begin is None:
+            self._log_begin = float(t[0])
+        is_free = is_usable & self._clear_of_contact(t, is_free)
+        is_finite = np.isfinite(tau_ext).all(axis=1)
+        indices = np.flatnonzero(is_usable & is_finite)[:: self._row_stride]
+        self._count += len(indices)
+        self._is_free.append(is_free[indices])
+        if self._regressor is not None:
+            load_columns, model_columns = self._regressor.along(q, v, indices)
+            self._load_columns.append(load_columns)
+            self._model_columns.append(model_columns)
+        samples = (t, q, v, self._chain.gravity_torque(q))
+        sd = np.sqrt(np.diag(self._model.residual_covariance))
+        self._rows.append(
+            ResidualRows.of_law(
+                self._model.friction, samples, -tau_ext[indices], sd, indices, self._observed
+            )
+        )
+
+    def _observed(self, torque: Array) -> Array:
+        """Torque (N, n, 5) through the observer's pole; what is not finite counts as zero."""
+        torque = np.where(np.isfinite(torque), torque, 0.0)
+        low_pass(self._decay, self._filter_state, torque)
+        return torque
+
+    def _clear_of_contact(self, t: Array, is_free: Flags) -> Flags:
+        """(N,) samples MARGIN away from contact; also notes the longest stretch of them."""
+        reach = max(1, round(MARGIN / self._time_step))
+        touched = np.flatnonzero(~is_free)
+        padded = np.zeros(len(t) + 1)
+        np.add.at(padded, np.maximum(touched - reach, 0), 1.0)
+        np.add.at(padded, np.minimum(touched + reach + 1, len(t)), -1.0)
+        is_clear = np.cumsum(padded)[:-1] == 0.0
+        remaining_margin = max(MARGIN - self._time_since_contact, 0.0)
+        is_clear[: round(remaining_margin / self._time_step)] = False
+        if len(touched):
+            self._time_since_contact = (len(t) - 1 - touched[-1]) * self._time_step
+        else:
+            self._time_since_contact += len(t) * self._time_step
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], is_clear, [False]])))
+        for begin, end in edges.reshape(-1, 2):
+            if begin > 0 or self._stretch_begin == 0.0:
+                self._stretch_begin = float(t[begin])
+            stretch_end = float(t[end - 1])
+            longest_begin, longest_end = self._longest_stretch
+            if stretch_end - self._stretch_begin > longest_end - longest_begin:
+                self._longest_stretch = (self._stretch_begin, stretch_end)
+        return np.asarray(is_clear)
+
+    def disagreements(self) -> list[FrictionDisagreement]:
+        """The joints whose friction contradicts the model."""
+        rows = self._friction_rows()
+        if rows is None:
+            return []
+        return friction_disagreements(rows, self._model.friction.coulomb_viscous)
+
+    def drift(self) -> float | None:
+        """Friction drift of the joint with most of it, as a share of its viscous torque.
+
+        As the torque error's `drift` it widens the band to what the contact-free stretches show.
+        None where no joint's friction contradicts the model.
+        """
+        rows, disagreements = self._friction_rows(), self.disagreements()
+        if rows is None or not disagreements:
+            return None
+        viscous = rows.moving_rms(rows.viscous)
+        return max(joint.torque / max(float(viscous[joint.joint]), 1e-9) for joint in disagreements)
+
+    def drifts(self) -> Array | None:
+        """Friction drift (n,) of each joint, as a share of its viscous torque.
+
+        As soon as one joint's friction contradicts the model, the drift of all joints counts:
+        joints of one arm drift together, if less clearly. None where no joint contradicts.
+        """
+        rows = self._friction_rows()
+        if rows is None or not self.disagreements():
+            return None
+        refresh = refresh_friction(rows, self._model.friction.coulomb_viscous)
+        added_torque = np.einsum("kjc,jc->kj", rows.sliding[:, :, :2], refresh.change[:, :2])
+        added, viscous = rows.moving_rms(added_torque), rows.moving_rms(rows.viscous)
+        return np.asarray(np.minimum(added / np.maximum(viscous, 1e-9), LARGEST_DRIFT))
+
+    def load(self) -> LoadOrDrift | None:
+        """The load that the log shows, weighed against friction drift.
+
+        A load since the log's start; or, where a load comes or goes, one that is taken up while
+        the log runs. None where no load is looked for, or rows are too few.
+        """
+        return self._judge().load
+
+    def _friction_rows(self) -> ResidualRows | None:
+        """The rows that friction is judged by: without the torque of a load that is reported."""
+        return self._judge().rows
+
+    def _judge(self) -> _JudgedRows:
+        """Judges the rows so far, once."""
+        if self._judged.num_gathered != self._count:
+            self._judged = self._judge_rows()
+        return self._judged
+
+    def _judge_rows(self) -> _JudgedRows:
+        is_chosen = self._chosen()
+        rows = self._rows_of(is_chosen)
+        if rows is None or self._robot is None or self._regressor is None:
+            return _JudgedRows(self._count, None, rows)
+        law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
+        load_rows = self._load_rows_of(is_chosen, self._regressor)
+        load = weigh(load_rows, law, prior)
+        is_settled = load is not None and (load.is_told or (load.is_steady and is_chosen.all()))
+        if not is_settled:
+            all_rows = self._load_rows_of(np.ones_like(is_chosen), self._regressor)
+            later_load = weigh_begin(all_rows, law, prior)
+            if later_load is not None and later_load.is_told and later_load.begin is not None:
+                is_loaded = all_rows.rows.t >= later_load.begin
+                load = later_load
+                load_rows = loaded_from(all_rows, int(np.argmax(is_loaded)))[is_chosen | is_loaded]
+        if load is not None and load.is_told:
+            rows = without_load(load_rows, load.load).rows
+        return _JudgedRows(self._count, load, rows)
+
+    def load_rows(self) -> LoadRows | None:
+        """The rows that a load since the log's start is weighed by; None where there is none."""
+        is_chosen = self._chosen()
+        if self._regressor is None or not is_chosen.any():
+            return None
+        return self._load_rows_of(is_chosen, self._regressor)
+
+    def _load_rows_of(self, is_chosen: Flags, regressor: ObservedRegressor) -> LoadRows:
+        """The chosen rows, at least one, with the torque of a load and of the model's errors."""
+        rows = self._rows_of(is_chosen)
+        assert rows is not None
+        load = np.concatenate(self._load_columns)[is_chosen]
+        model = np.concatenate(self._model_columns)[is_chosen]
+        return LoadRows(rows, load, model, regressor.model_sd)
+
+    def _chosen(self) -> Flags:
+        """Which rows are judged: those without contact, or all where contact is nearly always."""
+        if not self._is_free:
+            return np.zeros(0, bool)
+        is_free = np.concatenate(self._is_free)
+        if len(is_free) and is_free.mean() >= 1.0 - MOSTLY:
+            return is_free
+        return np.ones_like(is_free)
+
+    def _rows_of(self, is_chosen: Flags) -> ResidualRows | None:
+        """The chosen rows; None where there is none."""
+        if not is_chosen.any():
+            return None
+        columns = {
+            name: np.concatenate([getattr(rows, name) for rows in self._rows])[is_chosen]
+            for name in _ROW_COLUMNS
+        }
+        return replace(self._rows[0], **columns)
+
+    def sentences(
+        self,
+        log: str,
+        robot: str,
+        model: str | None,
+        allowed_drift: Array | None = None,
+        is_fitted_on_log: bool = False,
+    ) -> list[str]:
+        """Sentences for the user: each joint that contradicts, and the command that refreshes it.
+
+        Args:
+            log, robot, model: as the user named them; without a model there is no sentence.
+            allowed_drift: `drifts` that the stated band includes already; None: it does not.
+            is_fitted_on_log: whether the model was fitted on this very log, so that its friction
+                has not drifted since.
+        """
+        if model is None or not self._model.provenance.logs:
+            return []
+        disagreements = self.disagreements()
+        if not disagreements:
+            return []
+        names = self._model.joint_names
+        if is_fitted_on_log:
+            joints = ", ".join(names[joint.joint] for joint in disagreements)
+            sentence = (
+                f"the model was fitted on this log, yet its friction law does not hold for {joints}"
+                "; identify it with --friction best, or from more logs"
+            )
+            return [sentence, *self._allowance("", allowed_drift)]
+        sentences = [joint.sentence(names) for joint in disagreements]
+        sentences.append(f"refresh the model's friction: `{self._command(log, robot, model)}`")
+        if allowed_drift is not None:
+            return sentences + self._allowance("until then ", allowed_drift)
+        drift, error = self.drift(), self._model.torque_error
+        if drift is not None and error is not None and drift > error.drift:
+            share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)
+            sentences.append(
+                "until then the stated band is too narrow for the drift of the contact-free "
+                f"stretches: pass --drift {share:g}"
+            )
+        return sentences
+
+    def _command(self, log: str, robot: str, model: str) -> str:
+        """The command that refreshes friction from the log's longest contact-free stretch.
+
+        Where this is too short, or the log shows a load, another log has to be recorded.
+        """
+        is_touched = not all(is_free.all() for is_free in self._is_free)
+        begin, end = (t - (self._log_begin or 0.0) for t in self._longest_stretch)
+        load = self.load()
+        part = ""
+        if load is not None and load.is_told:
+            log = "LOG (some seconds of free motion without the load)"
+        elif is_touched and end - begin >= SHORTEST:
+            part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"
+        elif is_touched:
+            log = "LOG (some seconds of free motion)"
+        return f"wrenchsight identify {log} --robot {robot} --refresh {model}{part} --out refreshed"
+
+    def _allowance(self, introduction: str, allowed_drift: Array | None) -> list[str]:
+        """The friction drift that the stated band includes, of the joints where that counts."""
+        rows = self._friction_rows()
+        if allowed_drift is None or rows is None:
+            return []
+        added = allowed_drift * rows.moving_rms(rows.viscous)
+        names = self._model.joint_names
+        shares = [
+            f"{names[j]} {100.0 * allowed_drift[j]:.0f} %"
+            for j in np.flatnonzero(added > LITTLE * rows.sd)
+        ]
+        drift = "less than the model's unexplained torque"
+        if shares:
+            drift = f"{', '.join(shares)} of the viscous torque, other joints less"
+        return [
+            f"{introduction}the stated band includes the friction drift of the contact-free "
+            f"stretches: {drift}"
+        ]
