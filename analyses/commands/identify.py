@@ -163,7 +163,7 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
         raise InputError("--part", "", problem, "give LOG=BEGIN,END[,BEGIN,END...] each")
     with showing_progress("identify") as progress:
         result = refresh_log(settings, out, progress)
-    outcome, (before, after) = result.refresh, result.rmse
+    outcome, before, after = result.refresh, result.rmse_before, result.rmse_after
     table = new_table(
         "\njoint",
         "Coulomb\n[N m]",

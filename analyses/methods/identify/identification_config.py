@@ -1,4 +1,4 @@
-"""How logs become a model: the settings of an identification, and the friction laws it knows."""
+"""Settings of an identification, and the friction laws that it knows."""
 
 from dataclasses import dataclass, field
 
@@ -94,9 +94,9 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
         if value > most:
             raise InputError("identify", key, f"expected at most {most:g}, found {value:g}")
-    known = (*structures(), *WITH_NETWORK, "best")
-    if config.friction not in known:
-        remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()
+    laws = (*structures(), *WITH_NETWORK, "best")
+    if config.friction not in laws:
+        remedy = f"{nearest(config.friction, laws)} known are {', '.join(laws)}".strip()
         raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)
     if config.friction == "best" and not config.cross_validate:
         raise InputError("--friction", "", "best is chosen by cross-validation, which is off")
