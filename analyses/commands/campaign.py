@@ -90,15 +90,19 @@ def _print(result: "CampaignResult") -> None:
 
     table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")
     experiment = ""
-    for one in result.found:
-        if one.experiment != experiment:
-            experiment = one.experiment
+    for distribution in result.distributions:
+        if distribution.experiment != experiment:
+            experiment = distribution.experiment
             table.add_row(plain_text(experiment, style="bold"))
-        row = table_row(one)
-        label = f"{one.label} [{one.unit}]" if one.unit else one.label
+        row = table_row(distribution)
+        label = (
+            f"{distribution.label} [{distribution.unit}]"
+            if distribution.unit
+            else distribution.label
+        )
         shown = (row[key] for key in ("article", "median", "range", "ahead"))
         table.add_row(plain_text(label), *shown)
-    kept = f", {result.kept} of them kept" if result.kept else ""
+    reused = f", {result.reused} of them from earlier runs" if result.reused else ""
     show(
         *([table] if table.row_count else []),
         *(
@@ -106,7 +110,7 @@ def _print(result: "CampaignResult") -> None:
             for number, outcome in sorted(result.failures.items())
             for name, why in outcome.failures.items()
         ),
-        f"worlds: {result.worlds}{kept}",
+        f"worlds: {result.worlds}{reused}",
     )
     if seconds := "; ".join(f"{name} {own:.1f} s" for name, own in result.seconds.items()):
         show(f"processor time a world: {seconds}")
