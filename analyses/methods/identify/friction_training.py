@@ -39,7 +39,7 @@ _SAME_SPEED = 1e-9  # relative
 
 @dataclass
 class TrainingConfig:
-    """How the networks are trained."""
+    """Settings of the networks' training."""
 
     seed: int = 0  # of the first weights and of the split
     odd: bool = False  # f(-v) = -f(v) + constant, built in
@@ -123,9 +123,9 @@ def train_networks(
 ) -> TrainedNetworks:
     """Trains the near-zero networks of all joints; the same numbers give the same weights.
 
-    Held out is a fifth of the samples, in stretches of the log (of each group), and training of a
-    joint stops when its held-out error has not improved for `patience` steps; kept are the weights
-    of the best step.
+    A fifth of the samples is held out, in stretches of the log (of each group). Training of a joint
+    stops when its held-out error has not improved for `patience` steps. Its weights are those of
+    the best step.
 
     Args:
         v: (N, n) rad/s at all velocities; NaN where a joint has no sample.

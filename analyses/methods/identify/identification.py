@@ -116,7 +116,7 @@ class IdentificationResult:
         law: the friction law; the chosen one for "best".
         held_out: cross-validated RMSE (n,) in N m of each law that was a candidate.
         extrapolated: RMSE (n,) in N m of each joint's fastest and of its slowest samples, predicted
-            by a fit without them, of each law that was a candidate.
+            by a fit without them, of each candidate.
         solution: all parameters, before they became a model.
         robot: whose model it is.
         drive_signs: what the fitted logs say of the signs of the drives.
@@ -542,8 +542,8 @@ def _model_error(
 
     The momentum observer sees this same error through its own low-pass, K_0 / (s + K_0): at 15 /s
     its band, 2.4 Hz, is close enough to the 5 Hz of the default filter. On the UR10e's validation
-    run the observer's reading has an RMS of 1.71 2.86 1.10 0.26 0.28 0.24 N m where
-    nothing touches the arm, and the covariance found here says 1.72 2.96 1.25 0.27 0.35 0.24.
+    run, where nothing touches the arm, the observer's reading has an RMS of 1.71 2.86 1.10 0.26
+    0.28 0.24 N m. The covariance states 1.72 2.96 1.25 0.27 0.35 0.24 N m.
     """
     if cross_validation:
         covariance = residual_covariance([f.residual for f in cross_validation])

@@ -18,7 +18,7 @@ LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from, beside laws wit
 
 @dataclass
 class IdentificationConfig:
-    """How logs become a model."""
+    """Settings of the filter, the fit and the friction laws."""
 
     time_step: float = 0.0  # s, of the grid that the logs are resampled on; 0: their median step
     cutoff: float = 5.0  # Hz, cut-off of the zero-phase low-pass; amplitude one half there
@@ -37,7 +37,7 @@ class IdentificationConfig:
 
 @dataclass
 class RefreshConfig:
-    """How friction is re-estimated, for `identify --refresh`."""
+    """Settings of `identify --refresh`."""
 
     part: list[float] = field(default_factory=list)
     # s, begin and end of the part of the log to refresh from; none: all of it

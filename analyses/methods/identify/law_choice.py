@@ -37,5 +37,5 @@ def law_scores(held_out: Mapping[str, Array], extrapolated: Extrapolated | None 
 
 
 def best_law(held_out: Mapping[str, Array], extrapolated: Extrapolated | None = None) -> str:
-    """The law with the lowest of `law_scores`; the first of those that rounding cannot tell."""
+    """The law with the lowest of `law_scores`; of those equal but for rounding the first."""
     return list(held_out)[int(first_of_least(law_scores(held_out, extrapolated)))]

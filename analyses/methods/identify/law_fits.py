@@ -106,9 +106,9 @@ class LawFits:
     def candidate(self, law: str) -> LawFit:
         """Fits one of LAWS, and cross-validates it where the configuration says so.
 
-        Its `extrapolated` holds the RMSE (n,) in N m of the fastest and of the slowest samples of
-        each joint (beyond EXTREME and 1 - EXTREME of them), predicted by fits without these
-        samples; empty where nothing is cross-validated, or a single law is asked for.
+        Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest and slowest samples,
+        beyond EXTREME and 1 - EXTREME of them. Fits without these samples predict them. It is empty
+        where nothing is cross-validated, or a single law is requested.
         """
         linear_fit = self._linear_fit(_linear_law(law))
         realised = self._realised(law, linear_fit.solution, range(len(self._logs)))

@@ -126,7 +126,7 @@ def long_enough(
 
 
 def missing_time(recording: Recording, needed: float) -> float:
-    """By how many s a log, from its first sample to its last, is shorter than the `needed` s.
+    """Time in s that a log, from its first sample to its last, is shorter than `needed`.
 
     0 where it is long enough; what times are rounded by (ROUNDING of a step) is not missing.
     """
@@ -139,7 +139,7 @@ def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
     missing = missing_time(recording, needed)
     if missing == 0.0:
         return
-    # Two digits of what is missing: so many decimals tell the length from the one that is needed.
+    # Two digits of the missing time: with so many decimals length and needed length differ.
     decimals = max(2, 1 - math.floor(math.log10(missing)))
     units_per_second, rounding = 10.0**decimals, 1e-6
     actual_units = math.floor(recording.duration * units_per_second + rounding)

@@ -1,8 +1,8 @@
 """Logs that repeat one motion: a fit of one cannot be tested on the other.
 
 A law that is fitted on a motion and tried on its repetition shows how well the drives repeat, not
-how well the law carries. (On an arm of which two of three logs were alike within 3 mrad, the law so
-chosen predicted .07 N m on the last joint, where the error on the third log was 9.9 N m.)
+how well the law carries. (On one arm two of three logs were alike within 3 mrad. The law so chosen
+predicted .07 N m on the last joint; its error on the third log was 9.9 N m.)
 """
 
 from collections.abc import Sequence

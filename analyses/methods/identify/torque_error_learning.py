@@ -27,7 +27,7 @@ from wrenchsight.models.robot.robot import Robot
 
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
 FINEST = 1e-4  # of the effort limit: a current's step where robot.yaml states none, 13 bits
-_POSTURES = 100  # of a log, at which gravity's slope is looked at
+_POSTURES = 100  # of a log, at which gravity's slope is evaluated
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
 
 
@@ -46,7 +46,7 @@ def held_out_readings(
         runs, regressions: of the same logs.
         held_out: a model for each fold.
         robot: whose logs they are.
-        model: fitted on all; its residual covariance is not looked at.
+        model: fitted on all; its residual covariance is not used.
     """
     time_step = model.provenance.time_step
     readings = []

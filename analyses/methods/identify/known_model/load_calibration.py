@@ -1,10 +1,11 @@
 """Torque constants from a weighed load: logs without and with it in, torque per ampere out.
 
-The logs without a load are identified as usual. With the friction terms found, a second fit
-of all logs together finds torque per ampere, masses, friction and the loads' centres of mass at
-once (`models.calibration.gain_calibration`). The model is then identified again with the torque
-constants found. Where friction depends on the load, that dependence is the second fit's, whose logs
-have more load. Coulomb friction is lowered by what it adds at the unloaded logs' mean load.
+The logs without a load are identified as usual. With these friction terms a
+second fit, of all logs together, determines torque per ampere, masses, friction and the loads'
+centres of mass (`models.calibration.gain_calibration`). The model is then identified again with
+the new torque constants. Where friction depends on the load, that dependence is the second fit's,
+whose logs have more load. Coulomb friction is lowered by what it adds at the unloaded logs' mean
+load.
 """
 
 from collections.abc import Callable, Sequence
@@ -61,7 +62,7 @@ SURE = 2.0  # standard errors, beyond which a load dependence differs from none
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Torque constants, and the model that goes with them.
+    """Torque constants, and the model identified with them.
 
     Attributes:
         identification: with these constants, of the logs without a load.

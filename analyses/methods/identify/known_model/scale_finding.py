@@ -120,7 +120,7 @@ def _hold_torque(recordings: Sequence[Recording]) -> bool:
 
 
 def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
-    """What a user should know of the result, one sentence each."""
+    """Notes on the result for the user, one sentence each."""
     names = np.array(result.robot.joint_names)
     hidden = ", ".join(names[~result.scale.seen])
     notes = []
