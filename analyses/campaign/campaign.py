@@ -1,7 +1,7 @@
-"""Runs experiments in many worlds, keeps what is done and writes the spread of their figures.
+"""Runs experiments in many worlds, stores finished worlds and writes the spread of their figures.
 
-A folder holds one campaign: one seed, one set of ranges, one length. What is done in it is never
-run again; whatever ends a campaign, the same command goes on where it stopped.
+A folder holds one campaign: one seed, one set of ranges, one length. Finished worlds never run
+again; whatever ends a campaign, the same command goes on where it stopped.
 """
 
 import json
@@ -29,7 +29,7 @@ from wrenchsight.analyses.campaign.workers import on_cluster, on_this_machine, r
 from wrenchsight.analyses.campaign.world_run import CampaignSettings, WorldOutcome, WorldTask
 from wrenchsight.analyses.data_sets.places import given_folder
 from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
-from wrenchsight.analyses.output.outputs import json_text, plain
+from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
 from wrenchsight.analyses.output.progress import Progress
 from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
 from wrenchsight.analyses.study.fingerprint import libraries, software_hash
@@ -50,31 +50,39 @@ _LAST_LINES: Final = 40  # of what the workers printed, behind the word that one
 
 @dataclass(frozen=True)
 class CampaignResult:
-    """What a campaign came to."""
+    """The result of a campaign.
 
-    out: Path  # its folder
-    worlds: int  # how many have figures, of this run or earlier
-    found: tuple[Distribution, ...]  # the figures of the article over these
-    failures: dict[int, WorldOutcome]  # by world, its outcome: what failed in this run
-    kept: int  # how many worlds were whole before
-    # of a processor for each experiment in a world, in the mean of this run
+    Attributes:
+        out: its folder.
+        worlds: number of worlds with figures, of this run or earlier.
+        distributions: the figures of the article over these worlds.
+        failures: outcomes of this run in which experiments failed, by world.
+        reused: number of worlds that were complete before this run.
+        seconds: processor time of each experiment in a world, in the mean of this run.
+    """
+
+    out: Path
+    worlds: int
+    distributions: tuple[Distribution, ...]
+    failures: dict[int, WorldOutcome]
+    reused: int
     seconds: dict[str, float]
 
 
 def run_campaign(
     settings: CampaignSettings,
     out: Path,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    report: Callable[[Progress], None] = lambda progress: None,
 ) -> CampaignResult:
     """Runs experiments in worlds and writes campaign.parquet, metrics.json and campaign.html.
 
-    Everything below `out` changes as one, at the end and also after an interrupt; a world that has
-    come to its end before is kept beside until then, also through a kill.
+    Everything below `out` changes as one, at the end and also after an interrupt. Until then each
+    finished world is stored in a file of its own, which survives a kill.
 
     Args:
-        settings: what to run, and where; `fit` and `narrow` are `fit_figures`'s.
+        settings: experiments, worlds and workers; `fit` and `narrow` are `fit_figures`'s.
         out: folder of the campaign; made if absent.
-        watch: called when a world has come to its end.
+        report: called with the progress when a world has come to its end.
 
     Raises:
         InputError: an unknown experiment, a folder that cannot be written or holds another
@@ -82,52 +90,57 @@ def run_campaign(
         KeyboardInterrupt: passed on after the results so far were written.
     """
     names, cluster = check_names(settings.experiments), settings.cluster
-    check_ranges(settings.source.ranges, settings.source.even)
-    if settings.world is not None and settings.world >= settings.worlds:
-        problem = f"is {settings.world}, one of 0 to {settings.worlds - 1} was expected"
-        raise InputError("--world", "", problem)
-    if settings.world is not None and cluster is not None:
-        problem = "a world that is run alone is run on this machine"
-        raise InputError("--world", "", problem, "leave --cluster out")
+    _check_settings(settings)
     settings = replace(settings, data=given_folder(settings.data))
     modules = {name: REGISTRY.entries()[name].module for name in names}
     software = {name: software_hash(module) for name, module in modules.items()}
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
         campaign = _Campaign(settings, folder, software)
-        before = campaign.whole(names)
+        num_reused = campaign.count_complete(names)
         # Another machine need not see this folder.
         everywhere = folder.work("everywhere").resolve() if cluster is None else None
         tasks = campaign.tasks(names, modules, everywhere)
         if cluster is not None and tasks:
             refuse_silent(cluster)
-        outcomes = (
-            on_cluster(tasks, cluster)
-            if cluster is not None and tasks
-            else on_this_machine(tasks, settings.jobs or available_cores(), folder.work(_LOG))
-        )
+            outcomes = on_cluster(tasks, cluster)
+        else:
+            jobs = settings.jobs or available_cores()
+            outcomes = on_this_machine(tasks, jobs, folder.work(_LOG))
         try:
             with closing(outcomes):
-                campaign.take(outcomes, len(tasks), watch)
+                campaign.take(outcomes, len(tasks), report)
         except BaseException:
-            watch(Progress(COMMAND, "interrupted", action="what is done is kept"))
-            # Whatever ended it is what the user is to hear of, not what follows from it.
+            report(Progress(COMMAND, "interrupted", action="finished worlds are kept"))
+            # The user is to hear of the cause, not of an error that follows from it.
             with suppress(InputError, OSError):
                 if campaign.record.worlds or not folder.files:  # else the earlier ones stay
                     campaign.write()
             raise
-        found = campaign.write()
+        spread = campaign.write()
     return CampaignResult(
-        out,
-        len(campaign.record.worlds),
-        found,
-        campaign.failures,
-        before,
-        campaign.mean_seconds(),
+        out=out,
+        worlds=len(campaign.record.worlds),
+        distributions=spread,
+        failures=campaign.failures,
+        reused=num_reused,
+        seconds=campaign.mean_seconds(),
     )
 
 
+def _check_settings(settings: CampaignSettings) -> None:
+    check_ranges(settings.source.ranges, settings.source.even)
+    if settings.world is None:
+        return
+    if settings.world >= settings.worlds:
+        problem = f"is {settings.world}, one of 0 to {settings.worlds - 1} was expected"
+        raise InputError("--world", "", problem)
+    if settings.cluster is not None:
+        problem = "a world that is run alone is run on this machine"
+        raise InputError("--world", "", problem, "leave --cluster out")
+
+
 class _Campaign:
-    """One campaign at work in its folder."""
+    """A campaign that runs in its folder."""
 
     def __init__(
         self, settings: CampaignSettings, folder: ResultFolder, software: dict[str, str]
@@ -152,66 +165,72 @@ class _Campaign:
         self.record.software |= software
 
     def _read(self, software: dict[str, str]) -> None:
-        """Takes in what is there, if it goes together with what is asked."""
-        before = read_table(self._folder.path / TABLE)
-        if before is not None:
-            self._check(before.settings, before.software, software)
-            before.settings = self.record.settings
-            self.record = before
-        for settings, own, outcome in self.parts.read():
-            self._check(settings, own, software)
-            self.record.software |= own
-            self.record.add(outcome)
+        """Reads the worlds that the folder holds, if settings and software are the same."""
+        stored = read_table(self._folder.path / TABLE)
+        if stored is not None:
+            self._check(stored.settings, stored.software, software)
+            stored.settings = self.record.settings
+            self.record = stored
+        for part in self.parts.read():
+            self._check(part.settings, part.software, software)
+            self.record.software |= part.software
+            self.record.add(part.outcome)
 
     def _check(
-        self, settings: dict[str, Any], own: dict[str, str], software: dict[str, str]
+        self,
+        stored_settings: dict[str, Any],
+        stored_software: dict[str, str],
+        software: dict[str, str],
     ) -> None:
-        now = self.record.settings
-        other = [key for key in now if settings.get(key) != now[key]]
-        other += [
+        settings = self.record.settings
+        differences = [key for key in settings if stored_settings.get(key) != settings[key]]
+        differences += [
             f"software of {name}"
             for name in software
-            if own.get(name, software[name]) != software[name]
+            if stored_software.get(name, software[name]) != software[name]
         ]
-        if other:
-            problem = f"holds worlds of another {other[0].replace('_', ' ')}"
+        if differences:
+            problem = f"holds worlds of another {differences[0].replace('_', ' ')}"
             remedy = "choose another --out, or begin anew with --fresh"
             raise InputError(self._folder.path, "", problem, remedy)
 
-    def whole(self, names: Sequence[str]) -> int:
-        """How many of the worlds that are asked for have all figures."""
+    def count_complete(self, names: Sequence[str]) -> int:
+        """Number of the requested worlds that have all figures."""
         worlds = range(self._settings.worlds)
         return sum(not self.record.missing(number, names) for number in worlds)
 
     def tasks(
         self, names: Sequence[str], modules: dict[str, str], everywhere: Path | None
     ) -> list[WorldTask]:
-        """What is left to do; see `WorldTask.everywhere`."""
+        """The tasks that remain; see `WorldTask.everywhere`."""
         alone = self._settings.world
         numbers: Sequence[int] = range(self._settings.worlds) if alone is None else [alone]
-        numbers = numbers if self._settings.numbers is None else self._settings.numbers
-        return [
-            WorldTask(
-                settings=self._settings,
-                number=number,
-                modules={name: modules[name] for name in own},
-                software={name: self.record.software[name] for name in own},
-                out=None if alone is None else self._drawings(number),
-                everywhere=everywhere,
-            )
-            for number in numbers
-            if (own := names if alone is not None else self.record.missing(number, names))
-        ]
+        if self._settings.numbers is not None:
+            numbers = self._settings.numbers
+        tasks = []
+        for number in numbers:
+            experiments = names if alone is not None else self.record.missing(number, names)
+            if experiments:
+                task = WorldTask(
+                    settings=self._settings,
+                    number=number,
+                    modules={name: modules[name] for name in experiments},
+                    software={name: self.record.software[name] for name in experiments},
+                    out=None if alone is None else self._drawings(number),
+                    everywhere=everywhere,
+                )
+                tasks.append(task)
+        return tasks
 
     def _drawings(self, number: int) -> Path:
         return self._folder.work(_name_of(number)).resolve()
 
     def take(
-        self, outcomes: Generator[WorldOutcome], total: int, watch: Callable[[Progress], None]
+        self, outcomes: Generator[WorldOutcome], total: int, report: Callable[[Progress], None]
     ) -> None:
-        """Keeps the outcomes as they come, and says how far it is."""
+        """Stores the outcomes as they come, and reports the progress."""
         started, done = time.monotonic(), 0
-        watch(Progress(COMMAND, "running", 0.0, f"0 of {total} worlds"))
+        report(Progress(COMMAND, "running", 0.0, f"0 of {total} worlds"))
         for outcome in outcomes:
             with uninterrupted():
                 if outcome.values:
@@ -222,36 +241,32 @@ class _Campaign:
                 for name, seconds in outcome.seconds.items():
                     self._seconds.setdefault(name, []).append(seconds)
             done += 1
-            left = (time.monotonic() - started) / done * (total - done)
+            remaining = (time.monotonic() - started) / done * (total - done)
             failed = f", {len(self.failures)} failed" if self.failures else ""
-            what = f"{done} of {total} worlds{failed}, {_spoken(left)} left"
-            watch(Progress(COMMAND, "running", done / total, what))
-        watch(Progress(COMMAND, "done", 1.0, f"{done} worlds", time.monotonic() - started))
+            action = f"{done} of {total} worlds{failed}, {_duration_text(remaining)} left"
+            report(Progress(COMMAND, "running", done / total, action))
+        report(Progress(COMMAND, "done", 1.0, f"{done} worlds", time.monotonic() - started))
 
     def mean_seconds(self) -> dict[str, float]:
-        """Of a processor, by experiment, in the mean of this run's worlds."""
-        return {name: sum(own) / len(own) for name, own in self._seconds.items()}
+        """Processor time in s by experiment, in the mean of this run's worlds."""
+        return {name: sum(times) / len(times) for name, times in self._seconds.items()}
 
     def write(self) -> tuple[Distribution, ...]:
-        """Writes all results as one and removes what was kept beside."""
-        record, known = self.record, list(REGISTRY.entries())
-        order = [name for name in known if name in record.described]
+        """Writes all results as one and removes the files of single worlds."""
+        record = self.record
+        order = [name for name in REGISTRY.entries() if name in record.described]
         order += sorted(set(record.described) - set(order))
-        found = tuple(distributions(record, order))
+        spread = tuple(distributions(record, order))
         alone = self._settings.world
-        drawn = [name for name in self._folder.files if name.startswith("world-")]
-        kept = [n for n in drawn if alone is None or not n.startswith(_name_of(alone))]
+        world_files = [name for name in self._folder.files if name.startswith("world-")]
+        unchanged = [
+            name for name in world_files if alone is None or not name.startswith(_name_of(alone))
+        ]
+        changing = [name for name in self._folder.files if name not in unchanged]
         with uninterrupted():
-            with self._folder.changing([n for n in self._folder.files if n not in kept]) as folder:
+            with self._folder.changing(changing) as folder:
                 if record.worlds:
-                    write_table(record, folder / TABLE, order)
-                    folder.write_text(METRICS, json_text(self._metrics(found)))
-                    timings = self._timings()
-                    folder.write_text(TIMINGS, json_text(timings))
-                    seconds = {name: own["seconds_a_world"] for name, own in timings.items()}
-                    write_campaign_report(
-                        folder, record, found, self.failures, seconds, software_version()
-                    )
+                    self._write_figures(folder, spread, order)
                 for number, outcome in sorted(self.failures.items()):
                     text = self._failure(outcome)
                     folder.write_text(f"{FAILURES}/{_name_of(number)}.txt", text)
@@ -259,34 +274,47 @@ class _Campaign:
                     with writing_to(folder.path):
                         self._drawings(alone).rename(folder / _name_of(alone))
             self.parts.clear()
-        return found
+        return spread
 
-    def _metrics(self, found: Sequence[Distribution]) -> dict[str, Any]:
+    def _write_figures(
+        self, folder: OutputFolder, spread: Sequence[Distribution], order: Sequence[str]
+    ) -> None:
+        """Writes table, metrics, timings and report."""
+        write_table(self.record, folder / TABLE, order)
+        folder.write_text(METRICS, json_text(self._metrics(spread)))
+        timings = self._timings()
+        folder.write_text(TIMINGS, json_text(timings))
+        seconds = {name: timing["seconds_a_world"] for name, timing in timings.items()}
+        write_campaign_report(
+            folder, self.record, spread, self.failures, seconds, software_version()
+        )
+
+    def _metrics(self, spread: Sequence[Distribution]) -> dict[str, Any]:
         record = self.record
         settings = {key: record.settings[key] for key in ("seed", "quick")}
         metrics = {
             COMMAND: settings | {"worlds": len(record.worlds)},
-            **distribution_metrics(found),
+            **distribution_metrics(spread),
         }
         return dict(plain(metrics))
 
     def _timings(self) -> dict[str, Any]:
-        """Of a processor, by experiment, in a world: of all that were ever measured here."""
-        before: dict[str, Any] = {}
+        """Mean processor time of a world by experiment, over all runs in this folder."""
+        timings: dict[str, Any] = {}
         with suppress(OSError, ValueError):
-            before = json.loads((self._folder.path / TIMINGS).read_text(encoding="utf-8"))
-        for name, own in self._seconds.items():
-            total = before.get(name, {"worlds": 0, "seconds_a_world": 0.0})
-            worlds = total["worlds"] + len(own)
-            seconds = total["worlds"] * total["seconds_a_world"] + sum(own)
-            before[name] = {"worlds": worlds, "seconds_a_world": round(seconds / worlds, 2)}
-        return before
+            timings = json.loads((self._folder.path / TIMINGS).read_text(encoding="utf-8"))
+        for name, times in self._seconds.items():
+            earlier = timings.get(name, {"worlds": 0, "seconds_a_world": 0.0})
+            worlds = earlier["worlds"] + len(times)
+            seconds = earlier["worlds"] * earlier["seconds_a_world"] + sum(times)
+            timings[name] = {"worlds": worlds, "seconds_a_world": round(seconds / worlds, 2)}
+        return timings
 
     def _failure(self, outcome: WorldOutcome) -> str:
         world = draw_world(self._settings.seed, outcome.number, self._settings.source)
         lines = [f"world {outcome.number}, seed {outcome.seed}", "", repr(world), ""]
-        for name, what in outcome.failures.items():
-            lines += [f"== {name}: {what}", ""]
+        for name, message in outcome.failures.items():
+            lines += [f"== {name}: {message}", ""]
         log = self._folder.work(_LOG)
         with suppress(OSError):
             printed = log.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -298,7 +326,7 @@ def _name_of(number: int) -> str:
     return f"world-{number:05d}"
 
 
-def _spoken(seconds: float) -> str:
+def _duration_text(seconds: float) -> str:
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

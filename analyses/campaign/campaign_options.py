@@ -1,4 +1,4 @@
-"""What the command line may ask of a campaign; imports nothing heavy, so that help answers soon."""
+"""Options of a campaign on the command line; imports nothing heavy, so that help answers soon."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 
 @dataclass
 class CampaignOptions:
-    """What is asked of a campaign on the command line; `CampaignSettings` has the rest."""
+    """The options of a campaign on the command line; `CampaignSettings` adds the others."""
 
     experiments: list[str] = field(default_factory=list)  # names; see `study --list`
     worlds: int = 200  # how many worlds there are to be; the first is number 0

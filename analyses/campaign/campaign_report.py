@@ -1,4 +1,4 @@
-"""A campaign as one page: a table and violins for each experiment, the ranges, what failed."""
+"""A campaign as one page: a table and violins for each experiment, ranges and failures."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -7,7 +7,7 @@ import numpy as np
 
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord
 from wrenchsight.analyses.campaign.distributions import Distribution
-from wrenchsight.analyses.campaign.influences import said
+from wrenchsight.analyses.campaign.influences import influences_text
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.figures import COLOUR, Figure, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -21,7 +21,7 @@ _WIDEST: Final = 12.0  # times the article's number; what lies beyond is drawn a
 def write_campaign_report(
     folder: OutputFolder,
     record: CampaignRecord,
-    found: Sequence[Distribution],
+    spread: Sequence[Distribution],
     failures: Mapping[int, WorldOutcome],
     seconds: Mapping[str, float],
     version: str,
@@ -29,8 +29,8 @@ def write_campaign_report(
     """Writes campaign.html and its figures into `folder`.
 
     Args:
-        found: the figures of the article over worlds.
-        failures: what failed, by world.
+        spread: the figures of the article over worlds.
+        failures: outcomes of worlds in which experiments failed, by world.
         seconds: of a processor, by experiment, in a world.
         version: of the software.
 
@@ -39,11 +39,11 @@ def write_campaign_report(
     """
     environment = page_templates()
     sections = []
-    for name in dict.fromkeys(one.experiment for one in found):
-        own = [one for one in found if one.experiment == name]
+    for name in dict.fromkeys(distribution.experiment for distribution in spread):
+        of_experiment = [row for row in spread if row.experiment == name]
         picture, size = "", None
-        if any(_comparable(one) for one in own):
-            figure = violin_figure(own)
+        if any(_comparable(row) for row in of_experiment):
+            figure = violin_figure(of_experiment)
             width, height = figure.get_size_inches()
             size = (960, round(960 * height / width))
             picture = folder.write_figure(name, figure).relative_to(folder.path).as_posix()
@@ -55,7 +55,7 @@ def write_campaign_report(
                 "title": described["title"],
                 "section": described["section"],
                 "num_worlds": worlds,
-                "rows": [table_row(one) for one in own],
+                "rows": [table_row(row) for row in of_experiment],
                 "picture": picture,
                 "size": size,
             }
@@ -67,42 +67,48 @@ def write_campaign_report(
         sections=sections,
         ranges=[(name, low, high) for name, (low, high) in record.settings["ranges"].items()],
         failures=[
-            (world.number, world.seed, name, why.splitlines()[0])
+            (world.number, world.seed, name, message.splitlines()[0])
             for _, world in sorted(failures.items())
-            for name, why in world.failures.items()
+            for name, message in world.failures.items()
         ],
-        timings=", ".join(f"{name} {own:.1f} s" for name, own in seconds.items()),
+        timings=", ".join(f"{name} {mean:.1f} s" for name, mean in seconds.items()),
         version=version,
     )
     folder.write_text(REPORT_NAME, text)
 
 
-def table_row(one: Distribution) -> dict[str, str]:
-    """A distribution as text: what the page and the command show."""
-    low, high = one.range
-    digits = [value for value in (one.article, one.median, low, high) if value is not None]
+def table_row(distribution: Distribution) -> dict[str, str]:
+    """A distribution as text, for the page and the command."""
+    low, high = distribution.range
+    digits = [
+        value
+        for value in (distribution.article, distribution.median, low, high)
+        if value is not None
+    ]
     decimals = decimals_of_three_digits(digits)
-    holds = one.holds_article
+    holds = {None: "–", True: "yes", False: "no"}[distribution.holds_article]
     return {
-        "label": one.label,
-        "unit": one.unit,
-        "article": "" if one.article is None else number(one.article),
-        "source": one.source,
-        "median": number(one.median, decimals),
+        "label": distribution.label,
+        "unit": distribution.unit,
+        "article": "" if distribution.article is None else number(distribution.article),
+        "source": distribution.source,
+        "median": number(distribution.median, decimals),
         "range": f"{number(low, decimals)} to {number(high, decimals)}",
-        "holds": "–" if holds is None else "yes" if holds else "no",
-        "ahead": "" if one.ahead is None else f"{100.0 * one.ahead:.0f} %",
-        "moved_by": said(one.moved_by),
+        "holds": holds,
+        "ahead": ""
+        if distribution.share_ahead is None
+        else f"{100.0 * distribution.share_ahead:.0f} %",
+        "moved_by": influences_text(distribution.moved_by),
     }
 
 
-def violin_figure(found: Sequence[Distribution]) -> Figure:
+def violin_figure(spread: Sequence[Distribution]) -> Figure:
     """A violin for each figure that the article prints: the worlds' over the printed number."""
-    shown = [one for one in found if _comparable(one)]
+    shown = [row for row in spread if _comparable(row)]
     figure, ((axes,),) = new_figure(1, 1, height=0.9 + 0.34 * len(shown))
-    for place, one in enumerate(reversed(shown)):
-        assert one.article is not None
-        ratio = np.clip(one.values / one.article, -_WIDEST, _WIDEST)
+    for place, row in enumerate(reversed(shown)):
+        assert row.article is not None
+        ratio = np.clip(row.values / row.article, -_WIDEST, _WIDEST)
         low, median, high = np.percentile(ratio, [5.0, 50.0, 95.0])
         colour = COLOUR["estimate"]
         if len(ratio) >= _FEWEST and np.ptp(ratio) > 1e-9 * abs(median):
@@ -116,13 +122,13 @@ def violin_figure(found: Sequence[Distribution]) -> Figure:
             axes.plot(ratio, np.full(len(ratio), place), ".", color=colour, ms=5, alpha=0.6)
         axes.plot(median, place, "o", color=colour, mfc="white", ms=5)
     axes.axvline(1.0, color=COLOUR["article"], lw=1.5, zorder=0.5)
-    labels = [f"{one.label} [{one.unit}]" if one.unit else one.label for one in reversed(shown)]
+    labels = [f"{row.label} [{row.unit}]" if row.unit else row.label for row in reversed(shown)]
     axes.set_yticks(range(len(shown)), labels=labels, fontsize=8)
     axes.set_ylim(-0.7, len(shown) - 0.3)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("worlds' figure over the article's printed one")
+    axes.set_xlabel("worlds' figure over the article's printed row")
     return figure
 
 
-def _comparable(one: Distribution) -> bool:
-    return one.article is not None and one.article != 0.0
+def _comparable(row: Distribution) -> bool:
+    return row.article is not None and row.article != 0.0

@@ -1,4 +1,4 @@
-"""What worlds measured: one Parquet file, written whole, and a file a world until it is.
+"""Storage of what worlds measured: one Parquet file, and a file a world until that is written.
 
     campaign.parquet   a row per world, experiment and key of its metrics:
 
@@ -18,7 +18,7 @@ import shutil
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -35,7 +35,7 @@ _FORMAT: Final = 1
 
 @dataclass
 class CampaignRecord:
-    """All that is known of a campaign's worlds."""
+    """The figures of a campaign's worlds."""
 
     settings: dict[str, Any]  # what every figure depends on: seed, quick, ranges, libraries
     software: dict[str, str] = field(default_factory=dict)  # of each experiment, `software_hash`
@@ -59,17 +59,25 @@ class CampaignRecord:
                 self.described[name] = described
 
     def missing(self, number: int, experiments: Iterable[str]) -> list[str]:
-        """Which of the experiments have no figures of a world."""
+        """The experiments that have no figures of a world."""
         world = self.worlds.get(number)
         return [name for name in experiments if world is None or name not in world.values]
 
     def figures(self, experiment: str) -> dict[str, dict[int, float | None]]:
-        """What an experiment measured, by key and world."""
-        found: dict[str, dict[int, float | None]] = {}
+        """The figures of an experiment, by key and world."""
+        figures: dict[str, dict[int, float | None]] = {}
         for number in sorted(self.worlds):
             for key, value in self.worlds[number].values.get(experiment, {}).items():
-                found.setdefault(key, {})[number] = value
-        return found
+                figures.setdefault(key, {})[number] = value
+        return figures
+
+
+class _Row(NamedTuple):
+    """One number that a world measured."""
+
+    experiment: str
+    key: str
+    value: float | None  # None: not finite
 
 
 def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> None:
@@ -79,13 +87,13 @@ def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> N
         order: of the experiments within a world.
     """
     places = {name: place for place, name in enumerate(order)}
-    worlds, rows = [], list[tuple[str, str, float | None]]()
+    worlds, rows = [], list[_Row]()
     for number in sorted(record.worlds):
         world = record.worlds[number]
-        for name in sorted(world.values, key=lambda one: (places.get(one, len(places)), one)):
-            own = [(name, key, value) for key, value in world.values[name].items()]
-            rows += own
-            worlds += [world] * len(own)
+        for name in sorted(world.values, key=lambda name: (places.get(name, len(places)), name)):
+            figures = world.values[name]
+            rows += [_Row(name, key, value) for key, value in figures.items()]
+            worlds += [world] * len(figures)
     drawn = list(worlds[0].parameters) if worlds else []
     columns = {
         "world": pa.array([world.number for world in worlds], pa.int32()),
@@ -93,9 +101,9 @@ def write_table(record: CampaignRecord, path: Path, order: Collection[str]) -> N
     }
     for name in drawn:
         columns[name] = pa.array([world.parameters[name] for world in worlds], pa.float64())
-    columns["experiment"] = pa.array([row[0] for row in rows], pa.string())
-    columns["key"] = pa.array([row[1] for row in rows], pa.string())
-    columns["value"] = pa.array([row[2] for row in rows], pa.float64())
+    columns["experiment"] = pa.array([row.experiment for row in rows], pa.string())
+    columns["key"] = pa.array([row.key for row in rows], pa.string())
+    columns["value"] = pa.array([row.value for row in rows], pa.float64())
     content = {
         "format": _FORMAT,
         "settings": record.settings,
@@ -128,8 +136,8 @@ def read_table(path: Path) -> CampaignRecord | None:
                 parameters = {name: columns[name][row] for name in drawn}
                 world = WorldOutcome(number, columns["seed"][row], parameters)
                 record.worlds[number] = world
-            own = world.values.setdefault(columns["experiment"][row], {})
-            own[columns["key"][row]] = columns["value"][row]
+            figures = world.values.setdefault(columns["experiment"][row], {})
+            figures[columns["key"][row]] = columns["value"][row]
     except FileNotFoundError:
         return None
     except (OSError, pa.ArrowException, ValueError, KeyError, TypeError):
@@ -138,8 +146,22 @@ def read_table(path: Path) -> CampaignRecord | None:
     return record
 
 
+class WorldPart(NamedTuple):
+    """The file of one world.
+
+    Attributes:
+        settings: that its figures depend on, as `CampaignRecord.settings`.
+        software: of each experiment, as `CampaignRecord.software`.
+        outcome: what the world measured.
+    """
+
+    settings: dict[str, Any]
+    software: dict[str, str]
+    outcome: WorldOutcome
+
+
 class WorldParts:
-    """Worlds that have come to their end since the Parquet file was written, a file each.
+    """Files of the worlds that were finished after the Parquet file was written.
 
     Args:
         out: folder of the campaign.
@@ -154,24 +176,24 @@ class WorldParts:
         Raises:
             InputError: it cannot be written.
         """
-        own = {name: record.software[name] for name in outcome.values}
+        software = {name: record.software[name] for name in outcome.values}
         text = json.dumps(
-            {"settings": record.settings, "software": own, "outcome": asdict(outcome)}
+            {"settings": record.settings, "software": software, "outcome": asdict(outcome)}
         )
         # Named by its experiments too: those of another run of the same world are others.
-        name = "-".join([f"{outcome.number:06d}", *sorted(own)])[:200]
+        name = "-".join([f"{outcome.number:06d}", *sorted(software)])[:200]
         with writing_to(self._folder):
             self._folder.mkdir(exist_ok=True)
         with whole_file(self._folder / f"{name}.json") as partial:
             partial.write_text(text, encoding="utf-8")
 
-    def read(self) -> Iterator[tuple[dict[str, Any], dict[str, str], WorldOutcome]]:
-        """Gives settings, software and outcome of each world that is there."""
+    def read(self) -> Iterator[WorldPart]:
+        """Reads the file of each world."""
         for path in sorted(self._folder.glob("*.json")):
             try:
                 content = json.loads(path.read_text(encoding="utf-8"))
                 outcome = WorldOutcome(**content["outcome"])
-                yield content["settings"], content["software"], outcome
+                yield WorldPart(content["settings"], content["software"], outcome)
             except (ValueError, KeyError, TypeError):  # of a program that is no more
                 path.unlink()
 

@@ -1,4 +1,4 @@
-"""The figures of the article over worlds: median, 5-95 % range, how often our method is ahead."""
+"""The article's figures over worlds: median, 5-95 % range, share of worlds in which ours leads."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ _REDUCTION: Final = "reduction_"  # in the keys of what the article claims most
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """One number of a row of "article / here" over worlds."""
+    """The distribution over worlds of one number in a row of "article / here"."""
 
     experiment: str
     key: str  # of the metric; a list has one distribution per entry (`rmse_nm.0`)
@@ -30,9 +30,9 @@ class Distribution:
     source: str  # who printed it
     values: Array  # (N,) of the worlds in which it is finite
     # share of worlds in which our method is ahead of the article's; None: no such row
-    ahead: float | None
-    # the drawn parameters that move it most; None: too few worlds, or nobody asks, as the article's
-    # number lies in the range and is no reduction
+    share_ahead: float | None
+    # the drawn parameters that move it most; None: too few worlds, or no need to look, because the
+    # article's number lies in the range and is no reduction
     moved_by: tuple[Influence, ...] | None = None
 
     @property
@@ -56,66 +56,83 @@ class Distribution:
     def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
         low, high = self.range
-        asked = {} if self.moved_by is None else {"moved_by": list(map(asdict, self.moved_by))}
-        return asked | {
+        moved_by = {}
+        if self.moved_by is not None:
+            moved_by["moved_by"] = [asdict(influence) for influence in self.moved_by]
+        return moved_by | {
             "article": self.article,
             "median": self.median,
             "p05": low,
             "p95": high,
-            "share_of_worlds_ours_ahead": self.ahead,
+            "share_of_worlds_ours_ahead": self.share_ahead,
             "worlds": len(self.values),
         }
 
 
 def distributions(record: CampaignRecord, experiments: Sequence[str]) -> list[Distribution]:
-    """Those of all rows of "article / here" of the experiments, in their order."""
-    found = []
+    """Distributions of all rows of "article / here" of the experiments, in their order."""
+    result = []
     for name in experiments:
         figures = record.figures(name)
         for row in record.described[name].get("comparison", []):
-            stated = row["article"]
-            ours = dict(_keys(figures, row["ours"]))
-            for place, key in _keys(figures, row["key"]):
-                values = _finite(figures[key])
-                if len(values):
-                    entry = stated[place] if isinstance(stated, list) else stated
-                    label = row["label"][:1].upper() + row["label"][1:]
-                    one = Distribution(
-                        experiment=name,
-                        key=key,
-                        label=label if key == row["key"] else f"{label} ({place + 1})",
-                        unit=row["unit"],
-                        article=entry,
-                        source=row["source"],
-                        values=values,
-                        ahead=_share_ahead(figures, key, ours.get(place), row),
-                    )
-                    found.append(replace(one, moved_by=_moved_by(one, figures[key], record)))
-    return found
+            result += _row_distributions(name, row, figures, record)
+    return result
+
+
+def _row_distributions(
+    experiment: str,
+    row: Mapping[str, Any],
+    figures: Mapping[str, Mapping[int, float | None]],
+    record: CampaignRecord,
+) -> list[Distribution]:
+    """The distributions of a row: one, or one for each entry of a list."""
+    article = row["article"]
+    ours = dict(_keys(figures, row["ours"]))
+    label = row["label"][:1].upper() + row["label"][1:]
+    result = []
+    for place, key in _keys(figures, row["key"]):
+        values = _finite(figures[key])
+        if not len(values):
+            continue
+        distribution = Distribution(
+            experiment=experiment,
+            key=key,
+            label=label if key == row["key"] else f"{label} ({place + 1})",
+            unit=row["unit"],
+            article=article[place] if isinstance(article, list) else article,
+            source=row["source"],
+            values=values,
+            share_ahead=_share_ahead(figures, key, ours.get(place), row),
+        )
+        moved_by = _moved_by(distribution, figures[key], record)
+        result.append(replace(distribution, moved_by=moved_by))
+    return result
 
 
 def _moved_by(
-    one: Distribution, figures: Mapping[int, float | None], record: CampaignRecord
+    distribution: Distribution, figures: Mapping[int, float | None], record: CampaignRecord
 ) -> tuple[Influence, ...] | None:
-    asked = one.article is not None and (not one.holds_article or _REDUCTION in one.key)
+    is_reduction = _REDUCTION in distribution.key
+    needed = distribution.article is not None and (not distribution.holds_article or is_reduction)
     worlds = [number for number, value in figures.items() if value is not None]
-    if not asked or len(worlds) < FEWEST_WORLDS:
+    if not needed or len(worlds) < FEWEST_WORLDS:
         return None
-    drawn = [record.worlds[number].parameters for number in worlds]
-    parameters = {name: [own[name] for own in drawn] for name in drawn[0]}
-    return influences(one.values, parameters, one.article)
+    draws = [record.worlds[number].parameters for number in worlds]
+    parameters = {name: [draw[name] for draw in draws] for name in draws[0]}
+    return influences(distribution.values, parameters, distribution.article)
 
 
-def distribution_metrics(found: Sequence[Distribution]) -> dict[str, Any]:
-    """By experiment and key, see `Distribution.metrics`."""
+def distribution_metrics(spread: Sequence[Distribution]) -> dict[str, Any]:
+    """Metrics by experiment and key, see `Distribution.metrics`."""
     metrics: dict[str, Any] = {}
-    for one in found:
-        metrics.setdefault(one.experiment, {})[one.key] = one.metrics()
+    for distribution in spread:
+        by_key = metrics.setdefault(distribution.experiment, {})
+        by_key[distribution.key] = distribution.metrics()
     return metrics
 
 
 def _keys(figures: Mapping[str, Any], key: str) -> list[tuple[int, str]]:
-    """The number at a key, or the numbers of the list that is there."""
+    """Place and key of the number at a key, or of each number of a list at it."""
     if key in figures:
         return [(0, key)]
     entries = [re.fullmatch(rf"{re.escape(key)}\.(\d+)", name) for name in figures]
@@ -135,7 +152,11 @@ def _share_ahead(
         return None
     sign = 1.0 if row["more_is_better"] else -1.0
     pairs = [(figures[ours].get(world), value) for world, value in figures[key].items()]
-    gains = [sign * (own - other) for own, other in pairs if own is not None and other is not None]
+    gains = [
+        sign * (our_figure - other)
+        for our_figure, other in pairs
+        if our_figure is not None and other is not None
+    ]
     return float(np.mean(np.array(gains) > 0.0)) if gains else None
 
 

@@ -1,4 +1,4 @@
-"""Printed figures to which arms are fitted: FIGURES.yaml, and the numbers that it asks for."""
+"""Printed figures to which arms are fitted: FIGURES.yaml, and its rows as numbers."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from wrenchsight.models.truth.true_robot import load_truth
 from wrenchsight.models.truth.worlds import ArmPosterior, WorldRanges, WorldSource, check_ranges
 
 DRAWS, ARMS = "draws.yaml", "arms.parquet"
-"""What a fit writes for `--narrow`: parameters that agree, and all arms that it knows."""
+"""Files of a fit for `--narrow`: parameters that agree, and all measured arms."""
 WORLDS: Final = "worlds.yaml"
 """Beside robot.yaml: arms that give printed figures, see `ArmPosterior`."""
 ROBOT: Final = "sts_sre4_600"
@@ -39,7 +39,7 @@ class FigureRow:
 
 @dataclass
 class FiguresConfig:
-    """What a fit is made to."""
+    """The settings and printed figures of a fit."""
 
     name: str = "article-arm"  # under which metrics.json has it
     robot: str = "sts_sre4_600"  # whose truth is drawn
@@ -67,12 +67,12 @@ class Figures:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the R rows."""
+        """Names of the R rows."""
         return tuple(self.config.rows)
 
     @property
     def experiments(self) -> tuple[str, ...]:
-        """That the rows are figures of, each once."""
+        """Experiments whose figures the rows are, each once."""
         return tuple(dict.fromkeys(row.key.partition(".")[0] for row in self.config.rows.values()))
 
     @property
@@ -95,12 +95,12 @@ class Figures:
         """(N, R) by how many tolerances figures (N, R) are off; NaN stays NaN."""
         out = np.empty_like(values)
         for k, row in enumerate(self.config.rows.values()):
-            own = values[:, k]
+            column = values[:, k]
             if row.share:  # half and twice are equally far
-                ratio = np.maximum(own / row.figure, 1e-6)
+                ratio = np.maximum(column / row.figure, 1e-6)
                 out[:, k] = np.log(ratio) / math.log1p(row.tolerance)
             else:
-                out[:, k] = (own - row.figure) / row.tolerance
+                out[:, k] = (column - row.figure) / row.tolerance
         return np.clip(out, -_FARTHEST, _FARTHEST)
 
     def at(self, off: Array) -> Array:
@@ -115,7 +115,7 @@ class Figures:
 
     @staticmethod
     def distance(off: Array) -> Array:
-        """(N,) root mean square of what figures (N, R) are off by, each at most some; NaN: so."""
+        """(N,) root mean square of `off` (N, R), each bounded by MOST; NaN counts as MOST."""
         bounded = np.clip(np.nan_to_num(off, nan=_FARTHEST), -MOST, MOST)
         return np.asarray(np.sqrt(np.mean(bounded**2, axis=1)))
 
@@ -128,18 +128,18 @@ class Figures:
         Raises:
             InputError: no experiment measures a row's key.
         """
-        found = np.full(len(self.config.rows), math.nan)
+        figures = np.full(len(self.config.rows), math.nan)
         for k, (name, row) in enumerate(self.config.rows.items()):
             experiment, _, key = row.key.partition(".")
-            own = measured.get(experiment)
-            if own is None:
+            metrics = measured.get(experiment)
+            if metrics is None:
                 continue
-            if key not in own:
+            if key not in metrics:
                 problem = f"{experiment} measures no {key}"
-                raise InputError(self.path, f"rows.{name}.key", problem, nearest(key, own))
-            value = own[key]
-            found[k] = math.nan if value is None else value
-        return found
+                raise InputError(self.path, f"rows.{name}.key", problem, nearest(key, metrics))
+            value = metrics[key]
+            figures[k] = math.nan if value is None else value
+        return figures
 
 
 def bundled_worlds() -> WorldSource:
@@ -162,15 +162,15 @@ def load_figures(file: str | Path, narrowed_by: str | Path | None = None) -> Fig
     bundled = Path(__file__).parent / "figures" / f"{file}.yaml"
     path = bundled if bundled.is_file() and not Path(file).exists() else Path(file)
     config = load_configuration(path, FiguresConfig)
-    given: dict[str, Any] = dict(config.ranges)
-    known = WorldRanges()
-    for name, pair in given.items():
-        if not hasattr(known, name):
+    requested: dict[str, Any] = dict(config.ranges)
+    default_ranges = WorldRanges()
+    for name, pair in requested.items():
+        if not hasattr(default_ranges, name):
             remedy = nearest(name, WorldRanges.__dataclass_fields__) or "see docs/worlds.md"
             raise InputError(path, f"ranges.{name}", "is no parameter of a world", remedy)
         if len(pair) != 2:
             raise InputError(path, f"ranges.{name}", f"{pair}, expected two numbers: from, to")
-    if not config.rows or not given:
+    if not config.rows or not requested:
         raise InputError(path, "", "names no rows or no ranges: there is nothing to fit")
     for name, row in config.rows.items():
         if not (math.isfinite(row.figure) and (row.figure > 0.0 or not row.share)):
@@ -181,12 +181,12 @@ def load_figures(file: str | Path, narrowed_by: str | Path | None = None) -> Fig
             raise InputError(path, f"rows.{name}.tolerance", problem)
     if config.late and config.late_arms < FEWEST:
         raise InputError(path, "late_arms", f"{config.late_arms}, expected {FEWEST} or more")
-    ranges = WorldRanges(**{name: (pair[0], pair[1]) for name, pair in given.items()})
+    ranges = WorldRanges(**{name: (pair[0], pair[1]) for name, pair in requested.items()})
     check_ranges(ranges, even=True)
     about = load_truth(path.parent / config.about) if config.about else None
     earlier = None if narrowed_by is None else Path(narrowed_by)
     posterior = None
     if earlier is not None:
         posterior = load_configuration(earlier / "posterior" / DRAWS, ArmPosterior)
-    source = WorldSource(ranges, posterior, about, tuple(given), config.alike, even=True)
+    source = WorldSource(ranges, posterior, about, tuple(requested), config.alike, even=True)
     return Figures(path, config, source, earlier)

@@ -1,4 +1,4 @@
-"""Which arms give printed figures? A campaign over wide ranges, and what of it agrees with them.
+"""Fit of arms to printed figures: a campaign over wide ranges, and the arms that agree.
 
     OUT/arms        the campaign: one world an arm; goes on where it stopped
     OUT/posterior   metrics.json, figures, and files that other commands read:
@@ -31,7 +31,7 @@ from wrenchsight.analyses.campaign.figures_report import parameters_figure, rows
 from wrenchsight.analyses.campaign.influences import Influence, influences
 from wrenchsight.analyses.campaign.posterior import FEWEST, Emulator
 from wrenchsight.analyses.campaign.world_run import CampaignSettings
-from wrenchsight.analyses.output.outputs import json_text, plain
+from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
 from wrenchsight.analyses.output.progress import Progress
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.study.registry import REGISTRY
@@ -64,14 +64,14 @@ class FittedRow:
 
     def metrics(self) -> dict[str, Any]:
         """As written to metrics.json."""
-        own = asdict(self)
-        del own["name"]
-        return {"article": own.pop("printed"), **own}
+        fields = asdict(self)
+        del fields["name"]
+        return {"article": fields.pop("printed"), **fields}
 
 
 @dataclass(frozen=True, eq=False)
 class FiguresFit:
-    """What a fit came to."""
+    """The result of a fit."""
 
     out: Path  # its folder
     arms: int  # how many were drawn and have figures
@@ -88,7 +88,7 @@ def fit_figures(
     figures: Figures,
     options: CampaignOptions,
     out: Path,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    report: Callable[[Progress], None] = lambda progress: None,
 ) -> FiguresFit:
     """Draws arms, measures their figures and writes which of them agree with the printed ones.
 
@@ -97,7 +97,7 @@ def fit_figures(
         options: how many worlds (arms) there are to be, and where they run; the figures say which
             experiments.
         out: folder.
-        watch: as in `run_campaign`.
+        report: as in `run_campaign`.
 
     Raises:
         InputError: as `run_campaign`; a row that no experiment measures; fewer than FEWEST
@@ -105,20 +105,20 @@ def fit_figures(
         KeyboardInterrupt: passed on after what is done was kept.
     """
     with ExitStack() as stack:
-        known = {entry.module for entry in REGISTRY.entries().values()}
+        registered = {entry.module for entry in REGISTRY.entries().values()}
         for module in figures.config.modules:
-            if module not in known:
+            if module not in registered:
                 stack.enter_context(REGISTRY.registered(module))
         late = [name for name in figures.experiments if name in figures.config.late]
         early = [name for name in figures.experiments if name not in late]
         settings = CampaignSettings(**vars(options), source=figures.source)
         settings.experiments, settings.fastest_feed = early, figures.config.fastest_feed
-        run_campaign(settings, out / "arms", watch)
+        run_campaign(settings, out / "arms", report)
         record = _arms(out)
         if late:
             numbers = _nearest(figures, record)
             settings = replace(settings, experiments=late, numbers=numbers, fresh=False)
-            run_campaign(settings, out / "arms", watch)
+            run_campaign(settings, out / "arms", report)
             record = _arms(out)
     return write_fit(figures, _with_earlier(figures, record), out)
 
@@ -132,19 +132,19 @@ def _arms(out: Path) -> CampaignRecord:
 
 
 def _with_earlier(figures: Figures, record: CampaignRecord) -> CampaignRecord:
-    """The record with the arms of the earlier fit behind its own."""
+    """The record with the arms of the earlier fit after its arms."""
     if figures.earlier is None:
         return record
     path = figures.earlier / "posterior" / ARMS
     earlier = read_table(path)
     if earlier is None:
         raise InputError(path, "", "no such file", "run the earlier fit again")
-    first = 1 + max(record.worlds)
-    behind = {
-        first + number: replace(world, number=first + number)
+    offset = 1 + max(record.worlds)
+    renumbered = {
+        offset + number: replace(world, number=offset + number)
         for number, world in earlier.worlds.items()
     }
-    return replace(record, worlds=record.worlds | behind)
+    return replace(record, worlds=record.worlds | renumbered)
 
 
 def _nearest(figures: Figures, record: CampaignRecord) -> tuple[int, ...]:
@@ -180,7 +180,7 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path) -> FiguresFit
 
     every = np.ones_like(settles)
     agreeing, likeliest = emulator.draws(every), emulator.draws(every, _SHARPNESS)
-    # Arms near the likeliest differ in several parameters at once: even draws alone tell.
+    # Arms near the likeliest differ in several parameters at once: only even draws tell them apart.
     even = ranges if figures.earlier is None else {}
     drawn = {name: parameters[:, k] for k, name in enumerate(even)}
     distance = np.where(whole, figures.distance(off), np.inf)
@@ -192,7 +192,7 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path) -> FiguresFit
         inside = (low <= figures.printed) & (figures.printed <= high)
         held_out = float(np.mean(inside[~settles]))
     low, high = np.quantile(agreeing, [0.05, 0.95], axis=0).tolist()
-    found = FiguresFit(
+    fit = FiguresFit(
         out=out,
         arms=len(numbers),
         best=numbers[best],
@@ -202,36 +202,70 @@ def write_fit(figures: Figures, record: CampaignRecord, out: Path) -> FiguresFit
         fitted_inside=float(np.mean([row.inside for row in rows])),
         ranges=dict(zip(ranges, zip(low, high, strict=True), strict=True)),
     )
-    nearest = dict(zip(ranges, parameters[best].tolist(), strict=True))
+    arms = _Arms(ranges, parameters, best, agreeing, likeliest)
     with result_folder(out / "posterior", COMMAND) as folder:
-        folder.write_text("metrics.json", json_text(_metrics(figures, found, nearest, ranges)))
-        step = len(agreeing) // _ARMS_WRITTEN
-        arms = {
-            name: x if name in ABSOLUTE else x / nearest[name]
-            for name, x in zip(ranges, agreeing[::step][:_ARMS_WRITTEN].T, strict=True)
-        }
-        draws = dict(zip(ranges, likeliest.T, strict=True))
-        for file, own in ((WORLDS, arms), (DRAWS, draws)):
-            posterior = {name: x.tolist() for name, x in own.items()}
-            save_configuration(ArmPosterior(figures.config.robot, posterior), folder / file)
+        folder.write_text("metrics.json", json_text(_metrics(figures, fit, arms)))
+        _write_arms(folder, figures, arms, fit.best)
         write_table(record, folder / ARMS, figures.experiments)
-        factors: dict[str, tuple[float, ...]] = {name: (x,) for name, x in nearest.items()}
-        world = World(found.best, 0, 0, 0, factors, about=figures.source.about)
-        own_truth = world.robot(Robot.load(figures.config.robot)).config.simulated_truth
-        save_configuration(own_truth, folder / "truth.yaml")
         folder.write_figure(
             "parameters", parameters_figure(ranges, parameters, parameters[best], agreeing)
         )
         folder.write_figure("rows", rows_figure(rows, settles))
-    return found
+    return fit
+
+
+@dataclass(frozen=True, eq=False)
+class _Arms:
+    """The arms of a fit, by P drawn parameters.
+
+    Attributes:
+        ranges: from where to where each parameter was drawn, by its name.
+        parameters: (N, P) of all arms.
+        best: row of the nearest arm.
+        agreeing: (A, P) of arms that agree, equally likely.
+        likeliest: (A, P) of arms near the likeliest.
+    """
+
+    ranges: Mapping[str, tuple[float, float]]
+    parameters: Array
+    best: int
+    agreeing: Array
+    likeliest: Array
+
+    @property
+    def nearest(self) -> dict[str, float]:
+        """The parameters of the nearest arm, by name."""
+        return dict(zip(self.ranges, self.parameters[self.best].tolist(), strict=True))
+
+
+def _write_arms(folder: OutputFolder, figures: Figures, arms: _Arms, world_number: int) -> None:
+    """Writes the arms that agree, the likeliest and the truth of the nearest."""
+    nearest = arms.nearest
+    step = len(arms.agreeing) // _ARMS_WRITTEN
+    agreeing = {
+        name: x if name in ABSOLUTE else x / nearest[name]
+        for name, x in zip(arms.ranges, arms.agreeing[::step][:_ARMS_WRITTEN].T, strict=True)
+    }
+    likeliest = dict(zip(arms.ranges, arms.likeliest.T, strict=True))
+    for file, parameters in ((WORLDS, agreeing), (DRAWS, likeliest)):
+        posterior = {name: x.tolist() for name, x in parameters.items()}
+        save_configuration(ArmPosterior(figures.config.robot, posterior), folder / file)
+    factors: dict[str, tuple[float, ...]] = {name: (x,) for name, x in nearest.items()}
+    world = World(world_number, 0, 0, 0, factors, about=figures.source.about)
+    truth = world.robot(Robot.load(figures.config.robot)).config.simulated_truth
+    save_configuration(truth, folder / "truth.yaml")
 
 
 def _drawn_ranges(figures: Figures) -> dict[str, tuple[float, float]]:
     """Ranges of the P drawn parameters, by their names in a table."""
-    own = figures.source.ranges
-    found = {name: getattr(own, name) for name in figures.source.only or ()}
-    # What is a joint's alone is of no influence on what is common to all joints.
-    return {n: pair for n, pair in found.items() if n not in PER_JOINT and pair[1] > pair[0]}
+    source = figures.source
+    ranges = {name: getattr(source.ranges, name) for name in source.only or ()}
+    # A parameter of a single joint has no influence on what is common to all joints.
+    return {
+        name: (low, high)
+        for name, (low, high) in ranges.items()
+        if name not in PER_JOINT and high > low
+    }
 
 
 def _quantiles(figures: Figures, emulator: Emulator, draws: Array) -> Array:
@@ -251,8 +285,8 @@ def _rows(
     off = figures.off(values[best : best + 1])[0]
     rows = []
     for k, (name, printed) in enumerate(zip(figures.names, figures.printed.tolist(), strict=True)):
-        known = np.isfinite(values[:, k])
-        own = {parameter: column[known].tolist() for parameter, column in drawn.items()}
+        is_measured = np.isfinite(values[:, k])
+        draws = {parameter: column[is_measured].tolist() for parameter, column in drawn.items()}
         row = FittedRow(
             name=name,
             printed=printed,
@@ -263,7 +297,7 @@ def _rows(
             error=float(emulator.error[k]),
             inside=low[k] <= printed <= high[k],
             agrees=bool(abs(off[k]) <= 1.0),
-            moved_by=influences(values[known, k], own, printed),
+            moved_by=influences(values[is_measured, k], draws, printed),
         )
         rows.append(row)
     return tuple(rows)
@@ -272,18 +306,17 @@ def _rows(
 def _metrics(
     figures: Figures,
     fit: FiguresFit,
-    nearest: Mapping[str, float],
-    ranges: Mapping[str, tuple[float, float]],
+    arms: _Arms,
 ) -> dict[str, Any]:
     """As written to metrics.json."""
     parameters = {}
     for name, (low, high) in fit.ranges.items():
-        width = ranges[name][1] - ranges[name][0]
+        width = arms.ranges[name][1] - arms.ranges[name][0]
         narrowed = 100.0 * (1.0 - (high - low) / (0.9 * width))
         parameters[name] = {"p05": low, "p95": high, "range_narrowed_pct": narrowed}
     metrics = {
         "arms": fit.arms,
-        "nearest": {"world": fit.best, "distance": fit.distance, "parameters": nearest},
+        "nearest": {"world": fit.best, "distance": fit.distance, "parameters": arms.nearest},
         "held_out": {"share_inside_pct": 100.0 * fit.held_out_inside},
         "fitted": {"share_inside_pct": 100.0 * fit.fitted_inside},
         "parameters": parameters,

@@ -1,4 +1,4 @@
-"""Figures of a fit to printed figures: which parameters agree, and each row over the arms."""
+"""Figures of a fit to printed figures: parameters that agree, and each row over the arms."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any

@@ -1,18 +1,18 @@
-"""Which of a world's draws moves a figure: rank correlations over worlds, and where a line leads.
+"""Influence of a world's drawn parameters on a figure, by rank correlation over worlds.
 
-A figure of the article that lies outside the worlds' range asks which assumption would bring it
-back. Spearman's rank correlation of the figure with each drawn parameter says which of them moves
-it, whatever the curve; Holm's step-down rule holds the chance of naming any that does not, over all
-parameters of a figure, below LEVEL (S. Holm, Scand. J. Stat. 6, 1979). Of those named, the
-strongest are kept. Where a straight line (Theil and Sen's) explains enough of the spread, it says
-at which value of the parameter the figure would be the article's.
+Where the article's figure lies outside the worlds' range, the question is which assumption would
+bring it back. Spearman's rank correlation of the figure with each drawn parameter shows which of
+them moves it, whatever the curve. Holm's step-down rule holds the chance of naming any that does
+not below LEVEL, over all parameters of a figure (S. Holm, Scand. J. Stat. 6, 1979). The strongest
+of those named stay. Where a straight line (Theil and Sen's) explains enough of the spread, it gives
+the parameter's value at which the figure would be the article's.
 
 Draws of which 1 means that nothing is wrong (PAYLOAD, TORQUE_CONSTANT) may err either way: their
 distance from 1 stands beside them, `|payload - 1|`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -29,11 +29,11 @@ _EITHER_WAY: Final = ("payload", "torque_constant_")
 
 @dataclass(frozen=True)
 class Influence:
-    """One parameter that moves a figure."""
+    """A drawn parameter that moves a figure."""
 
     parameter: str  # as drawn, such as `load`; `|payload - 1|` is the size of an error
     rank_correlation: float  # Spearman's, -1 to 1
-    p: float  # that it is chance, corrected for the number of parameters looked at
+    p: float  # that it is chance, corrected for the number of tested parameters
     drawn: tuple[float, float]  # the least and the largest value over the worlds
     # value at which a line through the worlds has the article's figure; None: no line explains
     # enough, or it leads farther beyond the drawn values than they are wide, or to a value that
@@ -80,43 +80,44 @@ def influences(
 
 
 def holm(p: Array) -> Array:
-    """Holm's corrected p (N,) of N tests: from the least on, times how many are left."""
+    """Holm's corrected p (N,) of N tests: each p times the number of tests not yet rejected."""
     order = np.argsort(p, kind="stable")
-    left = len(p) - np.arange(len(p))
+    num_remaining = len(p) - np.arange(len(p))
     corrected = np.empty(len(p))
-    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * left), 1.0)
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * num_remaining), 1.0)
     return corrected
 
 
-def said(found: Sequence[Influence] | None) -> str:
-    """All that move a figure in words; "" where it was not looked at."""
-    if found is None:
+def influences_text(moved_by: Sequence[Influence] | None) -> str:
+    """The influences on a figure in words; "" where they were not determined."""
+    if moved_by is None:
         return ""
-    return "; ".join(map(str, found)) or "no drawn parameter moves it"
+    return "; ".join(map(str, moved_by)) or "no drawn parameter moves it"
 
 
 def _candidates(parameters: Mapping[str, Sequence[float]]) -> Iterator[tuple[str, Array]]:
     for name, drawn in parameters.items():
         if name in _SEEDS:
             continue
-        own = np.asarray(drawn, dtype=np.float64)
-        yield name, own
+        values = np.asarray(drawn, dtype=np.float64)
+        yield name, values
         if name.startswith(_EITHER_WAY):
-            yield f"|{name} - 1|", np.abs(own - 1.0)
+            yield f"|{name} - 1|", np.abs(values - 1.0)
 
 
 def _influence(
     name: str, drawn: Array, values: Array, rank: float, p: float, article: float | None
 ) -> Influence:
     low, high = float(drawn.min()), float(drawn.max())
-    found = Influence(name, rank, float(p), (low, high))
+    influence = Influence(name, rank, float(p), (low, high))
     if article is None:
-        return found
+        return influence
     slope, intercept = theilslopes(values, drawn)[:2]
     if linregress(drawn, values).rvalue ** 2 < LEAST_EXPLAINED or slope == 0.0:
-        return found
+        return influence
     at = float((article - intercept) / slope)
     # Everything drawn is zero or more.
     if at < max(0.0, low - (high - low)) or at > high + (high - low):
-        return found
-    return Influence(name, rank, float(p), (low, high), at, not low <= at <= high)
+        return influence
+    extrapolated = not low <= at <= high
+    return replace(influence, reaches_article_at=at, extrapolated=extrapolated)

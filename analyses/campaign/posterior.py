@@ -1,8 +1,9 @@
-"""Which parameters give printed figures? An emulator of every figure, and draws that agree with it.
+"""Parameters that agree with printed figures: an emulator of every figure, and draws from it.
 
-By how much a figure is off is a quadratic of the parameters, each from -1 to 1 over its range: a
-ridge over the arms that have the figure, the near ones counting more, as strong as leaving each arm
-out once says. The same tells the emulator's own error. A parameter set is as likely as
+By how much a figure is off is a quadratic of the parameters, each from -1 to 1 over its range. It
+is fitted by ridge regression over the arms that have the figure; near arms weigh more.
+Leave-one-out error sets the strength of the ridge and gives the emulator's error. A parameter set
+is as likely as
 
     exp(-1/2 sum_r off_r^2 / (1 + error_r^2)),    off and error in tolerances,
 
@@ -25,7 +26,7 @@ _STEP = 0.25  # of the others, of half a range
 
 
 class Emulator:
-    """By how much each of R figures is off, as a quadratic of P parameters.
+    """Emulator of the error of R figures, in tolerances, as a quadratic of P parameters.
 
     Args:
         parameters: (N, P) of the arms.
@@ -42,14 +43,14 @@ class Emulator:
 
     def __init__(self, parameters: Array, off: Array, near: Array, ranges: Array) -> None:
         self._low, self._half = ranges[:, 0], 0.5 * (ranges[:, 1] - ranges[:, 0])
-        terms, known = _terms(self._inside(parameters)), np.isfinite(off)
-        if known.sum(axis=0).min() < FEWEST:
+        terms, is_measured = _terms(self._inside(parameters)), np.isfinite(off)
+        if is_measured.sum(axis=0).min() < FEWEST:
             raise ValueError(f"a figure of fewer than {FEWEST} arms")
         reach = max(float(np.quantile(near, _NEAR)), 1e-12)
         weight = 1.0 / (1.0 + (near / reach) ** 2) ** 2
         self._slopes, self.error = np.empty((terms.shape[1], off.shape[1])), np.empty(off.shape[1])
         for r in range(off.shape[1]):
-            rows = known[:, r]
+            rows = is_measured[:, r]
             fitted = _ridge(terms[rows], off[rows, r], weight[rows], len(ranges))
             self._slopes[:, r], self.error[r] = fitted
         self._start = self._inside(parameters[int(np.argmin(near))])
@@ -77,9 +78,9 @@ class Emulator:
 
 def _terms(u: Array) -> Array:
     """(N, 1 + P + P (P + 1) / 2): one, u, its squares and products, for u (N, P)."""
-    first, second = np.triu_indices(u.shape[1], 1)
-    one = np.ones((len(u), 1))
-    return np.hstack([one, u, u**2, u[:, first] * u[:, second]])
+    row, column = np.triu_indices(u.shape[1], 1)
+    constant = np.ones((len(u), 1))
+    return np.hstack([constant, u, u**2, u[:, row] * u[:, column]])
 
 
 def _ridge(terms: Array, off: Array, weight: Array, P: int) -> tuple[Array, float]:
@@ -95,8 +96,8 @@ def _ridge(terms: Array, off: Array, weight: Array, P: int) -> tuple[Array, floa
     for ridge in _RIDGES:
         shrunk = s**2 / (s**2 + ridge)
         hat = (U**2) @ shrunk
-        left = (y - (U * shrunk) @ (U.T @ y)) / np.maximum(1.0 - hat, 1e-3)
-        error = float(np.mean(left**2))
+        left_out_error = (y - (U * shrunk) @ (U.T @ y)) / np.maximum(1.0 - hat, 1e-3)
+        error = float(np.mean(left_out_error**2))
         if error < best:
             best = error
             slopes = (Vt.T * (s / (s**2 + ridge))) @ (U.T @ y) / np.sqrt(penalty)
@@ -111,17 +112,19 @@ def _metropolis(slopes: Array, variance: Array, start: Array, rng: np.random.Gen
         return float(-0.5 * np.sum(off**2 / variance))
 
     P = len(start)
-    u, own = np.clip(start, -1.0, 1.0), -np.inf
+    u, log_density = np.clip(start, -1.0, 1.0), -np.inf
     steps = _STEPS * P
-    kept = np.linspace(_UNUSED * steps, steps - 1, _DRAWS).astype(int)
+    selected = np.linspace(_UNUSED * steps, steps - 1, _DRAWS).astype(int)
     draws = np.empty((steps, P))
     for k in range(steps):
         j, far, chance = int(rng.integers(P)), rng.random(), np.log(rng.random())
-        tried = u.copy()
-        tried[j] = rng.uniform(-1.0, 1.0) if far < _FAR else u[j] + _STEP * rng.standard_normal()
-        if abs(tried[j]) < 1.0:
-            other = density(tried)
-            if chance < other - own:
-                u, own = tried, other
+        candidate = u.copy()
+        candidate[j] = (
+            rng.uniform(-1.0, 1.0) if far < _FAR else u[j] + _STEP * rng.standard_normal()
+        )
+        if abs(candidate[j]) < 1.0:
+            candidate_density = density(candidate)
+            if chance < candidate_density - log_density:
+                u, log_density = candidate, candidate_density
         draws[k] = u
-    return np.asarray(draws[kept])
+    return np.asarray(draws[selected])

@@ -1,4 +1,4 @@
-"""Who runs worlds: processes of this machine, or the workers of a Dask scheduler.
+"""Runs worlds in processes of this machine, or on the workers of a Dask scheduler.
 
 Either gives outcomes as they come, in any order, and loses none when a worker dies: its world goes
 to another. A world that takes every worker down that it is given to is a failure of its own.
@@ -27,7 +27,7 @@ _ADDRESS: Final = re.compile(
     r"((tcp|tls)://)?(?P<host>\[[0-9a-fA-F:.]+\]|[\w.-]+):(?P<port>\d{1,5})"
 )
 _START_ONE: Final = "start one with `dask scheduler`, workers with `dask worker ADDRESS`"
-_KEPT: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
+_WORKER_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**34)}
 """Environment in which glibc keeps what is freed: pages that come anew from the system each time
 take a twelfth of a world's processor time."""
 
@@ -35,8 +35,8 @@ take a twelfth of a world's processor time."""
 def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generator[WorldOutcome]:
     """Runs worlds in `jobs` processes, of joblib's executor.
 
-    That executor rather than `joblib.Parallel`, which gives up all worlds under way with one
-    process that dies, and computes a single job in this process with its threads.
+    `joblib.Parallel` would not do: with one process that dies it gives up all worlds under way. A
+    single job it computes in this process, with its threads.
 
     Args:
         tasks: to run.
@@ -45,7 +45,7 @@ def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generat
     """
     waiting, suspects = deque(tasks), deque[WorldTask]()
     while waiting or suspects:
-        # After a crash, whose world it was is not known: those under way go on one by one.
+        # After a crash the world that caused it is unknown: those under way go on one by one.
         alone = bool(suspects)
         source = deque([suspects.popleft()]) if alone else waiting
         under_way = dict[Future[WorldOutcome], WorldTask]()
@@ -62,11 +62,11 @@ def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generat
                         del under_way[future]
                         yield outcome
             except broken:
-                left = list(under_way.values()) or [source.popleft()]
+                unfinished = list(under_way.values()) or [source.popleft()]
                 if alone:
-                    yield killed(left[0])
+                    yield killed(unfinished[0])
                 else:
-                    suspects.extend(left)
+                    suspects.extend(unfinished)
 
 
 def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutcome]:
@@ -159,7 +159,7 @@ def _executor(jobs: int, log: Path) -> Iterator[tuple[Any, type[Exception]]]:
             jobs,
             initializer=begin_worker,
             initargs=(os.getpid(), str(log)),
-            env={**dict.fromkeys(ONE_THREAD, "1"), **_KEPT},
+            env={**dict.fromkeys(ONE_THREAD, "1"), **_WORKER_MEMORY},
         )
     try:
         yield executor, BrokenProcessPool

@@ -1,4 +1,4 @@
-"""All experiments of one world, in whatever process: what is sent there, and what comes back.
+"""The experiments of one world: the task of a worker, its run and its outcome.
 
 What the experiments of a world have in common, such as the identification of its arm, is computed
 once (`analyses.study.shared_results`); what all worlds have in common once in the campaign, or once
@@ -30,12 +30,12 @@ from wrenchsight.models.numerics.kernel import one_thread
 from wrenchsight.models.truth.worlds import World, WorldSource, draw_world
 
 _one_at_a_time = threading.Lock()  # torch's random numbers are those of the process
-_kept: list[tempfile.TemporaryDirectory[str]] = []
+_worker_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 @dataclass
 class CampaignSettings(CampaignOptions):
-    """What is asked of a campaign."""
+    """The settings of a campaign."""
 
     source: WorldSource = field(default_factory=WorldSource)  # of worlds
     numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
@@ -43,13 +43,13 @@ class CampaignSettings(CampaignOptions):
 
 @dataclass(frozen=True)
 class WorldTask:
-    """What a worker is sent."""
+    """The task of a worker: experiments to run in one world."""
 
     settings: CampaignSettings  # of the campaign
     number: int  # of the world
     modules: Mapping[str, str]  # of the experiments to run, by their names
     software: Mapping[str, str]  # `software_hash` of each module, by the experiment's name
-    # folder for figures and recordings, one below it an experiment; None: nobody looks
+    # folder for figures and recordings, one below it an experiment; None: they are not wanted
     out: Path | None = None
     # folder for what all worlds share; None: one of the worker's own
     everywhere: Path | None = None
@@ -61,7 +61,7 @@ class WorldTask:
 
 @dataclass
 class WorldOutcome:
-    """What came of a world, in plain values."""
+    """The outcome of a world, in plain values."""
 
     number: int  # of the world
     seed: int  # of the world
@@ -96,7 +96,7 @@ def run_world(task: WorldTask) -> WorldOutcome:
         _check_worker(module, task.software[name])
     settings, world = task.settings, task.world()
     outcome = WorldOutcome(world.number, world.seed, world.parameters())
-    everywhere = _own_folder() if task.everywhere is None else task.everywhere
+    everywhere = _worker_folder() if task.everywhere is None else task.everywhere
     everywhere.mkdir(parents=True, exist_ok=True)
     with (
         _one_at_a_time,
@@ -111,7 +111,8 @@ def run_world(task: WorldTask) -> WorldOutcome:
                 out.mkdir(parents=True)
                 with sharing_in(folder, everywhere):
                     experiment: Experiment = import_module(module).EXPERIMENT
-                    if missing := experiment.missing(settings.data):
+                    missing = experiment.missing(settings.data)
+                    if missing:
                         remedy = how_to_get_all(missing)
                         problem = "these recordings are not there"
                         raise InputError(", ".join(missing), "", problem, remedy)
@@ -141,10 +142,10 @@ def run_world(task: WorldTask) -> WorldOutcome:
 
 
 @cache
-def _own_folder() -> Path:
+def _worker_folder() -> Path:
     """A folder that lasts as long as this process."""
-    _kept.append(tempfile.TemporaryDirectory(prefix="wrenchsight-"))
-    return Path(_kept[0].name)
+    _worker_folders.append(tempfile.TemporaryDirectory(prefix="wrenchsight-"))
+    return Path(_worker_folders[0].name)
 
 
 def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:
@@ -153,10 +154,10 @@ def numbers_in(metrics: Mapping[str, Any]) -> dict[str, float | None]:
     Raises:
         ValueError: there are none.
     """
-    found = dict(_numbers(metrics, ""))
-    if not found:
+    numbers = dict(_numbers(metrics, ""))
+    if not numbers:
         raise ValueError("the experiment has measured no number")
-    return found
+    return numbers
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float | None]]:
@@ -185,5 +186,5 @@ def _check_worker(module: str, software: str) -> None:
 
 @cache
 def _software_here(module: str) -> str:
-    """Of what this process has imported or will: it is not asked twice."""
+    """`software_hash` of a module in this process; computed once."""
     return software_hash(module)

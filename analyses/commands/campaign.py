@@ -90,15 +90,19 @@ def _print(result: "CampaignResult") -> None:
 
     table = new_table("", "article", "median", "5-95 % of worlds", "ours ahead")
     experiment = ""
-    for figure in result.found:
-        if figure.experiment != experiment:
-            experiment = figure.experiment
+    for distribution in result.distributions:
+        if distribution.experiment != experiment:
+            experiment = distribution.experiment
             table.add_row(plain_text(experiment, style="bold"))
-        row = table_row(figure)
-        label = f"{figure.label} [{figure.unit}]" if figure.unit else figure.label
-        cells = (row[key] for key in ("article", "median", "range", "ahead"))
-        table.add_row(plain_text(label), *cells)
-    earlier = f", {result.kept} of them kept" if result.kept else ""
+        row = table_row(distribution)
+        label = (
+            f"{distribution.label} [{distribution.unit}]"
+            if distribution.unit
+            else distribution.label
+        )
+        shown = (row[key] for key in ("article", "median", "range", "ahead"))
+        table.add_row(plain_text(label), *shown)
+    reused = f", {result.reused} of them from earlier runs" if result.reused else ""
     show(
         *([table] if table.row_count else []),
         *(
@@ -106,7 +110,7 @@ def _print(result: "CampaignResult") -> None:
             for number, outcome in sorted(result.failures.items())
             for name, reason in outcome.failures.items()
         ),
-        f"worlds: {result.worlds}{earlier}",
+        f"worlds: {result.worlds}{reused}",
     )
     if result.seconds:
         times = "; ".join(f"{name} {seconds:.1f} s" for name, seconds in result.seconds.items())

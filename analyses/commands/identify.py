@@ -165,7 +165,7 @@ def _refresh(settings: IdentifySettings, out: Path) -> None:
     with showing_progress("identify") as progress:
         result = refresh_log(settings, out, progress)
     refresh = result.refresh
-    rmse_before, rmse_after = result.rmse
+    rmse_before, rmse_after = result.rmse_before, result.rmse_after
     table = new_table(
         "\njoint",
         "Coulomb\n[N m]",

@@ -1,16 +1,16 @@
-"""How should this arm move so that its parameters show? A robot in, a trajectory out.
+"""Excitation of an arm's parameters: a robot in, a trajectory out.
 
 Several random motions within all limits are drawn; the best of them starts the program of
 `models.planning.excitation.excitation_program`. Its result is checked between the samples: torque
 at the controller's rate, clearance by a bound on the arm's speed (`diagrams.distances.clearance`).
-Where a check fails, the program is solved again with more in reserve; where that fails, too,
+Where a check fails, the program is solved again with more in reserve. Where that fails, too,
 motions on the way back to the random one are tried until all checks pass.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -54,7 +54,7 @@ _NAMED = 3  # lost shapes that a note names
 
 @dataclass(frozen=True, eq=False)
 class ExcitationResult:
-    """A trajectory, and what it tells.
+    """An excitation trajectory with its figures.
 
     Attributes:
         trajectory: starts and ends at rest.
@@ -63,10 +63,10 @@ class ExcitationResult:
         unweighted_condition_number: the same with equal rows: what `identify` reports.
         random_condition_numbers: of the random motions, each as large as its limits let it be.
         num_parameters: base parameters of a general motion.
-        undetermined: those of them that this motion does not tell.
+        undetermined: those of them that this motion does not determine.
         peak_torque_share: (n,) largest rigid-body torque over the effort limit.
         closest: shapes that come closest; None where there are none near each other.
-        status: the solver's own word for how it ended.
+        status: of the solver at its end.
         evaluations: of the cost with its gradient.
         warnings: one line each.
         config: as used.
@@ -92,9 +92,7 @@ class ExcitationResult:
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
-        _, v, vdot = _period(self.trajectory)
-        q = _period(self.trajectory)[0]
-        closest = self.closest
+        q, v, vdot = _period(self.trajectory)
         return {
             "condition_number": self.condition_number,
             "unweighted_condition_number": self.unweighted_condition_number,
@@ -110,35 +108,65 @@ class ExcitationResult:
             "peak_velocity_rad_per_s": np.abs(v).max(axis=0),
             "peak_acceleration_rad_per_s2": np.abs(vdot).max(axis=0),
             "peak_torque_share": self.peak_torque_share,
-            "closest": None
-            if closest is None
-            else {
-                "shapes": [closest.first, closest.second],
-                "distance_m": closest.distance,
-                "slack_m": closest.slack,
-                "time_s": closest.time,
-            },
+            "closest": None if self.closest is None else _pair_metrics(self.closest),
             "solver": {"status": self.status, "evaluations": self.evaluations},
         }
 
 
-def _certified(
-    clearance: Clearance, trajectory: FourierTrajectory
-) -> tuple[bool, ClosestPair | None]:
-    """Whether a trajectory keeps clear at every instant, and the shapes that come closest."""
-    if not clearance.has_shapes:
-        return True, None
-    return clearance.certify(
-        lambda t: trajectory.sample(t)[0],
-        np.abs(_period(trajectory)[1]).max(axis=0) * 1.01,
-        trajectory.period,
-    )
+def _pair_metrics(pair: ClosestPair) -> dict[str, Any]:
+    return {
+        "shapes": [pair.first, pair.second],
+        "distance_m": pair.distance,
+        "slack_m": pair.slack,
+        "time_s": pair.time,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Checked:
+    """A trajectory that is checked between its samples.
+
+    Attributes:
+        trajectory: its coefficients.
+        solution: of the solver, at or before it.
+        is_clear: whether it keeps clear at every instant.
+        closest: shapes that come closest.
+        motion: q, v, vdot (T, n) over a period, at the controller's rate.
+        torque: (n,) N m, largest rigid-body torque.
+    """
+
+    trajectory: FourierTrajectory
+    solution: ExcitationSolution
+    is_clear: bool
+    closest: ClosestPair | None
+    motion: tuple[Array, Array, Array]
+    torque: Array
+
+
+def _checked(
+    robot: Robot,
+    clearance: Clearance,
+    solution: ExcitationSolution,
+    trajectory: FourierTrajectory,
+    time_step: float,
+) -> _Checked:
+    """Checks clearance and torque of a trajectory between its samples."""
+    is_clear, closest = True, None
+    if clearance.has_shapes:
+        is_clear, closest = clearance.certify(
+            lambda t: trajectory.sample(t)[0],
+            np.abs(_period(trajectory)[1]).max(axis=0) * 1.01,
+            trajectory.period,
+        )
+    motion = _period(trajectory, time_step)
+    torque = np.abs(robot.chain.inverse_dynamics(*motion)).max(axis=0)
+    return _Checked(trajectory, solution, is_clear, closest, motion, torque)
 
 
 def excite(
     robot: Robot,
     config: ExcitationConfig | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> ExcitationResult:
     """Finds a trajectory.
 
@@ -154,7 +182,6 @@ def excite(
     floor = _floor(robot, config)
     clearance = Clearance(robot, config.limits.clearance, floor)
     _check_floor(clearance, floor)
-    rng = np.random.default_rng(config.seed)
 
     def program(reserve: tuple[float, float]) -> ExcitationProgram:
         return ExcitationProgram(
@@ -168,64 +195,34 @@ def excite(
             reserve=reserve,
         )
 
-    first = program(RESERVES[0])
-    starts = []
-    for k in range(config.num_starts):
-        progress(0.05 + 0.15 * k / config.num_starts, "random trajectories")
-        starts.append(first.random_feasible(rng))
+    first_program = program(RESERVES[0])
+    starts = _random_starts(first_program, config, progress)
     exact = replace(information, friction_velocity=0.0)
     random = np.array([exact.condition_number(*_period(start)) for start in starts])
     ranked = [starts[i] for i in np.argsort(random, kind="stable")]
-    about = 1.6 * config.iterations  # evaluations that so many iterations take
-
-    def watch(evaluations: int, cost: float) -> None:
-        share = min(1.0, evaluations / about)
-        value = f"condition number {np.exp(cost):.3g}" if config.measure == MEASURES[0] else ""
-        progress(0.2 + 0.75 * share, f"optimising {value}")
-
-    def ends() -> Iterator[tuple[ExcitationSolution, FourierTrajectory]]:
-        begin = start = ranked[0]
-        for attempt, reserve in enumerate(RESERVES):
-            chosen = first if attempt == 0 else program(reserve)
-            if attempt > 1:
-                begin = start = ranked[min(attempt - 1, len(ranked) - 1)]
-            solution = chosen.solve(start, config.iterations, watch)
-            yield solution, solution.trajectory
-            start = solution.trajectory
-        for share in RETREATS:
-            yield solution, _between(begin, solution.trajectory, share)
-
-    for end in ends():
-        solution, trajectory = end
-        clear, closest = _certified(clearance, trajectory)
-        motion = _period(trajectory, config.time_step)
-        torque = np.abs(robot.chain.inverse_dynamics(*motion)).max(axis=0)
-        if clear and (torque <= bounds.torque).all():
+    programs = (first_program if k == 0 else program(reserve) for k, reserve in enumerate(RESERVES))
+    for candidate in _candidates(programs, ranked, config, progress):
+        checked = _checked(
+            robot, clearance, candidate.solution, candidate.trajectory, config.time_step
+        )
+        if checked.is_clear and (checked.torque <= bounds.torque).all():
             break
     else:
-        what = "torque"
-        if not clear and closest is not None:
-            what = f"clearance: {closest.first} and {closest.second} at {closest.time:.2f} s"
-        raise InputError(
-            "excite",
-            "",
-            f"the solver ({solution.status}) found no trajectory within the limits ({what})",
-            "widen the limits, or try another seed",
-        )
-    q, v, vdot = motion
+        _refuse(checked)
+    q, v, vdot = checked.motion
     undetermined = tuple(exact.undetermined(q, v, vdot, UNDETERMINED))
-    plain = replace(exact, weight=np.ones(robot.num_joints))
+    unweighted = replace(exact, weight=np.ones(robot.num_joints))
     result = ExcitationResult(
-        trajectory=trajectory,
+        trajectory=checked.trajectory,
         condition_number=exact.condition_number(q, v, vdot),
-        unweighted_condition_number=plain.base_parameters(q, v, vdot).condition_number,
+        unweighted_condition_number=unweighted.base_parameters(q, v, vdot).condition_number,
         random_condition_numbers=random,
         num_parameters=len(information.columns),
         undetermined=undetermined,
-        peak_torque_share=torque / robot.effort_limit,
-        closest=None if robot.unusable_collisions else closest,
-        status=solution.status,
-        evaluations=solution.evaluations,
+        peak_torque_share=checked.torque / robot.effort_limit,
+        closest=None if robot.unusable_collisions else checked.closest,
+        status=checked.solution.status,
+        evaluations=checked.solution.evaluations,
         warnings=tuple(_warnings(robot, undetermined, clearance)),
         config=config,
     )
@@ -233,15 +230,76 @@ def excite(
     return result
 
 
-def _between(
-    first: FourierTrajectory, second: FourierTrajectory, share: float
-) -> FourierTrajectory:
+def _random_starts(
+    program: ExcitationProgram, config: ExcitationConfig, progress: ProgressCallback
+) -> list[FourierTrajectory]:
+    """Random motions within the limits, each as large as they let it be."""
+    rng = np.random.default_rng(config.seed)
+    starts = []
+    for k in range(config.num_starts):
+        progress(0.05 + 0.15 * k / config.num_starts, "random trajectories")
+        starts.append(program.random_feasible(rng))
+    return starts
+
+
+class _Candidate(NamedTuple):
+    """A trajectory to check, and the solution that it comes from."""
+
+    solution: ExcitationSolution
+    trajectory: FourierTrajectory
+
+
+def _candidates(
+    programs: Iterable[ExcitationProgram],
+    ranked: Sequence[FourierTrajectory],
+    config: ExcitationConfig,
+    progress: ProgressCallback,
+) -> Iterator[_Candidate]:
+    """The solver's ends, one for each of RESERVES, then parts of the way back (RETREATS).
+
+    Args:
+        programs: to solve, one for each of RESERVES.
+        ranked: random motions, the best first.
+    """
+    expected_evaluations = 1.6 * config.iterations
+
+    def report(evaluations: int, cost: float) -> None:
+        share = min(1.0, evaluations / expected_evaluations)
+        value = f"condition number {np.exp(cost):.3g}" if config.measure == MEASURES[0] else ""
+        progress(0.2 + 0.75 * share, f"optimising {value}")
+
+    origin = start = ranked[0]
+    for attempt, program in enumerate(programs):
+        if attempt > 1:
+            origin = start = ranked[min(attempt - 1, len(ranked) - 1)]
+        solution = program.solve(start, config.iterations, report)
+        yield _Candidate(solution, solution.trajectory)
+        start = solution.trajectory
+    for share in RETREATS:
+        yield _Candidate(solution, _between(origin, solution.trajectory, share))
+
+
+def _refuse(last: _Checked) -> NoReturn:
+    """Raises InputError with the limit that the last trajectory breaks."""
+    limit = "torque"
+    if not last.is_clear and last.closest is not None:
+        pair = last.closest
+        limit = f"clearance: {pair.first} and {pair.second} at {pair.time:.2f} s"
+    raise InputError(
+        "excite",
+        "",
+        f"the solver ({last.solution.status}) found no trajectory within the limits ({limit})",
+        "widen the limits, or try another seed",
+    )
+
+
+def _between(start: FourierTrajectory, end: FourierTrajectory, share: float) -> FourierTrajectory:
     """A part of the way from one trajectory to another, within the joint limits that both keep."""
     return FourierTrajectory(
-        first.base_frequency,
-        first.centre + share * (second.centre - first.centre),
-        first.sine + share * (second.sine - first.sine),
-        first.cosine + share * (second.cosine - first.cosine),
+        start.base_frequency,
+        start.centre + share * (end.centre - start.centre),
+        start.sine + share * (end.sine - start.sine),
+        start.cosine + share * (end.cosine - start.cosine),
     )
 
 
@@ -251,7 +309,7 @@ def excite_robot(
     config: ExcitationConfig | None = None,
     validation: bool = True,
     page: bool = True,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> tuple[ExcitationResult, ...]:
     """The command `excite`: finds trajectories and writes them into `out`.
 
@@ -281,8 +339,8 @@ def excite_robot(
         results = []
         for k, name in enumerate(names):
 
-            def part(fraction: float, what: str, k: int = k, name: str = name) -> None:
-                progress(0.9 * (k + fraction) / len(names), f"{name}: {what}")
+            def part(fraction: float, message: str, k: int = k, name: str = name) -> None:
+                progress(0.9 * (k + fraction) / len(names), f"{name}: {message}")
 
             results.append(excite(robot, replace(config, seed=seeds[name]), part))
         progress(0.9, "writing")
@@ -362,10 +420,10 @@ def _period(trajectory: FourierTrajectory, time_step: float = 0.01) -> tuple[Arr
 def _check(config: ExcitationConfig) -> None:
     if config.measure not in MEASURES:
         remedy = nearest(config.measure, MEASURES)
-        known = " or ".join(MEASURES)
-        raise InputError("excite", "measure", f"{config.measure!r}, expected {known}", remedy)
+        expected = " or ".join(MEASURES)
+        raise InputError("excite", "measure", f"{config.measure!r}, expected {expected}", remedy)
     limits = config.limits
-    for name, value, least, largest in (
+    ranges: list[tuple[str, float, float, float]] = [
         ("base_frequency", config.base_frequency, 1e-3, 10.0),
         ("time_step", config.time_step, 1e-5, 1.0),
         ("num_harmonics", config.num_harmonics, 2, 20),
@@ -376,9 +434,11 @@ def _check(config: ExcitationConfig) -> None:
         ("position_margin", limits.position_margin, 0.0, 2.0 * np.pi),
         ("velocity_share", limits.velocity_share, 1e-3, 1.0),
         ("torque_share", limits.torque_share, 1e-3, 1.0),
-        *(("acceleration", value, 1e-3, 1e3) for value in limits.acceleration),
-        *(("floor", value, -100.0, 100.0) for value in (limits.floor,) if value is not None),
-    ):
+    ]
+    ranges += [("acceleration", value, 1e-3, 1e3) for value in limits.acceleration]
+    if limits.floor is not None:
+        ranges.append(("floor", limits.floor, -100.0, 100.0))
+    for name, value, least, largest in ranges:
         if not least <= value <= largest:
             raise InputError("excite", name, f"{value:g}, expected {least:g} to {largest:g}")
     rows = config.num_periods / (config.base_frequency * config.time_step)
@@ -411,22 +471,23 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
     if undetermined:
         warnings.append(
             f"the trajectory leaves {len(undetermined)} base parameters undetermined: "
-            f"{'; '.join(undetermined)}"
+            f"{'; '.join(undetermined)}; widen the limits, or take more harmonics"
         )
     if not clearance.has_shapes:
         warnings.append(
             f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
         )
-    if lost := robot.unusable_collisions:
-        more = f" and {len(lost) - _NAMED} more" if len(lost) > _NAMED else ""
+    unusable = robot.unusable_collisions
+    if unusable:
+        others = f" and {len(unusable) - _NAMED} more" if len(unusable) > _NAMED else ""
         warnings.append(
-            "collision shapes cannot be used, so that no clearance is claimed: "
-            f"{', '.join(lost[:_NAMED])}{more}"
+            "no clearance is claimed, because collision shapes cannot be used: "
+            f"{', '.join(unusable[:_NAMED])}{others}"
         )
     warnings += [
-        f"{pair} are near each other in the home posture: they keep {1e3 * kept:.3g} mm, "
-        f"{1e3 * (clearance.margin - kept):.2g} mm less than the clearance"
-        for pair, kept in clearance.near_at_home
+        f"{pair} are near each other in the home posture: they keep {1e3 * distance:.3g} mm, "
+        f"{1e3 * (clearance.margin - distance):.2g} mm less than the clearance"
+        for pair, distance in clearance.near_at_home
     ]
     warnings += [
         f"{pair} overlap in the home posture: contact between them is not checked"

@@ -1,4 +1,4 @@
-"""The settings of `excite`: what kind of excitation is wanted."""
+"""The settings of `excite`."""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +7,7 @@ from wrenchsight.models.planning.excitation.excitation_limits import ExcitationL
 
 @dataclass
 class ExcitationConfig:
-    """What an excitation is to be like."""
+    """Motion, limits and search of an excitation."""
 
     measure: str = "condition_number"  # to optimise: that, minimised, or log_det, maximised
     base_frequency: float = 0.1  # Hz, lowest frequency of the Fourier series

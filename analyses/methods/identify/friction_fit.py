@@ -1,12 +1,14 @@
-"""Fits inertias and one friction law together, and chooses the law's shape by cross-validation.
+"""Least-squares fit of inertias and one friction law, and the choice of the law's shape.
 
-The coefficients are linear and come from one least squares with the inertias. What is not linear is
-the law's shape (slip displacement and Stribeck velocity of each joint) and which joints have a
-load term; that is chosen on held-out logs (or held-out thirds of a single one) by the one-standard-
-error rule (Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, section
-3.4.3) on paired differences: of the candidates whose squared error exceeds the lowest by no more
-than one standard error of that difference over the folds, the smoothest, that is the longest
-displacement, the highest Stribeck velocity, no load term. The rule has no constant to tune.
+The coefficients are linear and come from one least squares with the inertias. The law's shape is
+not linear: slip displacement and Stribeck velocity of each joint, and which joints have a load
+term. It is chosen on held-out logs, or on held-out thirds of a single one.
+
+The rule is the one-standard-error rule (Breiman, Friedman, Olshen and Stone, Classification and
+Regression Trees, 1984, section 3.4.3) on paired differences. Its candidates are the shapes whose
+squared error exceeds the lowest by no more than one standard error of that difference over the
+folds. Of these the smoothest is taken: the longest displacement, the highest Stribeck velocity, no
+load term. The rule has no constant to tune.
 
 The shape is chosen by plain squares, because Huber's weights, which come after, depend on it.
 `ur10e-identification.lowest_error` measures what taking the lowest error itself would give.
@@ -20,7 +22,7 @@ fit, but not on other logs.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,24 +64,32 @@ HUBER = 3.0  # scales of the residual from which it counts linearly, no longer s
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A fitted model."""
+    """The parameters of a fitted model.
 
-    structure: FrictionStructure  # of its friction
-    base: BaseParameters  # combinations of parameters that the rows determine
-    estimate: TorqueEstimate  # of them
-    x: Array  # all parameters, as `wrenchsight.models.identification.torque_regression`
-    names: tuple[str, ...]  # of all parameters
+    Attributes:
+        structure: of its friction.
+        base: combinations of parameters that the rows determine.
+        estimate: of these combinations.
+        x: all parameters, in the order of `models.identification.torque_regression`.
+        names: of all parameters.
+    """
+
+    structure: FrictionStructure
+    base: BaseParameters
+    estimate: TorqueEstimate
+    x: Array
+    names: tuple[str, ...]
 
     def parts(self) -> tuple[Array, Array, list[Array]]:
         """Inertial parameters (n, 10), rotor inertia (n,), friction coefficients per joint."""
-        return split_terms(self.x, [len(entry) for entry in self.structure.terms])
+        return split_terms(self.x, [len(terms) for terms in self.structure.terms])
 
 
 class _LogColumns:
     """The friction columns of one log, low-passed, at the rows of its regression.
 
-    Sweeps, passes and laws ask for the same columns again and again: all are kept, those of the
-    load term as long as the load stays the same array.
+    Sweeps, passes and laws need the same columns again and again. All are cached, those of the load
+    term as long as the load stays the same array.
     """
 
     def __init__(self, q: Array, v: Array, regression: RegressionRows) -> None:
@@ -94,11 +104,11 @@ class _LogColumns:
             self._rows = {key: rows for key, rows in self._rows.items() if key[0] != "load"}
             self._load = load
         keys = [
-            [(term, j, structure.column_shape(term, j)) for term in entry]
-            for j, entry in enumerate(structure.terms)
+            [(term, j, structure.column_shape(term, j)) for term in terms]
+            for j, terms in enumerate(structure.terms)
         ]
         missing = list(
-            dict.fromkeys(key for entry in keys for key in entry if key not in self._rows)
+            dict.fromkeys(key for of_joint in keys for key in of_joint if key not in self._rows)
         )
         if missing:
             q, v = self._q, self._v
@@ -107,54 +117,76 @@ class _LogColumns:
             columns = [structure.column(term, j, z, q, v, load) for term, j, _ in missing]
             (rows,) = self._regression.friction_rows([np.stack(columns, axis=1)])
             self._rows.update(zip(missing, rows.T, strict=True))
-        return [np.stack([self._rows[key] for key in entry], axis=1) for entry in keys]
+        return [np.stack([self._rows[key] for key in of_joint], axis=1) for of_joint in keys]
+
+
+class FoldPart(NamedTuple):
+    """Rows of one log that a fold holds out."""
+
+    log: int  # index of the log
+    rows: slice  # of its regression
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
-    """Logs that one model is to explain."""
+    """The least-squares problem of the logs that one model is to explain.
 
-    robot: Robot  # whose
+    Attributes:
+        robot: that they were recorded on.
+        runs: the logs, low-passed.
+        regressions: of these logs.
+        num_passes: of weighted least squares.
+        oversampling: rows per independent sample of the residual.
+        loss: "huber" or "squares", see `reweighed`.
+        consistent: whether `fit` returns a physical robot, see
+            `models.identification.physical_consistency`.
+        selection: of `SELECTIONS`; the second takes the lowest held-out error, whatever the others'
+            are.
+        weights: of the squared residuals, by log (m, n); None: all one.
+        groups: the motion that each log shows; logs of one motion are held out together. None:
+            each log shows its own.
+        stretches: number of stretches in which logs of one motion are held out.
+    """
+
+    robot: Robot
     runs: Sequence[LowPassedLog]
-    regressions: Sequence[RegressionRows]  # of these logs
-    num_passes: int  # of weighted least squares
-    oversampling: float = 1.0  # rows per independent sample of the residual
-    loss: str = "squares"  # "huber" or "squares", see `reweighed`
-    # whether `fit` returns a physical robot, see
-    # `wrenchsight.models.identification.physical_consistency`
+    regressions: Sequence[RegressionRows]
+    num_passes: int
+    oversampling: float = 1.0
+    loss: str = "squares"
     consistent: bool = False
-    # of `SELECTIONS`; the second takes the lowest held-out error, whatever the others' are
     selection: str = SELECTIONS[0]
-    weights: Sequence[Array] | None = None  # per log (m, n), of the squared residuals; None for one
-    # per log, which motion it shows: logs of one motion are held out together; None: each log has
-    # its own
+    weights: Sequence[Array] | None = None
     groups: Sequence[int] | None = None
-    stretches: int = STRETCHES  # in which logs of one motion are held out
-    _kept: dict[int, _LogColumns] = field(default_factory=dict, repr=False)  # by log
+    stretches: int = STRETCHES
+    _columns_of_log: dict[int, _LogColumns] = field(default_factory=dict, repr=False)
 
     @cached_property
-    def folds(self) -> list[list[tuple[int, slice]]]:
-        """What is held out together: (log, rows of it)."""
+    def folds(self) -> list[list[FoldPart]]:
+        """The folds of the cross-validation: what is held out together."""
         count = len(self.regressions)
         groups = range(count) if self.groups is None else self.groups
         if len(set(groups)) > 1:
             return [
-                [(k, slice(None)) for k in range(count) if groups[k] == group]
+                [FoldPart(k, slice(None)) for k in range(count) if groups[k] == group]
                 for group in dict.fromkeys(groups)
             ]
         edges = [
-            np.linspace(0, len(entry.rows), self.stretches + 1).astype(int)
-            for entry in self.regressions
+            np.linspace(0, len(regression.rows), self.stretches + 1).astype(int)
+            for regression in self.regressions
         ]
         return [
-            [(k, slice(int(entry[i]), int(entry[i + 1]))) for k, entry in enumerate(edges)]
+            [
+                FoldPart(k, slice(int(log_edges[i]), int(log_edges[i + 1])))
+                for k, log_edges in enumerate(edges)
+            ]
             for i in range(self.stretches)
         ]
 
     @property
     def holds_out_logs(self) -> bool:
         """Whether a fold is one log or several, not stretches of them."""
-        return all(rows == slice(None) for fold in self.folds for _, rows in fold)
+        return all(part.rows == slice(None) for fold in self.folds for part in fold)
 
     def of_motors(self, x: Array) -> Array:
         """Positions or rates (N, n) of the motors, which friction depends on, from the joints'."""
@@ -174,9 +206,9 @@ class FrictionFit:
             coefficients = solution.parts()[2]
             unfit = [
                 j
-                for j, entry in enumerate(structure.terms)
-                if "load" in entry
-                and not 0.0 <= coefficients[j][entry.index("load")] <= LARGEST_LOAD
+                for j, terms in enumerate(structure.terms)
+                if "load" in terms
+                and not 0.0 <= coefficients[j][terms.index("load")] <= LARGEST_LOAD
             ]
             if not unfit:
                 break
@@ -189,9 +221,9 @@ class FrictionFit:
         factors = self.factors(solution)
         selected = factors if chosen is None else [factors[k] for k in chosen]
         sd = np.maximum(solution.estimate.residual_sd, 1e-12) * np.sqrt(self.oversampling)
-        rows = np.vstack([entry / sd[j] for factor in selected for j, entry in enumerate(factor.R)])
-        prior, spread = parameter_prior(self.robot, [len(entry) for entry in structure.terms])
-        v_max = np.max([np.abs(self.of_motors(m.v)).max(axis=0) for m in self.runs], axis=0)
+        rows = np.vstack([R / sd[j] for factor in selected for j, R in enumerate(factor.R)])
+        prior, spread = parameter_prior(self.robot, [len(terms) for terms in structure.terms])
+        v_max = np.max([np.abs(self.of_motors(log.v)).max(axis=0) for log in self.runs], axis=0)
         result = fit_consistent(rows[:, :-1], rows[:, -1], prior, spread, structure, v_max)
         values = solution.base.combination @ result.x
         return replace(solution, x=result.x, estimate=replace(solution.estimate, values=values))
@@ -205,18 +237,20 @@ class FrictionFit:
         """The rigid-body torque of each log, (N, n) N m, as the motors feel it."""
         inertial, rotor, _ = solution.parts()
         chain: SerialChain = self.robot.chain.with_inertial_parameters(inertial, rotor)
-        result = [np.asarray(chain.inverse_dynamics(m.q, m.v, m.vdot)) for m in self.runs]
-        return [tau @ self.robot.coupling for tau in result] if self.robot.is_coupled else result
+        loads = [np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot)) for log in self.runs]
+        if self.robot.is_coupled:
+            return [tau @ self.robot.coupling for tau in loads]
+        return loads
 
     def columns(
         self, structure: FrictionStructure, loads: Sequence[Array] | None
     ) -> list[list[Array]]:
         """Friction columns per log and joint, low-passed, at the rows."""
-        for k in range(len(self._kept), len(self.regressions)):
-            q, v = (self.of_motors(x) for x in (self.runs[k].q, self.runs[k].v))
-            self._kept[k] = _LogColumns(q, v, self.regressions[k])
+        for k in range(len(self._columns_of_log), len(self.regressions)):
+            q, v = self.of_motors(self.runs[k].q), self.of_motors(self.runs[k].v)
+            self._columns_of_log[k] = _LogColumns(q, v, self.regressions[k])
         return [
-            self._kept[k].of(structure, None if loads is None else loads[k])
+            self._columns_of_log[k].of(structure, None if loads is None else loads[k])
             for k in range(len(self.regressions))
         ]
 
@@ -226,11 +260,11 @@ class FrictionFit:
         factors = self._fold_factors(columns, None)
         independent = independent_columns(np.vstack([f.regressor for f in factors]))
         squares = np.empty((len(factors), self.robot.num_joints))
-        for k, entry in enumerate(factors):
+        for k, factor in enumerate(factors):
             values = solve_values(factors[:k] + factors[k + 1 :], independent, self.num_passes)
-            for j, R in enumerate(entry.R):
+            for j, R in enumerate(factor.R):
                 residual = R[:, -1] - R[:, independent] @ values
-                squares[k, j] = residual @ residual / entry.num_rows
+                squares[k, j] = residual @ residual / factor.num_rows
         return squares
 
     def choose(self, structure: FrictionStructure) -> FrictionStructure:
@@ -268,7 +302,7 @@ class FrictionFit:
         return with_shape(np.asarray(candidates)[self._smoothest(errors)])
 
     def _smoothest(self, errors: Array) -> NDArray[np.intp]:
-        """Per joint the last candidate that the rule allows; errors (candidates, folds, n)."""
+        """The last candidate that the rule allows, by joint; errors are (candidates, folds, n)."""
         lowest = first_of_least(errors.mean(axis=1), axis=0)
         if self.selection == "lowest-error":
             return np.asarray(lowest)
@@ -290,34 +324,35 @@ class FrictionFit:
         base = find_base_parameters(np.vstack([f.regressor for f in factors]), names)
         selected = factors if chosen is None else [factors[k] for k in chosen]
         estimate = solve(selected, base, self.num_passes, self.oversampling)
-        counts = [len(entry) for entry in structure.terms]
+        counts = [len(terms) for terms in structure.terms]
         x = realisation(self.robot, base, estimate.values, counts)
         return Solution(structure, base, estimate, x, tuple(names))
 
     def _fold_factors(
         self, columns: list[list[Array]], weights: Sequence[Array] | None
     ) -> list[TorqueFactors]:
+        """The reduced rows of each fold."""
         return [
-            joined_factors(
-                [
-                    self.regressions[k].factors(
-                        columns[k], rows, None if weights is None else weights[k]
-                    )
-                    for k, rows in fold
-                ]
-            )
+            joined_factors([self._part_factors(part, columns, weights) for part in fold])
             for fold in self.folds
         ]
+
+    def _part_factors(
+        self, part: FoldPart, columns: list[list[Array]], weights: Sequence[Array] | None
+    ) -> TorqueFactors:
+        log_weights = None if weights is None else weights[part.log]
+        regression = self.regressions[part.log]
+        return regression.factors(columns[part.log], part.rows, log_weights)
 
     def reweighed(self, structure: FrictionStructure) -> "FrictionFit":
         """Returns the same fit with the weights that iteration with this structure finds.
 
         They are Huber's, min(1, HUBER s / |r|), and begin at the weights that this fit has.
 
-        s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: what
-        no friction law explains at reversals lies far outside the bulk too, and Tukey's, which
-        ignores what lies far outside, then fits a law without those reversals (on the UR10e it
-        costs a plain law 2 % of its held-out error, Huber's nothing).
+        s is 1.4826 times the joint's median absolute residual. Huber's and not Tukey's loss: the
+        torque at reversals that no friction law explains lies far outside the bulk, too. Tukey's
+        loss ignores what lies far outside, and then fits a law without those reversals. On the
+        UR10e it costs a plain law 2 % of its held-out error, Huber's nothing.
         """
         if self.loss == "squares":
             return self
@@ -326,8 +361,8 @@ class FrictionFit:
             solution = result.fit(structure)
             columns = result.columns(solution.structure, result.loads(solution))
             residuals = [
-                r.residual(entry, solution.x)
-                for r, entry in zip(self.regressions, columns, strict=True)
+                regression.residual(log_columns, solution.x)
+                for regression, log_columns in zip(self.regressions, columns, strict=True)
             ]
             scale = 1.4826 * np.median(np.abs(np.vstack(residuals)), axis=0)
             limit = HUBER * np.maximum(scale, 1e-9)

@@ -1,4 +1,4 @@
-"""What is the friction of joints near zero velocity? Friction samples in, trained networks out.
+"""Training of networks for friction near zero velocity: friction samples in, networks out.
 
 One 1-10-1 network a joint (tanh, linear; Lu et al., section 3.1), all joints in one batch, on the
 samples with |v| <= v_crit. Outside it the velocity law holds; a correction closes the gap between
@@ -39,7 +39,7 @@ _SAME_SPEED = 1e-9  # relative
 
 @dataclass
 class TrainingConfig:
-    """How the networks are trained."""
+    """Settings of the networks' training."""
 
     seed: int = 0  # of the first weights and of the split
     odd: bool = False  # f(-v) = -f(v) + constant, built in
@@ -91,8 +91,8 @@ def critical_velocity(v: Array, torque: Array, law: CoulombViscous) -> Array:
             crossing = middle[max(k - 1, 0)] * (1.0 - part) + middle[k] * part
         else:
             crossing = speed[-1]
-        directions = (speed[v[use, j][order] * way > 0.0] for way in (1.0, -1.0))
-        enough = [one[FEWEST // 4 - 1 : FEWEST // 4] for one in directions]
+        directions = (speed[v[use, j][order] * sign > 0.0] for sign in (1.0, -1.0))
+        enough = [speeds[FEWEST // 4 - 1 : FEWEST // 4] for speeds in directions]
         enough.append(speed[FEWEST - 1 : FEWEST])
         least = max(LEAST * speed[-1], *np.concatenate(enough))
         most = MOST * speed[-1]  # with fewer samples below that, the caller reports them
@@ -123,9 +123,9 @@ def train_networks(
 ) -> TrainedNetworks:
     """Trains the near-zero networks of all joints; the same numbers give the same weights.
 
-    Held out is a fifth of the samples, in stretches of the log (of each group), and training of a
-    joint stops when its held-out error has not improved for `patience` steps; kept are the weights
-    of the best step.
+    A fifth of the samples is held out, in stretches of the log (of each group). Training of a joint
+    stops when its held-out error has not improved for `patience` steps. Its weights are those of
+    the best step.
 
     Args:
         v: (N, n) rad/s at all velocities; NaN where a joint has no sample.
@@ -217,12 +217,12 @@ def one_thread() -> Iterator[None]:
     """Torch on one thread for as long as a block lasts: its sums have one order."""
     import torch
 
-    before = torch.get_num_threads()
+    previous_threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(previous_threads)
 
 
 def _descend(

@@ -1,20 +1,21 @@
-"""What is the dynamic model of this robot? Logs in, model out.
+"""Identification of a robot's dynamic model: logs of free motion in, model out.
 
-For each log, resampled on its own time to a uniform grid:
+The steps, as `_identify` lists them:
 
-1. q, v and torque go through a zero-phase Butterworth low-pass; vdot is the derivative of the
-   filtered v.
+1. `low_passed_logs`: each log is resampled on its own time to a uniform grid. q, v and torque go
+   through a zero-phase Butterworth low-pass; vdot is the derivative of the filtered v.
 2. The torque is linear in inertias, rotor inertias and friction
    (`models.identification.torque_regression`). Each column of that regressor goes through **the
-   same low-pass** as the torque. Products of filtered signals, and above all sgn(v), hold
-   frequencies that the filtered torque has lost; without this step they count as error at each
-   reversal and bias the friction low. Chosen by leave-one-run-out on the three unloaded UR10e runs:
-   held-out RMSE 2.35 3.45 1.44 0.42 0.49 0.37 N m per joint without it, 1.72 2.96 1.25 0.27 0.35
-   0.24 with it.
-3. The base parameters are read off the regressor (`models.identification.base_parameters`), and
-   solved for by least squares in which each joint's rows are weighted with its own residual, in
-   several passes.
+   same low-pass** as the torque. Products of filtered signals, above all sgn(v), hold frequencies
+   that the filtered torque has lost. Without this step they count as error at each reversal and
+   bias the friction low. Chosen by leave-one-run-out on the three unloaded UR10e runs: held-out
+   RMSE 2.35 3.45 1.44 0.42 0.49 0.37 N m per joint without it, 1.72 2.96 1.25 0.27 0.35 0.24 with
+   it.
+3. `law_fits`: the base parameters are read off the regressor
+   (`models.identification.base_parameters`). Least squares in several passes solves for them, with
+   each joint's rows weighted by its residual. Held-out error chooses the friction law.
 4. Standard parameters with these base parameters, nearest to the robot's own files, make the model.
+5. `torque_error_learning`: the observer's error, read from the logs that a fit has held out.
 
 Every error stated here compares low-passed measured torque with low-passed predicted torque, clear
 of the filter's transients and of drop-outs.
@@ -46,6 +47,7 @@ from wrenchsight.analyses.methods.identify.law_choice import best_law
 from wrenchsight.analyses.methods.identify.law_fits import LawFit, LawFits
 from wrenchsight.analyses.methods.identify.low_passed_logs import (
     LowPassedLog,
+    LowPassedLogs,
     ProgressCallback,
     check_recording,
     decimation,
@@ -54,7 +56,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
     low_pass_log,
     low_pass_logs,
     median_step,
-    read_log,
+    read_episodes,
 )
 from wrenchsight.analyses.methods.identify.repeated_motion import (
     motion_groups,
@@ -86,10 +88,10 @@ from wrenchsight.models.identification.identified_model import (
 )
 from wrenchsight.models.identification.identified_urdf import identified_urdf
 from wrenchsight.models.identification.physical_consistency import unphysical_links
+from wrenchsight.models.identification.torque_error_fit import HeldOutReading
 from wrenchsight.models.identification.torque_regression import TorqueEstimate
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.ties import beyond_rounding
-from wrenchsight.models.recordings.lerobot.data_set import episode_paths
 from wrenchsight.models.recordings.plausibility.drive_evidence import (
     SignEvidence,
     recordings_sign_evidence,
@@ -100,7 +102,7 @@ from wrenchsight.models.robot.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class IdentificationResult:
-    """A model, and how well it does on each log.
+    """An identified model with its errors on each log.
 
     Attributes:
         model: the identified model.
@@ -114,7 +116,7 @@ class IdentificationResult:
         law: the friction law; the chosen one for "best".
         held_out: cross-validated RMSE (n,) in N m of each law that was a candidate.
         extrapolated: RMSE (n,) in N m of each joint's fastest and of its slowest samples, predicted
-            by a fit without them, of each law that was a candidate.
+            by a fit without them, of each candidate.
         solution: all parameters, before they became a model.
         robot: whose model it is.
         drive_signs: what the fitted logs say of the signs of the drives.
@@ -212,7 +214,7 @@ def identify(
     robot: Robot,
     validation: Sequence[Recording] = (),
     config: IdentificationConfig | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
     contact_noise: bool = True,
 ) -> IdentificationResult:
     """Fits a model to logs of free motion, without contact and without unmodelled payload.
@@ -234,8 +236,12 @@ def identify(
             too low for the cutoff; joints that hardly move.
     """
     config = checked_config(IdentificationConfig() if config is None else config)
-    arguments = (tuple(recordings), robot, tuple(validation), config, contact_noise)
-    return shared("identify", arguments, lambda: _identify(*arguments, progress))
+    fitted, validated = tuple(recordings), tuple(validation)
+    return shared(
+        "identify",
+        (fitted, robot, validated, config, contact_noise),
+        lambda: _identify(fitted, robot, validated, config, contact_noise, progress),
+    )
 
 
 def _identify(
@@ -246,83 +252,48 @@ def _identify(
     contact_noise: bool,
     progress: ProgressCallback,
 ) -> IdentificationResult:
-    logs = [*recordings, *validation]
-    if not recordings:
-        raise InputError("identify", "", "no log was given", "name one log or more")
-    for recording in logs:
-        check_recording(recording, robot)
-    if config.time_step == 0.0:
-        config = replace(config, time_step=median_step(recordings))
-    filtering = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
-    fitted, selected, regressions = shared(
+    """Low-passes the logs, fits the friction laws, chooses one and learns the observer's error."""
+    _check_recordings(recordings, validation, robot)
+    config = _with_time_step(config, recordings)
+    sources = (tuple(recordings), robot)
+    filters = (config.time_step, config.cutoff, config.filter_order, config.filter_regressor)
+    logs = shared(
         "low_passed_logs",
-        (tuple(recordings), robot, tuple(validation), *filtering),
+        (*sources, tuple(validation), *filters),
         lambda: low_pass_logs(recordings, robot, validation, config, progress),
     )
-    row_rate = 1.0 / (decimation(fitted[0].low_pass) * fitted[0].low_pass.time_step)
-    problem = FrictionFit(
-        robot,
-        fitted,
-        regressions,
-        config.num_passes,
-        max(1.0, row_rate / (2.0 * config.cutoff)),
-        config.loss,
-        config.consistent,
-        config.selection,
-        groups=motion_groups(fitted),
-    )
     progress(0.9, "solving")
-    laws = tuple(structures()) if config.friction == "best" else (config.friction,)
-    fits = LawFits(problem, config, digest((tuple(recordings), robot, filtering)))
-    candidates = [fits.candidate(law) for law in laws]
-    chosen = _best_of(candidates)
-    if config.friction == "best":
-        # A network on top is tried on the law that won, not on those that lost.
-        for law, below in WITH_NETWORK.items():
-            if below == chosen:
-                with suppress(InputError):  # too few samples near zero velocity for a network
-                    candidates.append(fits.candidate(law))
-        chosen = _best_of(candidates)
-    choice = next(c for c in candidates if c.law == chosen)
-    solution, chain, friction = choice.solution, choice.chain, choice.friction
-    base = solution.base
-    fit, cross_validation = choice.fit, choice.cross_validation
-    model = _model_of(choice, robot, fitted, config)
+    problem = _friction_problem(logs, robot, config)
+    law_fits = LawFits(problem, config, digest((*sources, filters)))
+    candidates = _fitted_laws(law_fits, config)
+    choice = _best_fit(candidates)
+    model = _model_of(choice, robot, logs.fitted, config)
     if config.cross_validate:
         progress(0.95, "the observer's error")
         readings = held_out_readings(
-            recordings, fitted, regressions, fits.held_out_models(chosen), robot, model
+            recordings,
+            logs.fitted,
+            logs.regressions,
+            law_fits.held_out_models(choice.law),
+            robot,
+            model,
         )
-        error = learn_torque_error(readings, robot)
-        if error is not None:
-            error = gravity_spread(fits.gravity_without_a_fold(chosen), robot, error, readings)
-        model = replace(model, torque_error=error)
+        model = _with_observer_error(model, robot, readings, law_fits, choice.law)
         if contact_noise:
-            model = replace(model, contact_noise=fit_contact_noise(readings, model, chain))
-    of_torque = all(recording.tau_J is not None for recording in recordings)
+            noise = fit_contact_noise(readings, model, choice.chain)
+            model = replace(model, contact_noise=noise)
     result = IdentificationResult(
         model=model,
-        base=base,
-        fit=fit,
-        cross_validation=cross_validation,
-        validation=tuple(run.predict(chain, friction) for run in selected),
-        warnings=(
-            *repeated_logs(recordings, validation),
-            *repeated_motion_notes([run.name for run in fitted], motion_groups(fitted)),
-            *contradictions(
-                replace(problem, weights=choice.weights, groups=None),
-                solution,
-                fitted,
-                robot,
-                of_torque,
-            ),
-            *warnings_of(fit, base, model, of_torque),
-        ),
+        base=choice.solution.base,
+        fit=choice.fit,
+        cross_validation=choice.cross_validation,
+        validation=tuple(log.predict(choice.chain, choice.friction) for log in logs.validation),
+        warnings=_all_warnings(recordings, validation, problem, choice, model),
         config=config,
         law=choice.law,
         held_out={c.law: c.cross_validated_rmse for c in candidates},
         extrapolated={c.law: c.extrapolated for c in candidates if c.extrapolated},
-        solution=solution,
+        solution=choice.solution,
         robot=robot,
         drive_signs=recordings_sign_evidence(recordings, robot),
     )
@@ -330,12 +301,104 @@ def _identify(
     return result
 
 
+def _check_recordings(
+    recordings: Sequence[Recording], validation: Sequence[Recording], robot: Robot
+) -> None:
+    if not recordings:
+        raise InputError("identify", "", "no log was given", "name one log or more")
+    for recording in (*recordings, *validation):
+        check_recording(recording, robot)
+
+
+def _with_time_step(
+    config: IdentificationConfig, recordings: Sequence[Recording]
+) -> IdentificationConfig:
+    """The settings with a grid: the logs' median step where none is stated."""
+    if config.time_step == 0.0:
+        return replace(config, time_step=median_step(recordings))
+    return config
+
+
+def _friction_problem(
+    logs: LowPassedLogs, robot: Robot, config: IdentificationConfig
+) -> FrictionFit:
+    """The least-squares problem of the fitted logs, for any friction law."""
+    low_pass = logs.fitted[0].low_pass
+    row_rate = 1.0 / (decimation(low_pass) * low_pass.time_step)
+    return FrictionFit(
+        robot,
+        logs.fitted,
+        logs.regressions,
+        num_passes=config.num_passes,
+        oversampling=max(1.0, row_rate / (2.0 * config.cutoff)),
+        loss=config.loss,
+        consistent=config.consistent,
+        selection=config.selection,
+        groups=motion_groups(logs.fitted),
+    )
+
+
+def _fitted_laws(law_fits: LawFits, config: IdentificationConfig) -> list[LawFit]:
+    """Fits of the requested law, or of all laws for "best"."""
+    if config.friction != "best":
+        return [law_fits.candidate(config.friction)]
+    candidates = [law_fits.candidate(law) for law in structures()]
+    linear_choice = _best_fit(candidates).law
+    # A network on top is tried on the law that won, not on those that lost.
+    for law, law_below in WITH_NETWORK.items():
+        if law_below == linear_choice:
+            with suppress(InputError):  # too few samples near zero velocity for a network
+                candidates.append(law_fits.candidate(law))
+    return candidates
+
+
+def _best_fit(candidates: Sequence[LawFit]) -> LawFit:
+    """The fit with the lowest error on data that it was not fitted on."""
+    law = best_law(
+        {c.law: c.cross_validated_rmse for c in candidates},
+        {c.law: c.extrapolated for c in candidates},
+    )
+    return next(candidate for candidate in candidates if candidate.law == law)
+
+
+def _with_observer_error(
+    model: IdentifiedModel,
+    robot: Robot,
+    readings: Sequence[HeldOutReading],
+    law_fits: LawFits,
+    law: str,
+) -> IdentifiedModel:
+    """The model with the observer's error, which held-out readings show."""
+    error = learn_torque_error(readings, robot)
+    if error is not None:
+        error = gravity_spread(law_fits.gravity_without_a_fold(law), robot, error, readings)
+    return replace(model, torque_error=error)
+
+
+def _all_warnings(
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    problem: FrictionFit,
+    choice: LawFit,
+    model: IdentifiedModel,
+) -> tuple[str, ...]:
+    logs = problem.runs
+    holds_torque = all(recording.tau_J is not None for recording in recordings)
+    weighted = replace(problem, weights=choice.weights, groups=None)
+    return (
+        *repeated_logs(recordings, validation),
+        *repeated_motion_notes([log.name for log in logs], motion_groups(logs)),
+        *contradictions(weighted, choice.solution, logs, problem.robot, holds_torque),
+        *warnings_of(choice.fit, choice.solution.base, model, holds_torque),
+    )
+
+
 def _model_of(
     choice: LawFit, robot: Robot, fitted: Sequence[LowPassedLog], config: IdentificationConfig
 ) -> IdentifiedModel:
     """The model of a friction law, without the observer's error."""
     base, estimate = choice.solution.base, choice.solution.estimate
-    covariance, how = _model_error(choice.fit, choice.cross_validation, estimate)
+    covariance, residual_source = _model_error(choice.fit, choice.cross_validation, estimate)
     return IdentifiedModel(
         robot=robot.name,
         joint_names=robot.joint_names,
@@ -361,7 +424,7 @@ def _model_of(
             cutoff=config.cutoff,
             filter_order=config.filter_order,
             filter_regressor=config.filter_regressor,
-            residual=how,
+            residual=residual_source,
         ),
     )
 
@@ -373,7 +436,7 @@ def identify_logs(
     validate: Sequence[Path] = (),
     log_format: str | Path | None = None,
     config: IdentificationConfig | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
     accept_signs: bool = False,
 ) -> IdentificationResult:
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
@@ -390,15 +453,13 @@ def identify_logs(
             validate=[str(log) for log in validate],
             log_format=None if log_format is None else str(log_format),
         )
-        recordings, validation = (
-            [read_log(one, settings, robot) for log in paths for one in episode_paths(log)]
-            for paths in (logs, validate)
-        )
-        recordings, short = long_enough(recordings, config or IdentificationConfig())
+        recordings = read_episodes(logs, settings, robot)
+        validation = read_episodes(validate, settings, robot)
+        recordings, notes_on_short = long_enough(recordings, config or IdentificationConfig())
         result = identify(recordings, robot, validation, config, progress)
         result.write(folder, settings)
-    notices = [sentence for one in (*recordings, *validation) for sentence in one.notices]
-    notices += short
+    notices = [line for recording in (*recordings, *validation) for line in recording.notices]
+    notices += notes_on_short
     return replace(result, notices=tuple(dict.fromkeys(notices)))
 
 
@@ -419,21 +480,13 @@ def predict_torque(
     Raises:
         InputError: as `identify`, of a log.
     """
-    if config.time_step == 0.0:
-        config = replace(config, time_step=median_step(recordings))
+    config = _with_time_step(config, recordings)
     chain = model.chain(robot)
-    runs = (
+    logs = (
         low_pass_log(name, recording, robot, config)
         for name, recording in zip(log_names(recordings), recordings, strict=True)
     )
-    return tuple(run.predict(chain, model.friction) for run in runs)
-
-
-def _best_of(candidates: Sequence[LawFit]) -> str:
-    return best_law(
-        {c.law: c.cross_validated_rmse for c in candidates},
-        {c.law: c.extrapolated for c in candidates},
-    )
+    return tuple(log.predict(chain, model.friction) for log in logs)
 
 
 def residual_covariance(residuals: Sequence[Array]) -> Array:
@@ -450,8 +503,8 @@ def _slip_metrics(friction: FrictionLaw) -> dict[str, Any]:
         return _slip_metrics(friction.law)
     if isinstance(friction, ExtendedFriction):
         names = (term.name for term in friction.terms)
-        further = dict(zip(names, friction.coefficients.T, strict=True))
-        return {**_slip_metrics(friction.law), "terms": further}
+        coefficients = dict(zip(names, friction.coefficients.T, strict=True))
+        return {**_slip_metrics(friction.law), "terms": coefficients}
     if not isinstance(friction, PreslidingFriction):
         return {}
     return {
@@ -485,34 +538,35 @@ def _parameter_metrics(result: "IdentificationResult") -> dict[str, Any]:
 def _model_error(
     fit: Sequence[TorqueFit], cross_validation: Sequence[TorqueFit], estimate: TorqueEstimate
 ) -> tuple[Array, str]:
-    """The covariance of the model's torque error, and how it was found.
+    """The covariance (n, n) in (N m)^2 of the model's torque error, and its source in words.
 
     The momentum observer sees this same error through its own low-pass, K_0 / (s + K_0): at 15 /s
     its band, 2.4 Hz, is close enough to the 5 Hz of the default filter. On the UR10e's validation
-    run the observer's reading has an RMS of 1.71 2.86 1.10 0.26 0.28 0.24 N m where
-    nothing touches the arm, and the covariance found here says 1.72 2.96 1.25 0.27 0.35 0.24.
+    run, where nothing touches the arm, the observer's reading has an RMS of 1.71 2.86 1.10 0.26
+    0.28 0.24 N m. The covariance states 1.72 2.96 1.25 0.27 0.35 0.24 N m.
     """
     if cross_validation:
         covariance = residual_covariance([f.residual for f in cross_validation])
-        how = "second moment of the low-passed residual of each log, predicted from the others"
+        source = "second moment of the low-passed residual of each log, predicted from the others"
     else:
         covariance = residual_covariance([f.residual for f in fit])
         # The fit has adapted to its own log: corrected by the number of parameters.
         growth = estimate.residual_sd / np.maximum(pooled_rmse(fit), 1e-300)
         growth = np.clip(growth, 1.0, 10.0)
         covariance = covariance * np.outer(growth, growth)
-        how = "second moment of the low-passed residual of the fit (a single log)"
+        source = "second moment of the low-passed residual of the fit (a single log)"
     # A noise-free log leaves rounding only, and the estimator divides by this matrix.
     largest = max(float(np.abs(f.measured).max()) for f in fit)
     floor = (1e-6 * max(largest, 1e-3)) ** 2
-    return covariance + floor * np.eye(len(covariance)), how
+    return covariance + floor * np.eye(len(covariance)), source
 
 
-def _validity(runs: Sequence[LowPassedLog]) -> Validity:
-    q, v, vdot, tau = (
-        np.vstack([getattr(run, key)[run.used] for run in runs])
-        for key in ("q", "v", "vdot", "tau")
-    )
+def _validity(logs: Sequence[LowPassedLog]) -> Validity:
+    """The ranges that the fitted logs went through."""
+    q = np.vstack([log.q[log.used] for log in logs])
+    v = np.vstack([log.v[log.used] for log in logs])
+    vdot = np.vstack([log.vdot[log.used] for log in logs])
+    tau = np.vstack([log.tau[log.used] for log in logs])
     return Validity(
         q_min=q.min(axis=0).tolist(),
         q_max=q.max(axis=0).tolist(),

@@ -1,4 +1,4 @@
-"""What makes an identification doubtful: logs that contradict each other or the robot's file.
+"""Checks of an identification: logs that contradict each other or the robot's file.
 
 The checks are made after the fit, two of them on its own reduced rows: none changes the model.
 """
@@ -27,7 +27,7 @@ GAUSS_NEWTON_STEPS = 6
 def gain_ratios(
     factors: Sequence[TorqueFactors], x: Array, residual_sd: Array, oversampling: float
 ) -> tuple[Array, Array]:
-    """By what factor each joint's torque exceeds what the other joints say of the same masses.
+    """The factor by which each joint's torque exceeds what the other joints say of the same masses.
 
     A link's masses act on all joints below it. For one joint after the other the fit of all rows is
     made once more, with a factor on that joint's rigid-body torque: 1 if all torque constants are
@@ -92,7 +92,7 @@ def rigid_torque(factors: Sequence[TorqueFactors], x: Array) -> Array:
 def payload_differences(
     factors: Sequence[TorqueFactors], x: Array, residual_sd: Array, oversampling: float
 ) -> tuple[Array, Array]:
-    """What each log carries at the last link more than the fit of all logs says.
+    """The mass at the last link of each log, beyond that of the fit of all logs.
 
     Args:
         factors: of each log.
@@ -128,17 +128,17 @@ HIGH_CONDITION_NUMBER = 100.0  # above it, small torque errors move the paramete
 
 
 def repeated_logs(recordings: Sequence[Recording], validation: Sequence[Recording]) -> list[str]:
-    """Warnings for logs that are there twice: the same samples, whatever the file's name."""
+    """Warnings for logs given twice: the same samples, whatever the file's name."""
 
     def same(a: Recording, b: Recording) -> bool:
         return a is b or (np.array_equal(a.t, b.t) and np.array_equal(a.q, b.q))
 
     return [
-        f"{a.source}: the model was fitted on this log, so its error there validates nothing"
+        f"{a.source}: validates nothing, because the model was fitted on this log; name another"
         for a in validation
         if any(same(a, b) for b in recordings)
     ] + [
-        f"{a.source}: given twice, so it counts twice and is no held-out log of the other"
+        f"{a.source}: given twice, so that it counts twice and cannot be held out; name it once"
         for k, a in enumerate(recordings)
         if any(same(a, b) for b in recordings[:k])
     ]
@@ -162,25 +162,25 @@ def contradictions(
         masses, sds = payload_differences(factors, solution.x, sd, problem.oversampling)
         spread, uncertainty = np.ptp(masses), np.sqrt(2.0) * sds.max()
         if spread > max(PAYLOAD_DIFFERENCE, SURE * uncertainty):
-            read = ", ".join(
+            by_log = ", ".join(
                 f"{run.name} {mass:+.2f} kg" for run, mass in zip(runs, masses, strict=True)
             )
             return [
-                "the payload changes from log to log: beside what all have in common, at the last "
-                f"link {read}; identify from logs with the same payload"
+                "the payload differs between the logs: beside their common load, at the last link "
+                f"{by_log} (+- {sds.max():.2g} kg); identify from logs with the same payload"
             ]
     ratios, sds = gain_ratios(factors, solution.x, sd, problem.oversampling)
     off = np.abs(ratios - 1.0)
     # What friction's law misses may be as large as all that masses do at a wrist.
-    heard = rigid_torque(factors, solution.x) > sd
-    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE * sds) & heard)
+    is_significant = rigid_torque(factors, solution.x) > sd
+    wrong = np.flatnonzero((off > GAIN_DIFFERENCE) & (off > SURE * sds) & is_significant)
     if not wrong.size:
         return []
-    read = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} times" for j in wrong)
-    check = "the unit of the torques" if of_torque else "torque_per_ampere and the gear ratios"
+    by_joint = ", ".join(f"{robot.joint_names[j]} {ratios[j]:.2f} +- {sds[j]:.2g}" for j in wrong)
+    cause = "the unit of the torques" if of_torque else "torque_per_ampere and the gear ratios"
     return [
-        f"gravity is inconsistent: {read} the torque of the masses that the other joints show is "
-        f"measured; check {check} of these joints and the next"
+        "inconsistent gravity: measured torque over the torque of the masses that the other joints "
+        f"show: {by_joint}; check {cause} of these joints and the next"
     ]
 
 
@@ -195,19 +195,20 @@ def warnings_of(
     Args:
         of_torque: whether the logs carry torque, so that no current is spoken of.
     """
-    asked = "unit and signs of the torques" if of_torque else "its current gains and signs"
+    suspects = "unit and signs of the torques" if of_torque else "current gains and signs"
     names = model.joint_names
     torque = rms(np.vstack([f.measured for f in fit]))
     unexplained = pooled_rmse(fit) / torque
     result = [
-        f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque stay unexplained; is it a log of "
-        f"'{model.robot}', are {asked} right?"
+        f"{names[i]}: {100 * unexplained[i]:.0f} % of its torque unexplained; check that the logs "
+        f"are of '{model.robot}', and {suspects}"
         for i in np.flatnonzero(unexplained > POOR_FIT)
     ]
     if base.condition_number > HIGH_CONDITION_NUMBER:
         result.append(
             "the motion determines the parameters poorly: condition number "
-            f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}"
+            f"{base.condition_number:.3g}, good is below {HIGH_CONDITION_NUMBER:g}; log a motion "
+            "of `wrenchsight excite`"
         )
     law = model.friction.coulomb_viscous
     kinds = (
@@ -215,8 +216,8 @@ def warnings_of(
         ("viscous", law.viscous, np.array(model.validity.v_max)),
     )
     result += [
-        f"{names[i]}: {kind} friction comes out negative, {value[i]:.2g}; do not trust it: log "
-        "more motion of that joint, slow and fast (wrenchsight excite finds one)"
+        f"{names[i]}: negative {kind} friction, {value[i]:.2g}; log more motion of that joint, "
+        "slow and fast (`wrenchsight excite` plans one)"
         for kind, value, speed in kinds
         for i in np.flatnonzero(value * speed < -NO_FRICTION * torque)
     ]
@@ -225,7 +226,7 @@ def warnings_of(
         if len(slight):
             shown = ", ".join(f"{names[i]} {value[i]:.2g}" for i in slight)
             result.append(
-                f"{kind} friction below zero stands for none: {shown}; it is less than "
+                f"{kind} friction below zero counts as none: {shown}; it is less than "
                 f"{100 * NO_FRICTION:.2g} % of the joint's torque"
             )
     return result

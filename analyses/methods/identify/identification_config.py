@@ -1,4 +1,4 @@
-"""How logs become a model: the settings of an identification, and the friction laws it knows."""
+"""Settings of an identification, and the friction laws that it knows."""
 
 from dataclasses import dataclass, field
 
@@ -18,7 +18,7 @@ LAWS = (*STRUCTURES, *WITH_NETWORK)  # what "best" chooses from, beside laws wit
 
 @dataclass
 class IdentificationConfig:
-    """How logs become a model."""
+    """Settings of the filter, the fit and the friction laws."""
 
     time_step: float = 0.0  # s, of the grid that the logs are resampled on; 0: their median step
     cutoff: float = 5.0  # Hz, cut-off of the zero-phase low-pass; amplitude one half there
@@ -37,7 +37,7 @@ class IdentificationConfig:
 
 @dataclass
 class RefreshConfig:
-    """How friction is re-estimated, for `identify --refresh`."""
+    """Settings of `identify --refresh`."""
 
     part: list[float] = field(default_factory=list)
     # s, begin and end of the part of the log to refresh from; none: all of it
@@ -94,9 +94,9 @@ def checked_config(config: IdentificationConfig) -> IdentificationConfig:
             raise InputError("identify", key, f"expected at least {least:g}, found {value:g}")
         if value > most:
             raise InputError("identify", key, f"expected at most {most:g}, found {value:g}")
-    known = (*structures(), *WITH_NETWORK, "best")
-    if config.friction not in known:
-        remedy = f"{nearest(config.friction, known)} known are {', '.join(known)}".strip()
+    laws = (*structures(), *WITH_NETWORK, "best")
+    if config.friction not in laws:
+        remedy = f"{nearest(config.friction, laws)} known are {', '.join(laws)}".strip()
         raise InputError("--friction", "", f"no friction law is named {config.friction!r}", remedy)
     if config.friction == "best" and not config.cross_validate:
         raise InputError("--friction", "", "best is chosen by cross-validation, which is off")

@@ -1,4 +1,4 @@
-"""What an identification says of itself in sentences: laws that lost, filter, links, errors."""
+"""Sentences and tables on an identification: laws and their errors, filter, links."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,18 +10,18 @@ from wrenchsight.models.numerics.arrays import Array
 
 
 def filter_text(config: IdentificationConfig) -> str:
-    """Through what measured and predicted torque went before they were compared."""
-    both = "measured and predicted" if config.filter_regressor else "measured"
+    """The filter of measured and predicted torque, in words."""
+    filtered = "measured and predicted" if config.filter_regressor else "measured"
     return (
         f"zero-phase Butterworth low-pass, {config.cutoff:g} Hz (amplitude one half there), order "
-        f"{config.filter_order} each way, of the {both} torque: errors are those below that"
+        f"{config.filter_order} each way, of the {filtered} torque: errors are those below that"
     )
 
 
 def law_lines(
     errors: Mapping[str, Array],
     chosen: str,
-    how: str,
+    error_source: str,
     extrapolated: Extrapolated | None = None,
 ) -> list[str]:
     """One line for each law that was tried: its error by joint, the chosen one first.
@@ -29,17 +29,17 @@ def law_lines(
     Args:
         errors: RMSE (n,) N m by law.
         chosen: the law of the model.
-        how: on what the errors are, "held out" or "fitted".
+        error_source: on what the errors are, "held out" or "fitted".
         extrapolated: as `law_scores`.
     """
     width = max(map(len, errors))
     scores = dict(zip(errors, law_scores(errors, extrapolated), strict=True))
     order = sorted(errors, key=lambda law: (law != chosen, scores[law]))
-    lines = [f"friction laws, {how} RMSE by joint [N m]; last what decides:"]
+    lines = [f"friction laws, {error_source} RMSE by joint [N m]; last what decides:"]
     for law in order:
-        own = " ".join(f"{error:7.3f}" for error in errors[law])
+        by_joint = " ".join(f"{error:7.3f}" for error in errors[law])
         verdict = "chosen" if law == chosen else "lost"
-        lines.append(f"  {law:{width}} {own}  {scores[law]:7.3f}  {verdict}")
+        lines.append(f"  {law:{width}} {by_joint}  {scores[law]:7.3f}  {verdict}")
     if len(order) > 1:
         lines.append(
             "  what decides: the geometric mean over joints of these and of the errors on each "
@@ -49,14 +49,13 @@ def law_lines(
 
 
 def inconsistent_links_text(links: Sequence[str], count: int) -> str | None:
-    """That links came out which cannot exist, and what to do; None where there are none."""
+    """A sentence on links whose inertia no body can have; None where there are none."""
     if not links:
         return None
     which = "every link" if len(links) == count else ", ".join(links)
     return (
-        f"no body has the inertia found for {which}: the torque it predicts is not worse for it, "
-        "but a simulation, or a motion far from the logs', is; --consistent finds one that can "
-        "exist"
+        f"inertia that no body can have: {which}; the predicted torque is not worse for it, but a "
+        "simulation is, and so is a motion far from the logs': --consistent finds a physical one"
     )
 
 

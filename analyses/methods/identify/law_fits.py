@@ -1,12 +1,17 @@
-"""Friction laws, each fitted with the inertias to the same logs and cross-validated."""
+"""Fits of friction laws with the inertias, all to the same logs, and their cross-validation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrenchsight.analyses.methods.identify.friction_fit import STRETCHES, FrictionFit, Solution
+from wrenchsight.analyses.methods.identify.friction_fit import (
+    STRETCHES,
+    FoldPart,
+    FrictionFit,
+    Solution,
+)
 from wrenchsight.analyses.methods.identify.friction_training import TrainingConfig, train_networks
 from wrenchsight.analyses.methods.identify.identification_config import (
     WITH_NETWORK,
@@ -29,16 +34,27 @@ EXTREME = 0.8  # share of the samples by speed, beyond which a joint's are fast
 
 @dataclass(frozen=True, eq=False)
 class LawFit:
-    """One law, fitted."""
+    """A fit of one friction law with its errors.
+
+    Attributes:
+        law: its name.
+        weights: of the squared residuals, by log (m, n); None: all one.
+        solution: all parameters.
+        chain: the arm with the fitted inertias.
+        friction: the fitted law.
+        fit: measured and predicted torque of each log.
+        cross_validation: the same, each log predicted from the others; empty where none is.
+        extrapolated: see `LawFits.candidate`.
+    """
 
     law: str
-    weights: Sequence[Array] | None  # of the squared residuals
+    weights: Sequence[Array] | None
     solution: Solution
     chain: SerialChain
     friction: FrictionLaw
     fit: tuple[TorqueFit, ...]
     cross_validation: tuple[TorqueFit, ...]
-    extrapolated: tuple[Array, ...]  # see `LawFits.candidate`
+    extrapolated: tuple[Array, ...]
 
     @property
     def cross_validated_rmse(self) -> Array:
@@ -48,16 +64,24 @@ class LawFit:
 
 @dataclass(frozen=True, eq=False)
 class HeldOutModel:
-    """A fit of all but one fold."""
+    """A fit of all folds but one."""
 
-    fold: Sequence[tuple[int, slice]]  # what it was not fitted on: (log, rows of its regression)
-    chain: SerialChain  # with the inertias found
-    friction: FrictionLaw  # the law found
+    fold: Sequence[FoldPart]  # that it was not fitted on
+    chain: SerialChain  # with the fitted inertias
+    friction: FrictionLaw  # the fitted law
+
+
+@dataclass(frozen=True, eq=False)
+class _Realised:
+    """A solution as an arm with friction."""
+
+    chain: SerialChain
+    friction: FrictionLaw
 
 
 @dataclass(frozen=True, eq=False)
 class _LinearFit:
-    """One law of STRUCTURES, its shape chosen, on all logs."""
+    """A fit of one law of STRUCTURES to all logs, with its shape chosen."""
 
     structure: FrictionStructure  # as chosen; that of the solution may have fewer load terms
     weights: Sequence[Array] | None
@@ -65,75 +89,88 @@ class _LinearFit:
 
 
 class LawFits:
-    """Fits of laws to the same logs: none depends on which were fitted before."""
+    """Fits of friction laws to the same logs: no fit depends on which were made before it."""
 
     def __init__(self, problem: FrictionFit, config: IdentificationConfig, logs: str) -> None:
         """Args: `logs` is a digest of the logs, their robot and the filters."""
-        self._problem, self._runs, self._config = problem, problem.runs, config
-        how = (config.num_passes, config.loss, config.consistent, config.selection)
-        self._source = (logs, *how)
+        self._problem, self._logs, self._config = problem, problem.runs, config
+        self._source = (
+            logs,
+            config.num_passes,
+            config.loss,
+            config.consistent,
+            config.selection,
+        )
         self._linear: dict[str, _LinearFit] = {}
 
     def candidate(self, law: str) -> LawFit:
         """Fits one of LAWS, and cross-validates it where the configuration says so.
 
-        Its `extrapolated` holds the RMSE (n,) in N m of the fastest and of the slowest samples of
-        each joint (beyond EXTREME and 1 - EXTREME of them), predicted by fits without these
-        samples; empty where nothing is cross-validated, or a single law is asked for.
+        Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest and slowest samples,
+        beyond EXTREME and 1 - EXTREME of them. Fits without these samples predict them. It is empty
+        where nothing is cross-validated, or a single law is requested.
         """
-        runs = self._runs
-        fit = self._linear_fit(WITH_NETWORK.get(law, law))
-        chain, friction = self._realised(law, fit.solution, range(len(runs)))
+        linear_fit = self._linear_fit(_linear_law(law))
+        realised = self._realised(law, linear_fit.solution, range(len(self._logs)))
         cross_validation: tuple[TorqueFit, ...] = ()
         extrapolated: tuple[Array, ...] = ()
         if self._problem.holds_out_logs and self._config.cross_validate:
-            result = {
-                k: runs[k].predict(entry.chain, entry.friction)
-                for entry in self.held_out_models(law)
-                for k, _ in entry.fold
-            }
-            cross_validation = tuple(result[k] for k in range(len(runs)))
+            cross_validation = self._cross_validation(law)
         if self._config.cross_validate and self._config.friction == "best":
             # A network must not be trained where it is judged: the law below it is used there.
-            extrapolated = self._extrapolated(WITH_NETWORK.get(law, law), fit)
-        predicted = tuple(run.predict(chain, friction) for run in runs)
+            extrapolated = self._extrapolated(_linear_law(law), linear_fit)
         return LawFit(
-            law,
-            fit.weights,
-            fit.solution,
-            chain,
-            friction,
-            predicted,
-            cross_validation,
-            extrapolated,
+            law=law,
+            weights=linear_fit.weights,
+            solution=linear_fit.solution,
+            chain=realised.chain,
+            friction=realised.friction,
+            fit=tuple(log.predict(realised.chain, realised.friction) for log in self._logs),
+            cross_validation=cross_validation,
+            extrapolated=extrapolated,
         )
 
     def held_out_models(self, law: str) -> list[HeldOutModel]:
-        """Of each fold in turn, the fit of the others."""
-        folds = self._problem.folds
-        fit = self._linear_fit(WITH_NETWORK.get(law, law))
+        """For each fold the fit of the other folds."""
+        linear_fit = self._linear_fit(_linear_law(law))
+        solutions = self._without_each_fold(linear_fit, "friction_fit_held_out", STRETCHES)
         models = []
-        solutions = self._without_each_fold(fit, "friction_fit_held_out", STRETCHES)
-        for fold, solution in zip(folds, solutions, strict=True):
-            away = {k for k, _ in fold} if self._problem.holds_out_logs else set()
-            others = [k for k in range(len(self._runs)) if k not in away]
-            models.append(HeldOutModel(fold, *self._realised(law, solution, others)))
+        for fold, solution in zip(self._problem.folds, solutions, strict=True):
+            logs = list(range(len(self._logs)))
+            if self._problem.holds_out_logs:
+                held_out = {part.log for part in fold}
+                logs = [k for k in logs if k not in held_out]
+            realised = self._realised(law, solution, logs)
+            models.append(HeldOutModel(fold, realised.chain, realised.friction))
         return models
 
     def gravity_without_a_fold(self, law: str) -> Array:
-        """Of fits without a fold each, what gravity depends on: (K, n, 5) mass, first moment and
-        offset of each joint.
+        """The parameters of gravity's torque, of each fit without one fold.
 
-        Logs of one motion are taken in JACKKNIFE stretches: without a third of a log the postures
-        that remain tell less than all of them, and the fits differ by more than they err.
+        Logs of one motion are taken in JACKKNIFE stretches. Without a third of a log the remaining
+        postures determine less than all of them, and the fits differ by more than they err.
+
+        Returns:
+            (K, n, 5) mass, first moment and offset of each joint.
         """
-        fit = self._linear_fit(WITH_NETWORK.get(law, law))
-        rates, found = self._problem.robot.motor_rates, []
-        for solution in self._without_each_fold(fit, "friction_fit_jackknife", JACKKNIFE):
+        linear_fit = self._linear_fit(_linear_law(law))
+        motor_rates = self._problem.robot.motor_rates
+        parameters = []
+        for solution in self._without_each_fold(linear_fit, "friction_fit_jackknife", JACKKNIFE):
             inertial, _, coefficients = solution.parts()
-            plain = solution.structure.law(coefficients).feedforward.coulomb_viscous
-            found.append(np.hstack([inertial[:, :4], (rates.T @ plain.offset)[:, None]]))
-        return np.stack(found)
+            law_fit = solution.structure.law(coefficients).feedforward.coulomb_viscous
+            offset = motor_rates.T @ law_fit.offset
+            parameters.append(np.hstack([inertial[:, :4], offset[:, None]]))
+        return np.stack(parameters)
+
+    def _cross_validation(self, law: str) -> tuple[TorqueFit, ...]:
+        """Each log, predicted from the logs of the other folds."""
+        predicted = {}
+        for model in self.held_out_models(law):
+            for part in model.fold:
+                log = self._logs[part.log]
+                predicted[part.log] = log.predict(model.chain, model.friction)
+        return tuple(predicted[k] for k in range(len(self._logs)))
 
     def _linear_fit(self, law: str) -> _LinearFit:
         if law not in self._linear:
@@ -145,88 +182,102 @@ class LawFits:
     def _chosen_and_fitted(self, law: str) -> _LinearFit:
         problem = self._problem
         structure = FrictionStructure.of(law, problem.robot.num_joints)
-        if structure.has("stribeck"):  # the others have no shape
+        if structure.has("stribeck"):  # other laws have no shape
             structure = problem.choose(structure)
         problem = problem.reweighed(structure)
         return _LinearFit(structure, problem.weights, problem.fit(structure))
 
     def _without_each_fold(self, fit: _LinearFit, name: str, stretches: int) -> list[Solution]:
-        """Of each fold in turn, the fit of the others."""
+        """For each fold the fit of the other folds."""
         problem = replace(self._problem, weights=fit.weights, stretches=stretches)
         folds = range(len(problem.folds))
         return shared(
             name,
             (*self._source, fit.structure, fit.weights),
-            lambda: [problem.fit(fit.structure, [i for i in folds if i != k]) for k in folds],
+            lambda: [problem.fit(fit.structure, [i for i in folds if i != fold]) for fold in folds],
         )
 
     def _extrapolated(self, law: str, fit: _LinearFit) -> tuple[Array, ...]:
-        problem, runs = self._problem, self._runs
-        rates = problem.robot.motor_rates
+        """Errors on the fastest and on the slowest samples, predicted by fits without them."""
+        motor_rates = self._problem.robot.motor_rates
         speeds = [
-            np.abs(run.v[entry.rows] @ rates.T)
-            for run, entry in zip(runs, problem.regressions, strict=True)
+            np.abs(log.v[regression.rows] @ motor_rates.T)
+            for log, regression in zip(self._logs, self._problem.regressions, strict=True)
         ]
-        low, high = (np.quantile(np.vstack(speeds), x, axis=0) for x in (1.0 - EXTREME, EXTREME))
-        weights = fit.weights or [np.ones_like(v) for v in speeds]
+        all_speeds = np.vstack(speeds)
+        slow_limit = np.quantile(all_speeds, 1.0 - EXTREME, axis=0)
+        fast_limit = np.quantile(all_speeds, EXTREME, axis=0)
+        without_fast = self._fit_of_rows(law, fit, [v <= fast_limit for v in speeds])
+        without_fast = replace(without_fast, friction=bounded(without_fast.friction, fast_limit))
+        without_slow = self._fit_of_rows(law, fit, [v >= slow_limit for v in speeds])
+        return (
+            self._rmse_where(without_fast, lambda speed: speed > fast_limit),
+            self._rmse_where(without_slow, lambda speed: speed < slow_limit),
+        )
 
-        def without(selected: Sequence[NDArray[np.bool_]]) -> tuple[SerialChain, FrictionLaw]:
-            entry = [w * inside for w, inside in zip(weights, selected, strict=True)]
-            solution = shared(
-                "friction_fit_extrapolated",
-                (*self._source, fit.structure, entry),
-                lambda: replace(problem, weights=entry).fit(fit.structure),
-            )
-            return self._realised(law, solution, range(len(runs)))
+    def _fit_of_rows(
+        self, law: str, fit: _LinearFit, selected: Sequence[NDArray[np.bool_]]
+    ) -> _Realised:
+        """The fit without the rows that are not selected, joint by joint."""
+        weights = fit.weights or [np.ones(rows.shape) for rows in selected]
+        selected_weights = [w * rows for w, rows in zip(weights, selected, strict=True)]
+        solution = shared(
+            "friction_fit_extrapolated",
+            (*self._source, fit.structure, selected_weights),
+            lambda: replace(self._problem, weights=selected_weights).fit(fit.structure),
+        )
+        return self._realised(law, solution, range(len(self._logs)))
 
-        errors = []
-        for selected, limit in (
-            ([v <= high for v in speeds], high),
-            ([v >= low for v in speeds], None),
-        ):
-            chain, friction = without(selected)
-            if limit is not None:
-                friction = bounded(friction, limit)
-            squares, count = np.zeros(problem.robot.num_joints), np.zeros(problem.robot.num_joints)
-            for run in runs:
-                residual = run.predict(chain, friction).residual
-                v = np.abs(run.v[run.used] @ rates.T)
-                outside = v > high if limit is not None else v < low
-                squares += (residual**2 * outside).sum(axis=0)
-                count += outside.sum(axis=0)
-            errors.append(np.sqrt(squares / np.maximum(count, 1.0)))
-        return tuple(errors)
-
-    def _realised(
-        self, law: str, solution: Solution, logs: Sequence[int]
-    ) -> tuple[SerialChain, FrictionLaw]:
-        inertial, rotor, coefficients = solution.parts()
-        chain = self._problem.robot.chain.with_inertial_parameters(inertial, rotor)
-        friction = solution.structure.law(coefficients)
+    def _rmse_where(
+        self, model: _Realised, is_outside: Callable[[Array], NDArray[np.bool_]]
+    ) -> Array:
+        """(n,) N m, over the samples whose motor speed (T, n) is outside of what was fitted."""
         robot = self._problem.robot
+        squares, count = np.zeros(robot.num_joints), np.zeros(robot.num_joints)
+        for log in self._logs:
+            residual = log.predict(model.chain, model.friction).residual
+            outside = is_outside(np.abs(log.v[log.used] @ robot.motor_rates.T))
+            squares += (residual**2 * outside).sum(axis=0)
+            count += outside.sum(axis=0)
+        return np.asarray(np.sqrt(squares / np.maximum(count, 1.0)))
+
+    def _realised(self, law: str, solution: Solution, logs: Sequence[int]) -> _Realised:
+        """The arm and the friction of a solution; networks are trained on `logs`."""
+        inertial, rotor, coefficients = solution.parts()
+        robot = self._problem.robot
+        chain = robot.chain.with_inertial_parameters(inertial, rotor)
+        friction = solution.structure.law(coefficients)
         if robot.is_coupled:
             if law in WITH_NETWORK:
                 problem = "a network is trained on the friction of single joints, not of a coupling"
                 raise InputError("identify", "friction", problem, f"take {WITH_NETWORK[law]}")
             friction = CoupledFriction(friction, robot.motor_rates)
         if law in WITH_NETWORK:
-            runs = [self._runs[k] for k in logs]
+            training_logs = [self._logs[k] for k in logs]
             friction = shared(
                 "friction_networks",
                 (*self._source, tuple(logs), solution.structure, solution.x, self._config.seed),
                 lambda: _with_networks(
-                    solution.structure, coefficients, friction, chain, runs, self._config
+                    solution.structure, coefficients, friction, chain, training_logs, self._config
                 ),
             )
         fastest = np.max(
-            [np.abs(run.v[run.used] @ robot.motor_rates.T).max(axis=0) for run in self._runs],
+            [np.abs(log.v[log.used] @ robot.motor_rates.T).max(axis=0) for log in self._logs],
             axis=0,
         )
-        return chain, bounded(friction, fastest)
+        return _Realised(chain, bounded(friction, fastest))
+
+
+def _linear_law(law: str) -> str:
+    """The law of STRUCTURES that a law with a network stands on; any other law itself."""
+    return WITH_NETWORK.get(law, law)
 
 
 def bounded(friction: FrictionLaw, speed: Array) -> FrictionLaw:
-    """The law with a limit (n,) rad/s, of the motors, to what it was fitted on, if it has one."""
+    """The law, held constant beyond the motor speeds (n,) rad/s that it was fitted on.
+
+    Laws that have no such limit come back as they are.
+    """
     if isinstance(friction, CoupledFriction):
         return replace(friction, law=bounded(friction.law, speed))
     if isinstance(friction, PreslidingFriction) and (speed > 0.0).all():
@@ -239,19 +290,19 @@ def _with_networks(
     coefficients: Sequence[Array],
     friction: FrictionLaw,
     chain: SerialChain,
-    runs: Sequence[LowPassedLog],
+    logs: Sequence[LowPassedLog],
     config: IdentificationConfig,
 ) -> FrictionLaw:
-    """Trains near-zero networks on the friction that the model separates from the runs."""
+    """Trains near-zero networks on the friction that the model separates from the logs."""
     v, torque, group = [], [], []
-    for k, run in enumerate(runs):
-        rigid = np.asarray(chain.inverse_dynamics(run.q, run.v, run.vdot))
-        whole = friction.torque_along(run.q, run.v, rigid)
+    for k, log in enumerate(logs):
+        rigid = np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot))
+        whole = friction.torque_along(log.q, log.v, rigid)
         # The network replaces a function of velocity; the slip part stays as it is.
-        slip = whole - friction.velocity_law.torque(run.v)
-        v.append(run.v[run.used])
-        torque.append((run.tau - run.match(rigid + slip))[run.used])
-        group.append(np.full(int(run.used.sum()), k))
+        slip = whole - friction.velocity_law.torque(log.v)
+        v.append(log.v[log.used])
+        torque.append((log.tau - log.match(rigid + slip))[log.used])
+        group.append(np.full(int(log.used.sum()), k))
     trained = train_networks(
         np.vstack(v),
         np.vstack(torque),

@@ -1,9 +1,10 @@
-"""What an identification begins with: logs on a uniform grid, low-passed, and their regressors."""
+"""Logs on a uniform grid, low-passed, with their regressors: the start of an identification."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import LogSource
 from wrenchsight.models.identification.torque_regression import RegressionRows
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.lerobot.data_set import file_of, root_of
+from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.resampling import ROUNDING, resampled
@@ -68,6 +69,20 @@ class LowPassedLog:
         return TorqueFit(self.name, self.t[self.used], self.tau[self.used], predicted[self.used])
 
 
+class LowPassedLogs(NamedTuple):
+    """Low-passed logs, from which all fits of them begin.
+
+    Attributes:
+        fitted: logs to fit.
+        validation: logs to predict, not fitted.
+        regressions: rows of the regressor of each fitted log.
+    """
+
+    fitted: tuple[LowPassedLog, ...]
+    validation: tuple[LowPassedLog, ...]
+    regressions: tuple[RegressionRows, ...]
+
+
 def check_recording(recording: Recording, robot: Robot) -> None:
     """Raises InputError for a log that has another number of joints than the robot."""
     if recording.num_joints != robot.num_joints:
@@ -88,26 +103,30 @@ def median_step(recordings: Sequence[Recording]) -> float:
 def long_enough(
     recordings: list[Recording], config: IdentificationConfig
 ) -> tuple[list[Recording], list[str]]:
-    """The episodes of data sets that last as long as a fit needs, other logs, and a sentence on the
-    rest. Where all are too short, all: `low_pass_log` refuses them.
+    """Leaves out the episodes of data sets that are too short for a fit.
+
+    Where all are too short, all stay: `low_pass_log` refuses them. Logs that are no episodes stay.
+
+    Returns:
+        The logs that stay, and a sentence on those left out, if there are any.
     """
     least = SHORTEST_LOG / config.cutoff
-    short = [
-        one
-        for one in recordings
-        if missing_time(one, least) > 0.0 and root_of(Path(one.source)) is not None
+    is_short = [
+        missing_time(recording, least) > 0.0 and root_of(Path(recording.source)) is not None
+        for recording in recordings
     ]
-    if not short or len(short) == len(recordings):
+    if not any(is_short) or all(is_short):
         return recordings, []
     sentence = (
-        f"{len(short)} of {len(recordings)} episodes are left out: shorter than the {least:.3g} s "
-        f"that a cutoff of {config.cutoff:g} Hz needs"
+        f"{sum(is_short)} of {len(recordings)} episodes are left out: shorter than the "
+        f"{least:.3g} s that a cutoff of {config.cutoff:g} Hz needs"
     )
-    return [one for one in recordings if not any(one is own for own in short)], [sentence]
+    long = [log for log, short in zip(recordings, is_short, strict=True) if not short]
+    return long, [sentence]
 
 
 def missing_time(recording: Recording, needed: float) -> float:
-    """By how many s a log, from its first sample to its last, is shorter than the `needed` s.
+    """Time in s that a log, from its first sample to its last, is shorter than `needed`.
 
     0 where it is long enough; what times are rounded by (ROUNDING of a step) is not missing.
     """
@@ -120,15 +139,17 @@ def _refuse_short(recording: Recording, cutoff: float, periods: float) -> None:
     missing = missing_time(recording, needed)
     if missing == 0.0:
         return
-    # Two digits of what is missing: so many decimals tell the length from the one that is needed.
+    # Two digits of the missing time: with so many decimals length and needed length differ.
     decimals = max(2, 1 - math.floor(math.log10(missing)))
-    unit, grain = 10.0**decimals, 1e-6
-    lasts = math.floor(recording.duration * unit + grain)
-    needs = math.ceil(needed * unit - grain)
-    length, least, short = (
-        f"{count / unit:.{decimals}f}".rstrip("0").rstrip(".")
-        for count in (lasts, needs, needs - lasts)
-    )
+    units_per_second, rounding = 10.0**decimals, 1e-6
+    actual_units = math.floor(recording.duration * units_per_second + rounding)
+    needed_units = math.ceil(needed * units_per_second - rounding)
+
+    def seconds(units: int) -> str:
+        return f"{units / units_per_second:.{decimals}f}".rstrip("0").rstrip(".")
+
+    length, least = seconds(actual_units), seconds(needed_units)
+    short = seconds(needed_units - actual_units)
     remedy = "record a longer log"
     if periods == SHORTEST_LOG and recording.duration > 0.0:  # else the cutoff is the model's
         higher = _rounded_up(periods / recording.duration)
@@ -164,6 +185,13 @@ def read_log(path: Path, settings: IdentifySettings, robot: Robot) -> Recording:
         joint_signals=True,
         further=reference_columns(settings.refreshing.reference),
     )
+
+
+def read_episodes(
+    paths: Sequence[Path], settings: IdentifySettings, robot: Robot
+) -> list[Recording]:
+    """Logs as `read_log`; of a data set each of its episodes."""
+    return [read_log(episode, settings, robot) for path in paths for episode in episode_paths(path)]
 
 
 def log_names(recordings: Sequence[Recording]) -> list[str]:
@@ -217,7 +245,7 @@ def low_pass_log(
     if not used.any():
         raise InputError(recording.source, "", "no stretch of the log is free of drop-outs")
     # The signals hold nothing above the cutoff any more: a coarser grid loses nothing.
-    every = max(1, int(1.0 / (step * POINTS * cutoff)))
+    decimated = slice(None, None, max(1, int(1.0 / (step * POINTS * cutoff))))
     path = file_of(Path(recording.source))
     rows = recording.row
     return LowPassedLog(
@@ -229,13 +257,13 @@ def low_pass_log(
             last_row=recording.num_samples if rows is None else int(rows[-1]),
             duration=round(recording.duration, 6),
         ),
-        t=uniform.t[::every],
-        q=q[::every].copy(),
-        v=v[::every].copy(),
-        vdot=vdot[::every].copy(),
-        tau=tau[::every].copy(),
-        used=used[::every],
-        low_pass=replace(low_pass, time_step=step * every),
+        t=uniform.t[decimated],
+        q=q[decimated].copy(),
+        v=v[decimated].copy(),
+        vdot=vdot[decimated].copy(),
+        tau=tau[decimated].copy(),
+        used=used[decimated],
+        low_pass=replace(low_pass, time_step=step * decimated.step),
         filter_regressor=config.filter_regressor,
     )
 
@@ -248,7 +276,7 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
     still = np.flatnonzero((travel < least) | (speed < LEAST_SPEED))
     if still.size:
         units = ["m" if prismatic else "rad" for prismatic in robot.chain.prismatic]
-        result = ", ".join(
+        motions = ", ".join(
             f"{robot.joint_names[i]} ({travel[i]:.2g} {units[i]}, at most {speed[i]:.2g} "
             f"{units[i]}/s)"
             for i in still
@@ -256,14 +284,14 @@ def _check_motion(runs: Sequence[LowPassedLog], robot: Robot) -> None:
         raise InputError(
             ", ".join(run.log.name for run in runs),
             "",
-            f"too little motion of {result}",
+            f"too little motion of {motions}",
             f"log a motion in which each joint travels {LEAST_TRAVEL:g} rad ({LEAST_SLIDE:g} m) "
             "and more",
         )
 
 
 def decimation(low_pass: ZeroPhaseLowPass) -> int:
-    """Samples per row of the fit: about two rows a period of the cutoff hold all there is."""
+    """Samples per row of the fit: about two rows a period of the cutoff carry all information."""
     return max(1, int(0.5 / (low_pass.cutoff * low_pass.time_step)))
 
 
@@ -273,26 +301,26 @@ def low_pass_logs(
     validation: Sequence[Recording],
     config: IdentificationConfig,
     progress: ProgressCallback,
-) -> tuple[tuple[LowPassedLog, ...], tuple[LowPassedLog, ...], tuple[RegressionRows, ...]]:
-    """What all fits of the same logs begin with.
+) -> LowPassedLogs:
+    """Low-passes all logs and builds the regressors of those to be fitted.
 
-    Returns:
-        The logs to be fitted and those to validate on, low-passed, and regressors of the former.
+    Raises:
+        InputError: as `low_pass_log`; joints that hardly move.
     """
     logs = [*recordings, *validation]
     steps = len(logs) + len(recordings) + 1
-    runs = []
+    low_passed = []
     for k, (name, recording) in enumerate(zip(log_names(logs), logs, strict=True)):
         progress(k / steps, f"filtering {name}")
-        runs.append(low_pass_log(name, recording, robot, config))
-    fitted, selected = tuple(runs[: len(recordings)]), tuple(runs[len(recordings) :])
+        low_passed.append(low_pass_log(name, recording, robot, config))
+    fitted, validated = low_passed[: len(recordings)], low_passed[len(recordings) :]
     _check_motion(fitted, robot)
-    every = decimation(fitted[0].low_pass)
+    row_step = decimation(fitted[0].low_pass)
     regressions = []
-    for k, run in enumerate(fitted):
-        progress((len(logs) + k) / steps, f"regressor of {run.name}")
-        rows = np.flatnonzero(run.used)[::every]
+    for k, log in enumerate(fitted):
+        progress((len(logs) + k) / steps, f"regressor of {log.name}")
+        rows = np.flatnonzero(log.used)[::row_step]
         regressions.append(
-            RegressionRows.of(robot.chain, run.q, run.v, run.vdot, run.tau, run.match, rows)
+            RegressionRows.of(robot.chain, log.q, log.v, log.vdot, log.tau, log.match, rows)
         )
-    return fitted, selected, tuple(regressions)
+    return LowPassedLogs(tuple(fitted), tuple(validated), tuple(regressions))

@@ -1,8 +1,8 @@
-"""Which logs repeat one motion: a fit of one cannot be tested on the other.
+"""Logs that repeat one motion: a fit of one cannot be tested on the other.
 
 A law that is fitted on a motion and tried on its repetition shows how well the drives repeat, not
-how well the law carries. (On an arm of which two of three logs were alike within 3 mrad, the law so
-chosen predicted .07 N m on the last joint, where the error on the third log was 9.9 N m.)
+how well the law carries. (On one arm two of three logs were alike within 3 mrad. The law so chosen
+predicted .07 N m on the last joint; its error on the third log was 9.9 N m.)
 """
 
 from collections.abc import Sequence
@@ -51,25 +51,23 @@ def repeated_motion_notes(names: Sequence[str], groups: Sequence[int]) -> list[s
     """One sentence for each motion that several logs repeat."""
     notes = []
     for group in dict.fromkeys(groups):
-        same = [name for name, entry in zip(names, groups, strict=True) if entry == group]
+        same = [name for name, other in zip(names, groups, strict=True) if other == group]
         if len(same) > 1:
-            held = (
-                "they are held out together"
-                if len(set(groups)) > 1
-                else "there is no other motion to test on: thirds of it are held out instead"
-            )
-            notes.append(f"{', '.join(same)} repeat one motion: {held}")
+            fold = "there is no other motion to test on: thirds of it are held out instead"
+            if len(set(groups)) > 1:
+                fold = "they are held out together"
+            notes.append(f"{', '.join(same)} repeat one motion: {fold}")
     return notes
 
 
 def _repeats(a: Array, b: Array) -> bool:
     if not len(a) or not len(b):
         return False
-    return any(_share(one, other) >= REPEATED_SHARE for one, other in ((a, b), (b, a)))
+    return _share_within(a, b) >= REPEATED_SHARE or _share_within(b, a) >= REPEATED_SHARE
 
 
-def _share(one: Array, other: Array) -> float:
-    """Of the samples of one, those with a sample of the other within the tolerances."""
-    looked = one[:: max(1, len(one) // _SAMPLES)]
-    distance, _ = cKDTree(other).query(looked, p=np.inf, distance_upper_bound=1.0)
+def _share_within(points: Array, reference: Array) -> float:
+    """Share of the points with a reference point within the tolerances."""
+    sample = points[:: max(1, len(points) // _SAMPLES)]
+    distance, _ = cKDTree(reference).query(sample, p=np.inf, distance_upper_bound=1.0)
     return float(np.mean(np.isfinite(distance)))

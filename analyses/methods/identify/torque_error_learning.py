@@ -27,7 +27,7 @@ from wrenchsight.models.robot.robot import Robot
 
 SETTLING = 5.0  # 1 / K_0 after the start of a log: the observer begins at zero
 FINEST = 1e-4  # of the effort limit: a current's step where robot.yaml states none, 13 bits
-_POSTURES = 100  # of a log, at which gravity's slope is looked at
+_POSTURES = 100  # of a log, at which gravity's slope is evaluated
 _LEAST_SHARE = 1e-6  # of the largest torque: a floor for logs without any noise
 
 
@@ -39,27 +39,27 @@ def held_out_readings(
     robot: Robot,
     model: IdentifiedModel,
 ) -> list[HeldOutReading]:
-    """What the observer reads of each log with a model of the others.
+    """Reads each log by the observer with a model of the other logs.
 
     Args:
         recordings: as logged.
         runs, regressions: of the same logs.
         held_out: a model for each fold.
         robot: whose logs they are.
-        model: fitted on all; its residual covariance is not looked at.
+        model: fitted on all; its residual covariance is not used.
     """
     time_step = model.provenance.time_step
     readings = []
-    for entry in held_out:
+    for held_out_model in held_out:
         fold_model = replace(
             model,
-            inertial_parameters=entry.chain.inertial_parameters,
-            reflected_inertia=entry.chain.reflected_inertia,
-            friction=entry.friction,
+            inertial_parameters=held_out_model.chain.inertial_parameters,
+            reflected_inertia=held_out_model.chain.reflected_inertia,
+            friction=held_out_model.friction,
         )
-        for k, rows in entry.fold:
-            step = position_resolution(recordings[k].q)
-            log = resampled(recordings[k], time_step)
+        for part in held_out_model.fold:
+            step = position_resolution(recordings[part.log].q)
+            log = resampled(recordings[part.log], time_step)
             current = log.current
             if log.tau_J is not None:  # what the identification takes, too
                 current = robot.motor_current(log.tau_J)
@@ -67,21 +67,21 @@ def held_out_readings(
                 observer=MomentumObserverConfig(time_step=time_step),
                 position_resolution=step.tolist(),
             )
-            seen = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
+            observed = WrenchEstimator(robot, fold_model, config).observe(log.q, log.v, current)
             K_0 = np.full(robot.num_joints, config.observer.K_0[0])
             t = log.t - log.t[0]
-            selected = runs[k].t[regressions[k].rows[rows]]
+            selected = runs[part.log].t[regressions[part.log].rows[part.rows]]
             inside = (log.t >= selected[0]) & (log.t <= selected[-1])
-            if rows == slice(None):  # the ends are the low-pass's business, not the observer's
+            if part.rows == slice(None):  # the ends are the low-pass's business, not the observer's
                 inside[:] = True
             readings.append(
                 HeldOutReading(
-                    tau_ext=seen.tau_ext,
+                    tau_ext=observed.tau_ext,
                     q=log.q,
                     v=log.v,
-                    transmitted=seen.tau_J - seen.tau_f,
-                    used=inside & seen.fresh & ~log.dropout & (t > SETTLING / K_0[0]),
-                    friction=entry.friction,
+                    transmitted=observed.tau_J - observed.tau_f,
+                    used=inside & observed.fresh & ~log.dropout & (t > SETTLING / K_0[0]),
+                    friction=held_out_model.friction,
                     time_step=time_step,
                     K_0=K_0,
                     resolution=step,
@@ -100,11 +100,11 @@ def resolution_floor(readings: Sequence[HeldOutReading], robot: Robot) -> Array:
     effort = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 0.0)
     step = np.where(stated > 0.0, stated, FINEST * effort)
     slope = np.zeros(robot.num_joints)
-    for entry in readings:
-        q = entry.q[np.isfinite(entry.q).all(axis=1)]
+    for reading in readings:
+        q = reading.q[np.isfinite(reading.q).all(axis=1)]
         q = np.ascontiguousarray(q[:: max(1, len(q) // _POSTURES)])
         gravity = np.asarray(robot.chain.gravity_torque(q))
-        for j, rounding in enumerate(entry.resolution):
+        for j, rounding in enumerate(reading.resolution):
             if rounding > 0.0:
                 moved = q.copy()
                 moved[:, j] += rounding
@@ -119,7 +119,7 @@ def gravity_spread(
     error: TorqueErrorModel,
     readings: Sequence[HeldOutReading],
 ) -> TorqueErrorModel:
-    """Returns the error with what fits without a fold disagree on of gravity, by posture.
+    """Adds to the error, by posture, how far fits without a fold disagree on gravity.
 
     Args:
         parameters: (K, n, 5) of `LawFits.gravity_without_a_fold`.
@@ -127,7 +127,7 @@ def gravity_spread(
         readings: of all folds, for the postures that the logs went through.
     """
     spread = strongest(robot.chain, jackknife(parameters), error.constant)
-    fitted = [largest_spread(robot.chain, spread, entry.q) for entry in readings]
+    fitted = [largest_spread(robot.chain, spread, reading.q) for reading in readings]
     return replace(error, spread=spread, fitted_spread=np.max(fitted, axis=0))
 
 
@@ -136,7 +136,7 @@ def learn_torque_error(readings: Sequence[HeldOutReading], robot: Robot) -> Torq
 
     It is no smaller than what the steps of currents and encoders leave: a simulation may have none.
     """
-    largest = max(float(np.abs(entry.transmitted).max()) for entry in readings)
+    largest = max(float(np.abs(reading.transmitted).max()) for reading in readings)
     floor = np.maximum(_LEAST_SHARE * max(largest, 1e-3), resolution_floor(readings, robot))
     try:
         return fit_torque_error(readings, floor)

@@ -76,8 +76,12 @@ class TorqueFit:
 
 def joined_fits(fits: Sequence[TorqueFit], name: str) -> TorqueFit:
     """All samples of several logs as one."""
-    signals = ("t", "measured", "predicted")
-    return TorqueFit(name, *(np.concatenate([getattr(f, key) for f in fits]) for key in signals))
+    return TorqueFit(
+        name,
+        t=np.concatenate([fit.t for fit in fits]),
+        measured=np.concatenate([fit.measured for fit in fits]),
+        predicted=np.concatenate([fit.predicted for fit in fits]),
+    )
 
 
 def rms(x: Array) -> Array:

@@ -1,8 +1,8 @@
-"""Condition number over the workspace, and where to put a table: the command `jcn-map`.
+"""Condition number over the workspace: statistics of random configurations, and a slice.
 
-The article draws half a million configurations at random (section 4.2). Here the same; and a slice:
-at each point of a plane the best condition number over all directions of the tool within a cone,
-over all branches within the joint limits.
+The article draws half a million configurations at random (section 4.2), and so does this. The slice
+has, at each point of a plane, the best condition number over all directions of the tool within a
+cone and over all branches within the joint limits.
 """
 
 import math
@@ -34,8 +34,8 @@ from wrenchsight.models.robot.robot import Robot
 
 THRESHOLD = 11.0  # the article's figure of a good configuration
 MOST_SAMPLES = 10_000_000  # of q alone 0.6 GB
-_LOOKED_AT = 1000  # configurations that tell how many hit something: a share to 1.5 %
-_CHUNK = 250_000  # samples between two signs of progress
+_NUM_CHECKED = 1000  # configurations that are checked for collisions: their share to 1.5 %
+_CHUNK = 250_000  # samples between two reports of progress
 _SCALE = (9.0, 100.0)  # of the colours
 _CLOUD, _SCATTER = 40_000, 20_000  # points that a picture shows
 _PLANES = {"x": 0, "y": 1, "z": 2}
@@ -83,7 +83,7 @@ class Slice:
         return int(first_of_least(np.where(np.isfinite(best), best, np.inf)))
 
     def metrics(self) -> dict[str, Any]:
-        """Where the best place is, and how much of the plane is good."""
+        """The best place, and the share of the plane that is good."""
         best = self.postures.best
         reached = np.isfinite(best)
         metrics: dict[str, Any] = {
@@ -110,7 +110,7 @@ def sample(
     seed: int,
     *,
     within_limits: bool = False,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> Samples:
     """Draws configurations evenly over full turns of all joints, or over the joint limits.
 
@@ -145,7 +145,7 @@ def slice_plane(
     robot: Robot,
     config: SliceConfig,
     reach: Array,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
     is_free: Callable[[Array], bool] | None = None,
 ) -> Slice:
     """The best condition number at each point of a plane.
@@ -159,14 +159,14 @@ def slice_plane(
         InputError: a plane, cone or grid that makes no sense.
     """
     _check_slice(config)
-    first, second = (i for i in range(3) if i != _PLANES[config.axis])
+    i, j = (axis for axis in range(3) if axis != _PLANES[config.axis])
     extent = config.extent
     if extent is None:
-        extent = math.ceil(10.0 * max(reach[first], reach[second])) / 10.0
+        extent = math.ceil(10.0 * max(reach[i], reach[j])) / 10.0
     u = np.linspace(-extent, extent, config.num_points)
     points = np.empty((config.num_points, config.num_points, 3))
     points[..., _PLANES[config.axis]] = config.value
-    points[..., first], points[..., second] = np.meshgrid(u, u)
+    points[..., i], points[..., j] = np.meshgrid(u, u)
     postures = best_postures(
         robot,
         ConditionNumber(robot.chain),
@@ -176,7 +176,7 @@ def slice_plane(
         progress=lambda fraction: progress(fraction, "slice"),
         is_free=is_free,
     )
-    return Slice(config, ("xyz"[first], "xyz"[second]), u, u, postures)
+    return Slice(config, ("xyz"[i], "xyz"[j]), u, u, postures)
 
 
 def _check_slice(config: SliceConfig) -> None:
@@ -197,7 +197,7 @@ def _check_slice(config: SliceConfig) -> None:
 
 @dataclass(frozen=True)
 class JcnMapResult:
-    """What the command found; notices are sentences for the user."""
+    """The result of the command; notices are sentences for the user."""
 
     samples: Samples
     plane: Slice | None
@@ -208,7 +208,7 @@ class JcnMapResult:
 def jcn_map(
     settings: JcnMapSettings,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> JcnMapResult:
     """The command `jcn-map`: writes samples.npz (q, jcn, p_WE), metrics.json, config.yaml, figures
     and recording.html into `out`; with a plane also slice.npz (p_WE, jcn, direction_W, q).
@@ -223,80 +223,92 @@ def jcn_map(
 def _map_into(
     folder: OutputFolder, settings: JcnMapSettings, progress: Callable[[float, str], None]
 ) -> JcnMapResult:
-    robot, plane = Robot.load(settings.robot), settings.slice
+    """Draws the samples, maps the slice and writes all files."""
+    robot, config = Robot.load(settings.robot), settings.slice
     seed, within_limits = settings.seed, settings.within_limits
-    if plane is not None:
-        _check_slice(plane)
+    if config is not None:
+        _check_slice(config)
     samples = sample(
         robot,
         settings.num_samples,
         seed,
         within_limits=within_limits,
-        progress=lambda fraction, what: progress(0.2 * fraction, what),
+        progress=lambda fraction, message: progress(0.2 * fraction, message),
     )
     metrics: dict[str, Any] = {**samples.metrics(), "seed": seed, "within_limits": within_limits}
     notices: list[str] = []
     clearance = _clearance(robot, notices)
     if clearance is not None:
         metrics["free"] = free_figures(samples, clearance)
+    _write_samples(folder, robot, samples)
+    plane = None
+    if config is not None:
+        if not is_closed_form(robot):
+            notices.append(
+                f"{robot.name} has no known analytic inverse kinematics: postures of the slice are "
+                "searched numerically, and better ones may be missed"
+            )
+        plane = slice_plane(
+            robot,
+            config,
+            np.max(np.abs(samples.p_WE), axis=0),
+            lambda fraction, message: progress(0.2 + 0.8 * fraction, message),
+            None if clearance is None else clearance.is_free,
+        )
+        metrics["slice"] = plane.metrics()
+        if plane.postures.hits.any():
+            notices.append(
+                f"{np.count_nonzero(plane.postures.hits)} of {plane.postures.best.size} points of "
+                "the slice have no posture that hits neither arm nor floor; grey in the map"
+            )
+        _write_slice(folder, plane)
+    folder.write_json("metrics.json", {**metrics, "notices": notices})
+    folder.write_settings("config.yaml", settings)
+    return JcnMapResult(samples, plane, metrics, tuple(notices))
+
+
+def _write_samples(folder: OutputFolder, robot: Robot, samples: Samples) -> None:
     with folder.atomic("samples.npz") as partial, partial.open("wb") as file:
         np.savez(file, q=samples.q, jcn=samples.jcn, p_WE=samples.p_WE)
     draw_cloud(samples, folder / "figures" / "workspace.png")
     draw_distribution(samples, folder / "figures" / "distribution.png")
     record(robot, samples, folder / "recording.html")
-    cut = None
-    if plane is not None:
-        if not is_closed_form(robot):
-            notices.append(
-                f"{robot.name} has no known analytic inverse kinematics: the slice shows the best "
-                "of the postures that a search found"
-            )
-        cut = slice_plane(
-            robot,
-            plane,
-            np.max(np.abs(samples.p_WE), axis=0),
-            lambda fraction, what: progress(0.2 + 0.8 * fraction, what),
-            None if clearance is None else clearance.is_free,
+
+
+def _write_slice(folder: OutputFolder, plane: Slice) -> None:
+    postures = plane.postures
+    with folder.atomic("slice.npz") as partial, partial.open("wb") as file:
+        np.savez(
+            file,
+            p_WE=postures.p_WE,
+            jcn=postures.best,
+            direction_W=postures.direction_W,
+            q=postures.q,
+            in_collision=postures.hits,
         )
-        metrics["slice"] = cut.metrics()
-        if cut.postures.hits.any():
-            notices.append(
-                f"{np.count_nonzero(cut.postures.hits)} of {cut.postures.best.size} points of the "
-                "slice: no posture was found that hits neither arm nor floor; grey in the map"
-            )
-        result = cut.postures
-        with folder.atomic("slice.npz") as partial, partial.open("wb") as file:
-            np.savez(
-                file,
-                p_WE=result.p_WE,
-                jcn=result.best,
-                direction_W=result.direction_W,
-                q=result.q,
-                in_collision=result.hits,
-            )
-        draw_slice(cut, folder / "figures" / "slice.png")
-    folder.write_json("metrics.json", {**metrics, "notices": notices})
-    folder.write_settings("config.yaml", settings)
-    return JcnMapResult(samples, cut, metrics, tuple(notices))
+    draw_slice(plane, folder / "figures" / "slice.png")
 
 
 def _clearance(robot: Robot, notices: list[str]) -> Clearance | None:
     if robot.unusable_collisions:
-        lost = ", ".join(robot.unusable_collisions)
-        notices.append(f"collisions are not looked at: no shape for {lost}")
+        links = ", ".join(robot.unusable_collisions)
+        notices.append(f"collisions are not checked: no usable shape for {links}")
         return None
     clearance = Clearance(robot, 0.0, robot.floor)
     if not clearance.has_shapes:
-        notices.append(f"{robot.name} has no collision shapes: collisions are not looked at")
+        notices.append(f"{robot.name} has no collision shapes: collisions are not checked")
         return None
-    notices += [f"{pair} overlap at home: they are not looked at" for pair in clearance.overlapping]
+    notices += [
+        f"{pair} overlap at home: contact between them is not checked"
+        for pair in clearance.overlapping
+    ]
     return clearance
 
 
 def free_figures(samples: Samples, clearance: Clearance) -> dict[str, Any]:
-    """How many configurations hit the arm itself or the floor, by the first 1000; the best free."""
-    hits = np.array([not clearance.is_free(q) for q in samples.q[:_LOOKED_AT]])
-    order = np.argsort(samples.jcn, kind="stable")[:_LOOKED_AT]
+    """Share of the first 1000 configurations that hit arm or floor; the best that hits nothing."""
+    hits = np.array([not clearance.is_free(q) for q in samples.q[:_NUM_CHECKED]])
+    order = np.argsort(samples.jcn, kind="stable")[:_NUM_CHECKED]
     best = (k for k in order if clearance.is_free(samples.q[k]))
     k = next(best, None)
     return {
@@ -382,35 +394,33 @@ def draw_distribution(samples: Samples, path: Path) -> None:
     save_figure(figure, path)
 
 
-def draw_slice(cut: Slice, path: Path) -> None:
+def draw_slice(plane: Slice, path: Path) -> None:
     """Draws the best condition number over a plane."""
     from matplotlib.colors import LogNorm
 
     figure, axes = new_figure(1, 1, height=5.2, width=6.4)
     ax = axes[0, 0]
     cells = ax.pcolormesh(
-        cut.u, cut.v, cut.jcn, norm=LogNorm(*_SCALE), cmap="viridis", shading="nearest"
+        plane.u, plane.v, plane.jcn, norm=LogNorm(*_SCALE), cmap="viridis", shading="nearest"
     )
-    if cut.postures.hits.any():
-        hit = np.where(cut.postures.hits.reshape(cut.jcn.shape), 1.0, np.nan)
-        ax.pcolormesh(cut.u, cut.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
-        ax.plot(
-            [], [], "s", color="#b8b8b8", label="no posture found that hits neither arm nor floor"
-        )
-    if np.nanmin(cut.jcn, initial=np.inf) < THRESHOLD < np.nanmax(cut.jcn, initial=-np.inf):
-        ax.contour(cut.u, cut.v, cut.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
-    if np.any(np.isfinite(cut.postures.best)):
-        p = cut.postures.p_WE[cut.best_point()]
-        first, second = ("xyz".index(name) for name in cut.axes)
-        ax.plot(p[first], p[second], "o", color="#d55e00", label=f"best: {np.nanmin(cut.jcn):.2f}")
+    if plane.postures.hits.any():
+        hit = np.where(plane.postures.hits.reshape(plane.jcn.shape), 1.0, np.nan)
+        ax.pcolormesh(plane.u, plane.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
+        ax.plot([], [], "s", color="#b8b8b8", label="no posture that hits neither arm nor floor")
+    if np.nanmin(plane.jcn, initial=np.inf) < THRESHOLD < np.nanmax(plane.jcn, initial=-np.inf):
+        ax.contour(plane.u, plane.v, plane.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
+    if np.any(np.isfinite(plane.postures.best)):
+        p = plane.postures.p_WE[plane.best_point()]
+        i, j = ("xyz".index(name) for name in plane.axes)
+        ax.plot(p[i], p[j], "o", color="#d55e00", label=f"best: {np.nanmin(plane.jcn):.2f}")
     if ax.get_legend_handles_labels()[0]:
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center")
     ax.set_aspect("equal")
-    ax.set_xlabel(f"{cut.axes[0]} [m]")
-    ax.set_ylabel(f"{cut.axes[1]} [m]")
+    ax.set_xlabel(f"{plane.axes[0]} [m]")
+    ax.set_ylabel(f"{plane.axes[1]} [m]")
     ax.set_title(
-        f"plane {cut.config.axis} = {cut.config.value:g} m, tool within "
-        f"{cut.config.cone_deg:g} deg of {list(cut.config.cone_axis)}"
+        f"plane {plane.config.axis} = {plane.config.value:g} m, tool within "
+        f"{plane.config.cone_deg:g} deg of {list(plane.config.cone_axis)}"
     )
     bar = figure.colorbar(cells, ax=ax, label="best condition number of J", extend="max")
     bar.set_ticks([10, 20, 50, 100], labels=["10", "20", "50", "100"])

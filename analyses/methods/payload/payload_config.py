@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class PayloadConfig:
-    """How a load is found."""
+    """Settings of the load's fit."""
 
     gain_sd: float = 0.03  # relative sd of each joint's torque per ampere; 0: exact
     name: str = "load"  # name of the tool that is written

@@ -1,11 +1,11 @@
-"""What does this robot carry? A log with an unknown load in, mass, centre of mass and inertia out.
+"""Identification of a load: a log with it in, mass, centre of mass and inertia out.
 
-The load is found from the joint torque that the robot's model leaves unexplained
-(`models.calibration.load_identification`). Friction that depends on the torque that a gear
-transmits depends on the load, too: the fit is repeated with the load found before.
+The joint torque that the robot's model leaves unexplained shows the load
+(`models.calibration.load_identification`). Friction that depends on a gear's torque depends on the
+load, too: the fit is repeated with the load of the previous pass.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,22 +52,22 @@ ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia
-COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
-INERTIA_TOLD = 0.5  # share of the prior's variance
+LARGEST_COM_SD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
+LEAST_INERTIA_SHARE = 0.5  # of the prior's variance, that the motion must remove
 SCATTER = 2.0  # times what the model states; more is not caused by a load
 
 
-def com_told(load: LoadEstimate) -> NDArray[np.bool_]:
-    """(3,) whether the motion tells the centre of mass along each axis of the flange."""
-    return np.asarray(load.is_there & (load.standard_deviation[1:4] < COM_TOLD))
+def com_determined(load: LoadEstimate) -> NDArray[np.bool_]:
+    """(3,) whether the motion determines the centre of mass along each axis of the flange."""
+    return np.asarray(load.is_there & (load.standard_deviation[1:4] < LARGEST_COM_SD))
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadResult:
-    """A load, in axes of the flange.
+    """An identified load, in axes of the flange.
 
     Attributes:
-        load: as found.
+        load: mass, centre of mass and inertia with their covariance.
         model: the robot's model with the load on its flange.
         tool: load and the robot.yaml's own tool, if it has one, as one body.
         rows: of the log's residual, the load still in it.
@@ -86,13 +86,13 @@ class PayloadResult:
 
     @property
     def com_observable(self) -> NDArray[np.bool_]:
-        """(3,) whether the motion tells the centre of mass along each axis."""
-        return com_told(self.load)
+        """(3,) whether the motion determines the centre of mass along each axis."""
+        return com_determined(self.load)
 
     @property
     def inertia_observable(self) -> NDArray[np.bool_]:
-        """(6,) whether the motion tells Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
-        return np.asarray(self.load.is_there & (self.load.inertia_told > INERTIA_TOLD))
+        """(6,) whether the motion determines Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+        return np.asarray(self.load.is_there & (self.load.inertia_told > LEAST_INERTIA_SHARE))
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
@@ -123,34 +123,36 @@ class PayloadResult:
         }
 
     def tool_block(self) -> str:
-        """The block `tool` of a robot.yaml, with what is known of its numbers as comments."""
+        """The block `tool` of a robot.yaml, with the errors of its numbers as comments."""
         load, tool = self.load, self.tool
-        sd = load.standard_deviation
-        report = [
-            name for name, known in zip(TENSOR, self.inertia_observable, strict=True) if known
-        ]
-        known = ", ".join(report) if report else "nothing"
-
-        def line(values: Any) -> str:
-            return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
-
-        told = self.com_observable
-        com = ", ".join(
-            f"{axis} {load.com[k]:.4g} +- {sd[1 + k]:.2g}" for k, axis in enumerate(AXES) if told[k]
-        )
-        unknown = ", ".join(axis for axis, known in zip(AXES, told, strict=True) if not known)
-        where = f"centre of mass {com} m" if com else "nothing of the centre of mass"
-        if unknown:
-            where += f"; not told along {unknown}, where it is taken to lie at the flange"
+        inertia_names = _names_where(TENSOR, self.inertia_observable)
+        inertia_note = ", ".join(inertia_names) if inertia_names else "nothing"
         return (
-            f"# For robot.yaml. Measured: mass {load.mass:.4g} +- {sd[0]:.2g} kg; {where}.\n"
-            f"# Of the inertia the motion tells {known}; the rest is that of a body of this mass.\n"
+            f"# For robot.yaml. Measured: mass {load.mass:.4g} "
+            f"+- {load.standard_deviation[0]:.2g} kg; {self._com_note()}.\n"
+            f"# Of the inertia the motion determines {inertia_note}; the rest is that of a body of "
+            "this mass.\n"
             "tool:\n"
             f"  name: {tool.name}\n"
             f"  mass: {tool.mass:.6g} # kg\n"
-            f"  com: {line(tool.com)} # m, from the flange\n"
-            f"  inertia: {line(tool.inertia)} # kg m^2 about it: ixx, iyy, izz, ixy, ixz, iyz\n"
+            f"  com: {_list_text(tool.com)} # m, from the flange\n"
+            f"  inertia: {_list_text(tool.inertia)} "
+            "# kg m^2 about it: ixx, iyy, izz, ixy, ixz, iyz\n"
         )
+
+    def _com_note(self) -> str:
+        """The centre of mass with its standard deviation, along the axes that are determined."""
+        load, sd = self.load, self.load.standard_deviation
+        measured = ", ".join(
+            f"{axis} {load.com[k]:.4g} +- {sd[1 + k]:.2g}"
+            for k, axis in enumerate(AXES)
+            if self.com_observable[k]
+        )
+        note = f"centre of mass {measured} m" if measured else "nothing of the centre of mass"
+        undetermined = ", ".join(_names_where(AXES, ~self.com_observable))
+        if undetermined:
+            note += f"; not determined along {undetermined}, where it is taken to lie at the flange"
+        return note
 
     def write(self, out: OutputFolder, settings: PayloadSettings) -> None:
         """Writes tool.yaml, model.yaml, metrics.json, config.yaml and figures/load.png.
@@ -171,9 +173,9 @@ def identify_payload(
     model: IdentifiedModel,
     config: PayloadConfig | None = None,
     empty: Logs | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> PayloadResult:
-    """Finds the load of a log.
+    """Identifies the load of a log.
 
     Args:
         logs: motion with the load, without contact: one recording, or several with the samples
@@ -186,38 +188,28 @@ def identify_payload(
     """
     config = _checked(config or PayloadConfig())
     refuse_coupling(robot.coupling, robot.source, "finding a load")
-    whole = residuals_of(logs, robot, model)
-    bare = None
+    residuals = residuals_of(logs, robot, model)
+    empty_rows = None
     if empty is not None:
-        bare = LoadRows.joined([own.load_rows() for own in residuals_of(empty, robot, model)])
+        empty_residuals = residuals_of(empty, robot, model)
+        empty_rows = LoadRows.joined([residual.load_rows() for residual in empty_residuals])
     prior = LoadPrior(mass=robot.payload, gain=config.gain_sd)
     law = model.friction.coulomb_viscous
     parameters = np.zeros(10)
     for k in range(PASSES):
         progress((k + 0.5) / PASSES, "finding the load")
-        log = LoadRows.joined([own.load_rows(parameters) for own in whole])
-        load = estimate_load(log, law, prior, bare)
+        rows = LoadRows.joined([residual.load_rows(parameters) for residual in residuals])
+        load = estimate_load(rows, law, prior, empty_rows)
         parameters = load.parameters
-    written = load.with_com_at_flange(~com_told(load))
+    written = load.with_com_at_flange(~com_determined(load))
     body = body_parameters(written.mass, written.com, written.realisable)
-    laden = model.inertial_parameters.copy()
-    laden[-1] += flange_map(robot) @ body
+    log_names = ", ".join(residual.log.log.name for residual in residuals)
     result = PayloadResult(
         load=load,
-        model=replace(
-            model,
-            inertial_parameters=laden,
-            # With or without the load as the robot's tool: it is on this model.
-            fitted_robot=replace(model.fitted_robot, tool_mass=None),
-            provenance=replace(
-                model.provenance,
-                method=f"{model.provenance.method}, with a load of {written.mass:.4g} kg found "
-                f"from {', '.join(own.log.log.name for own in whole)}",
-            ),
-        ),
+        model=_with_load(model, robot, body, log_names),
         tool=_tool(body, robot, config.name),
-        rows=log.rows,
-        torque=np.concatenate([own.torque_of(parameters) for own in whole]),
+        rows=rows.rows,
+        torque=np.concatenate([residual.torque_of(parameters) for residual in residuals]),
         warnings=(),
         config=config,
     )
@@ -225,10 +217,29 @@ def identify_payload(
     return replace(result, warnings=tuple(_warnings(result, robot)))
 
 
+def _with_load(
+    model: IdentifiedModel, robot: Robot, body: Array, log_names: str
+) -> IdentifiedModel:
+    """The model with a body (10,) on its flange, that was found from the named logs."""
+    inertial_parameters = model.inertial_parameters.copy()
+    inertial_parameters[-1] += flange_map(robot) @ body
+    return replace(
+        model,
+        inertial_parameters=inertial_parameters,
+        # With or without the load as the robot's tool: it is on this model.
+        fitted_robot=replace(model.fitted_robot, tool_mass=None),
+        provenance=replace(
+            model.provenance,
+            method=f"{model.provenance.method}, with a load of {body[0]:.4g} kg found from "
+            f"{log_names}",
+        ),
+    )
+
+
 def payload_log(
     settings: PayloadSettings,
     out: Path,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> PayloadResult:
     """The command `payload`: reads logs and model, and writes the result into `out`.
 
@@ -247,25 +258,29 @@ def payload_log(
         def read(path: Path, check: bool = True) -> Recording:
             return read_recording(path, form, robot, check, signs, joint_signals=True)
 
-        loaded = logs_of(settings.logs, "payload", "LOG", lambda path: read(path, settings.check))
-        bare = logs_of(settings.empty, "payload", "LOG", read)
-        result = identify_payload(loaded, robot, model, settings.payload, bare or None, progress)
+        loaded_logs = logs_of(
+            settings.logs, "payload", "LOG", lambda path: read(path, settings.check)
+        )
+        empty_logs = logs_of(settings.empty, "payload", "LOG", read)
+        result = identify_payload(
+            loaded_logs, robot, model, settings.payload, empty_logs or None, progress
+        )
         result.write(folder, settings)
-    notices = [line for log, _ in loaded for line in log.notices]
+    notices = [line for log, _ in loaded_logs for line in log.notices]
     return replace(result, warnings=(*notices, *result.warnings))
 
 
 def load_figure(result: PayloadResult) -> "Figure":
-    """The torque that the model without the load leaves, and the load's: one panel a joint."""
+    """Torque unexplained by the model without the load, and the load's torque: a panel a joint."""
     rows, names = result.rows, result.model.joint_names
     n = len(names)
     figure, panels = panels_in_pairs(n, "time [s]", "torque [N m]", share_x=True)
     t = rows.t - rows.t[0]
-    left = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
+    difference_rms = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
     for j, axis in enumerate(panels):
         axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="left by the model")
         axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="of the load")
-        axis.set_title(f"{names[j]}: {left[j]:.2f} N m apart (RMS)")
+        axis.set_title(f"{names[j]}: {difference_rms[j]:.2f} N m apart (RMS)")
     legend_below(figure, panels[0], 2)
     sd = result.load.standard_deviation
     figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")
@@ -274,17 +289,18 @@ def load_figure(result: PayloadResult) -> "Figure":
 
 def _tool(body: Array, robot: Robot, name: str) -> ToolConfig:
     """Load (10,) and the robot's tool as one body; the tool's pictures stay."""
-    entry = robot.config.tool
-    if entry is not None:
-        body = body + tool_parameters(entry)
+    stated_tool = robot.config.tool
+    if stated_tool is not None:
+        body = body + tool_parameters(stated_tool)
     mass = max(float(body[0]), 1e-9)
     com = body[1:4] / mass
     about = inertia_matrix(body) - mass * (com @ com * np.eye(3) - np.outer(com, com))
     tensor = realisable_inertia(about, mass)
-    plain = (
-        ToolConfig(name=name) if entry is None else replace(entry, name=f"{entry.name}_and_{name}")
-    )
-    return replace(plain, mass=mass, com=com.tolist(), inertia=inertia_values(tensor))
+    if stated_tool is None:
+        tool = ToolConfig(name=name)
+    else:
+        tool = replace(stated_tool, name=f"{stated_tool.name}_and_{name}")
+    return replace(tool, mass=mass, com=com.tolist(), inertia=inertia_values(tensor))
 
 
 def _checked(config: PayloadConfig) -> PayloadConfig:
@@ -303,27 +319,38 @@ def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
             "robot.yaml"
         ]
     warnings = []
-    axes = [axis for axis, report in zip(AXES, result.com_observable, strict=True) if not report]
+    axes = _names_where(AXES, ~result.com_observable)
     if axes:
         warnings.append(
-            f"the motion does not tell the centre of mass along {', '.join(axes)} of the flange, "
-            "where it is taken to lie at the flange: turn the last joints with the load in other "
-            "directions"
+            f"the motion does not determine the centre of mass along {', '.join(axes)} of the "
+            "flange: it is taken to lie at the flange there; turn the last joints with the load in "
+            "other directions"
         )
-    tensor = [
-        name for name, report in zip(TENSOR, result.inertia_observable, strict=True) if not report
-    ]
+    tensor = _names_where(TENSOR, ~result.inertia_observable)
     if tensor:
         warnings.append(
-            f"the motion does not tell the inertia's {', '.join(tensor)}: those of a body of this "
-            "mass are written; swing the load faster to measure them"
+            f"the motion does not determine the inertia's {', '.join(tensor)}: those of a body of "
+            "this mass are written; swing the load faster to measure them"
         )
-    strange = [robot.joint_names[j] for j in np.flatnonzero(load.scale > SCATTER)]
-    if strange:
+    scattered = [
+        f"{robot.joint_names[j]} {load.scale[j]:.1f} times"
+        for j in np.flatnonzero(load.scale > SCATTER)
+    ]
+    if scattered:
         warnings.append(
-            f"{', '.join(strange)}: the torque scatters more than {SCATTER:g} times what the model "
-            "states; was the arm touched, or is the model of another state?"
+            f"torque scatter above what the model states: {', '.join(scattered)}; log again "
+            "without contact, or refresh the model with `wrenchsight identify --refresh`"
         )
     if not result.model.provenance.logs:
-        warnings.append("the model is not identified from logs: its friction is assumed")
+        warnings.append(
+            "the model is not identified from logs, its friction is assumed: identify it first"
+        )
     return warnings
+
+
+def _names_where(names: Sequence[str], selected: NDArray[np.bool_]) -> list[str]:
+    return [name for name, is_selected in zip(names, selected, strict=True) if is_selected]
+
+
+def _list_text(values: Iterable[float]) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

@@ -1,10 +1,10 @@
 """The article's solver of eq. 27, PSO-GA, as a baseline: a swarm with crossover and mutation.
 
 The article names the algorithm and gives no constants. Here: the usual swarm (Shi and Eberhart,
-1998, inertia falling from 0.9 to 0.4, both attractions 1.5), and after each step of the swarm a
-genetic one on its best-known positions: arithmetic crossover of tournament winners and Gaussian
-mutation, children taking the place of the worst particles. No maintained library offers this
-hybrid; its two halves are some lines each.
+1998), with an inertia that falls from 0.9 to 0.4 and both attractions 1.5. After each step of the
+swarm comes a genetic one on its best positions: arithmetic crossover of tournament winners and
+Gaussian mutation, children taking the place of the worst particles. No maintained library offers
+this hybrid. Its two halves are some lines each.
 
 A particle is the article's unknowns: n, m, theta and r. Its cost is the mean of the measure over
 the path on its best branch within the limits; a path that no branch follows costs `UNREACHED`.
@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -46,13 +47,20 @@ class SwarmConfig:
     mutation_sd: float = 0.1  # of the coordinate's range
 
 
+class _Leader(NamedTuple):
+    """The best placement so far, with its cost."""
+
+    cost: float
+    placement: Placement | None
+
+
 @one_thread()
 def place_by_swarm(
     robot: Robot,
     program: PlacementProgram,
     seed: int = 0,
     config: SwarmConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> SearchResult:
     """Places a path by PSO-GA; an interrupt (KeyboardInterrupt) ends it with the best so far.
 
@@ -70,24 +78,24 @@ def place_by_swarm(
     result = SearchResult(num_starts=count)
     began = time.perf_counter()
     best_x, best_cost = x.copy(), np.full(count, np.inf)
-    leader: tuple[float, Placement | None] = (math.inf, None)
+    leader = _Leader(math.inf, None)
 
-    def look(points: Array) -> Array:
+    def evaluate(points: Array) -> Array:
         nonlocal leader
         costs, placements = cost(points)
         result.evaluations += len(points)
-        first = int(np.argmin(costs))
-        if costs[first] < min(leader[0], UNREACHED):
-            leader = (float(costs[first]), placements(first))
-            result.history.append((time.perf_counter() - began, leader[0]))
+        best_row = int(np.argmin(costs))
+        if costs[best_row] < min(leader.cost, UNREACHED):
+            leader = _Leader(float(costs[best_row]), placements(best_row))
+            result.history.append((time.perf_counter() - began, leader.cost))
         return costs
 
     try:
         for iteration in range(config.num_iterations):
-            costs = look(x)
+            costs = evaluate(x)
             better = costs < best_cost
             best_x[better], best_cost[better] = x[better], costs[better]
-            _breed(rng, config, look, best_x, best_cost, lower, upper)
+            _breed(rng, config, evaluate, best_x, best_cost, cost)
             share = iteration / max(1, config.num_iterations - 1)
             inertia = config.inertia[0] + share * (config.inertia[1] - config.inertia[0])
             pull = config.attraction * rng.uniform(size=(2, *x.shape))
@@ -95,38 +103,38 @@ def place_by_swarm(
             v = inertia * v + pull[0] * (best_x - x) + pull[1] * (swarm_best - x)
             v = np.clip(v, -0.2 * (upper - lower), 0.2 * (upper - lower))
             x = np.clip(x + v, lower, upper)
-            progress((iteration + 1) / config.num_iterations, f"best {leader[0]:.4g}")
+            progress((iteration + 1) / config.num_iterations, f"best {leader.cost:.4g}")
     except KeyboardInterrupt:
         result.interrupted = True
-    if leader[1] is not None:
-        values = program.measure.values(leader[1].q)
-        result.optima = [
-            Optimum(
-                leader[1], float(np.mean(values)), values, int(np.sum(best_cost < UNREACHED)), ""
-            )
-        ]
+    if leader.placement is not None:
+        values = program.measure.values(leader.placement.q)
+        num_reached = int(np.sum(best_cost < UNREACHED))
+        mean = float(np.mean(values))
+        result.optima = [Optimum(leader.placement, mean, values, num_reached, "")]
     return result
 
 
 def _breed(
     rng: np.random.Generator,
     config: SwarmConfig,
-    look: Callable[[Array], Array],
+    evaluate: Callable[[Array], Array],
     best_x: Array,
     best_cost: Array,
-    lower: Array,
-    upper: Array,
+    bounds: "ParticleCost",
 ) -> None:
     """Puts children of good particles in the place of the worst, where they are better."""
+    lower, upper = bounds.lower, bounds.upper
     count = max(2, round(config.crossovers * len(best_x)))
     rivals = rng.integers(len(best_x), size=(2, 2, count))
-    first, second = (np.where(best_cost[a] < best_cost[b], a, b) for a, b in (rivals[0], rivals[1]))
+    mothers, fathers = (
+        np.where(best_cost[a] < best_cost[b], a, b) for a, b in (rivals[0], rivals[1])
+    )
     weight = rng.uniform(size=(count, 1))
-    children = weight * best_x[first] + (1.0 - weight) * best_x[second]
+    children = weight * best_x[mothers] + (1.0 - weight) * best_x[fathers]
     mutated = rng.uniform(size=children.shape) < config.mutations
     children += mutated * rng.normal(size=children.shape) * config.mutation_sd * (upper - lower)
     children = np.clip(children, lower, upper)
-    costs = look(children)
+    costs = evaluate(children)
     worst = np.argsort(-best_cost, kind="stable")[:count]
     better = costs < best_cost[worst]
     best_x[worst[better]], best_cost[worst[better]] = children[better], costs[better]
@@ -138,9 +146,9 @@ class ParticleCost:
     def __init__(self, robot: Robot, program: PlacementProgram) -> None:
         self._robot, self._program = robot, program
         bounds = program.bounds
-        one = np.ones(3)
-        self.lower = np.concatenate([-one, bounds.p_lower, [bounds.angle_lower], -one])
-        self.upper = np.concatenate([one, bounds.p_upper, [bounds.angle_upper], one])
+        ones = np.ones(3)
+        self.lower = np.concatenate([-ones, bounds.p_lower, [bounds.angle_lower], -ones])
+        self.upper = np.concatenate([ones, bounds.p_upper, [bounds.angle_upper], ones])
 
     def __call__(self, x: Array) -> tuple[Array, Callable[[int], Placement]]:
         n_W = x[:, :3] / np.maximum(np.linalg.norm(x[:, :3], axis=1), 1e-9)[:, np.newaxis]
@@ -151,8 +159,15 @@ class ParticleCost:
             z = R_WE[:, :, 2]
             n_W = n_W - np.einsum("nc,nc->n", n_W, z)[:, np.newaxis] * z
             n_W /= np.maximum(np.linalg.norm(n_W, axis=1), 1e-9)[:, np.newaxis]
-        size = program.path_length, program.num_segments, bounds.max_joint_step
-        batch, reached, row = on_all_branches(self._robot, n_W, x[:, 3:6], R_WE, *size)
+        batch, reached, row = on_all_branches(
+            self._robot,
+            n_W,
+            x[:, 3:6],
+            R_WE,
+            program.path_length,
+            program.num_segments,
+            bounds.max_joint_step,
+        )
         costs = np.full(len(x), UNREACHED)
         chosen = np.zeros(len(x), dtype=int)
         q = batch.q
@@ -172,5 +187,8 @@ class ParticleCost:
     def _collides(self, batch: PlacementBatch, index: int) -> bool:
         if self._program.clearance is None:
             return False
-        one = batch.one(index)
-        return self._program.clearance.deficit(one.q, one.n_W, one.p_WM, one.quaternion) > 0.0
+        placement = batch.one(index)
+        deficit = self._program.clearance.deficit(
+            placement.q, placement.n_W, placement.p_WM, placement.quaternion
+        )
+        return deficit > 0.0

@@ -1,8 +1,8 @@
-"""Where to put a straight path, and how the arm should stand (sections 3.2 and 4.3).
+"""Placement of a straight path, and the arm's postures along it (sections 3.2 and 4.3).
 
-Command `place --task T.yaml`. The answer is a path in its place, the tool's rotation, and postures
-on one branch along it; beside it stand the local optima that were met on the way and what the
-task's own guess would have given.
+Command `place --task T.yaml`. The result is a path in its place, the tool's rotation, and postures
+on one branch along it. Beside it stand the local optima of the search and the result of the task's
+initial guess.
 """
 
 import math
@@ -58,8 +58,8 @@ from wrenchsight.models.robot.robot import Robot
 
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
-_FREE_SEEDS = 3  # searches for a free placement that can also be come to and left
-FINE = 10  # points between two of the path's, where it is looked at closely
+_FREE_SEEDS = 3  # searches for a placement with a free path, approach and retreat
+FINE = 10  # points between two of the path's, for distances and largest values
 
 EFFORT = SearchEffort()
 EFFORT_QUICK = SearchEffort(num_samples=3000, num_starts=24, num_rounds=2, num_solves=3)
@@ -83,7 +83,7 @@ def place(
     method: str = "bayesian",
     effort: SearchEffort | None = None,
     swarm: SwarmConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> PlacementResult:
     """Places a path.
 
@@ -94,7 +94,7 @@ def place(
         seed: of the random starts.
         model: of force-sd: whose residual covariance counts; None for the robot's nominal one.
         method: of force-sd: how wrenches are reconstructed.
-        effort: how hard to search; None for what suits task and arm.
+        effort: size of the search; None for what suits task and arm.
         swarm: of pso-ga.
 
     Raises:
@@ -103,9 +103,7 @@ def place(
     _check_choice("--objective", objective, OBJECTIVES)
     _check_choice("--solver", solver, PLACE_SOLVERS)
     check_task(task, source, robot)
-    notices = []
-    measure, said = measure_of(robot, objective, model, method)
-    notices += said
+    measure, notices = measure_of(robot, objective, model, method)
     cell = None
     if task.clearance is not None:
         cell = PlacementCell(robot, task.clearance)
@@ -124,8 +122,8 @@ def place(
         result = place_by_swarm(robot, program, seed, swarm, progress)
     else:
         guess = task.initial_path()
-        initial = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
-        search = PlacementSearch(robot, program, initial)
+        start = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
+        search = PlacementSearch(robot, program, start)
         result = search.run(seed, solver, effort or _effort(robot, cell), progress)
     seconds = time.perf_counter() - began
     if result.best is None:
@@ -134,13 +132,13 @@ def place(
     best = result.best.placement
     profile = _profile(task, robot, measure, cell, best)
     if profile is None:
-        problem = "the best path found changes its branch between two points"
+        problem = "the best path changes its branch between two points"
         raise InputError(source, "", problem, "choose another --seed or --solver")
-    entry = _initial_profile(task, robot, measure, cell)
-    if task.initial is not None and entry is None:
-        notices.append("the task's guess cannot be followed within the joint limits on any branch")
+    initial = _initial_profile(task, robot, measure, cell)
+    if task.initial is not None and initial is None:
+        notices.append("no branch follows the task's guess within the joint limits")
     if result.interrupted:
-        notices.append("interrupted: the best found so far")
+        notices.append("interrupted: this is the best placement so far")
     return PlacementResult(
         task=task,
         robot=robot,
@@ -148,7 +146,7 @@ def place(
         solver=solver,
         seed=seed,
         measure=measure,
-        initial=entry,
+        initial=initial,
         best=profile,
         search=result,
         seconds=seconds,
@@ -169,7 +167,7 @@ def place_task(
     method: str = "bayesian",
     quick: bool = False,
     content: PlacementTask | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> PlacementResult:
     """The command `place`: reads the task, places its path and writes the results.
 
@@ -218,7 +216,7 @@ def _with_free(
     source: Path | str,
     model: IdentifiedModel | None = None,
     method: str = "bayesian",
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> PlacementResult:
     """The result with its smallest distance; where its arm overlaps, the best free placement."""
     robot = result.robot
@@ -228,14 +226,14 @@ def _with_free(
     if best is None or best.smallest_distance is None:
         return result
     result = replace(result, best=best)
-    comes = distance_of_ends(robot, cell, best.fine)
-    if min(best.smallest_distance, comes) >= 0.0:
+    end_distance = distance_of_ends(robot, cell, best.fine)
+    if min(best.smallest_distance, end_distance) >= 0.0:
         return result
-    notices = [f"coming or going {sentence_of_ends(comes)}: the task asks for no clearance"]
+    collision = f"coming or going {sentence_of_ends(end_distance)}"
     if best.smallest_distance < 0.0:
         overlap = -1e3 * best.smallest_distance
-        hit = f"the arm overlaps itself or the floor by {overlap:.0f} mm"
-        notices = [f"{hit}: the task asks for no clearance"]
+        collision = f"the arm overlaps itself or the floor by {overlap:.0f} mm"
+    notices = [f"{collision}: the task asks for no clearance; state one in the task's file"]
     task = replace(result.task, clearance=config)
     free: Profile | None = None
     for seed in range(result.seed, result.seed + _FREE_SEEDS):
@@ -249,39 +247,44 @@ def _with_free(
                 seed=seed,
                 model=model,
                 method=method,
-                progress=lambda fraction, what: progress(fraction, f"free of collision: {what}"),
+                progress=lambda fraction, message: progress(
+                    fraction, f"free of collision: {message}"
+                ),
             ).best
         except InputError as error:
             notices.append(f"no placement is free: {error}")
             break
-        comes = distance_of_ends(robot, cell, outcome.fine)
-        free = outcome if free is None or comes >= 0.0 else free
-        if comes >= 0.0:
+        end_distance = distance_of_ends(robot, cell, outcome.fine)
+        if free is None or end_distance >= 0.0:
+            free = outcome
+        if end_distance >= 0.0:
             break
     else:
         notices.append(
-            f"the free placement is free along its path; coming or going {sentence_of_ends(comes)}"
+            f"the free placement is free along its path; coming or going "
+            f"{sentence_of_ends(end_distance)}"
         )
     return replace(result, free=free, notices=(*result.notices, *notices))
 
 
-def _check_choice(option: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        remedy = nearest(value, known) or f"choose one of {', '.join(known)}"
+def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        remedy = nearest(value, choices) or f"choose one of {', '.join(choices)}"
         raise InputError(option, "", f'"{value}" is not known', remedy)
 
 
 def measure_of(
     robot: Robot, objective: str, model: IdentifiedModel | None, method: str = "bayesian"
 ) -> tuple[PostureMeasure, list[str]]:
-    """The measure of an objective, and what the user should know of it; see `place`."""
+    """The measure of an objective, with notices on it; see `place`."""
     if objective == "jcn":
         return ConditionNumber(robot.chain), []
     notices = []
     if model is None:
         model = IdentifiedModel.nominal(robot)
         notices.append(
-            "no model given: the torque's covariance is the nominal one, 2 % of each effort limit"
+            "no model given: the torque's covariance is the nominal one, 2 % of each effort limit; "
+            "for the arm's own, pass --model"
         )
     config = WrenchReconstructionConfig(method=method).with_prior(*live_prior(robot.payload))
     return ForceSd(robot.chain, model.residual_covariance, config), notices
@@ -326,7 +329,7 @@ def _initial_profile(
     path = task.initial_path()
     if path is None or task.initial is None:
         return None
-    found, reached, _ = on_all_branches(
+    branches, reached, _ = on_all_branches(
         robot,
         path.n_W[np.newaxis],
         path.p_WM[np.newaxis],
@@ -335,7 +338,7 @@ def _initial_profile(
         path.num_segments,
         math.pi / 2,
     )
-    q = found.q
+    q = branches.q
     bounds = task.bounds(robot)
     within = np.all(
         (q >= bounds.q_lower - FEASIBLE) & (q <= bounds.q_upper + FEASIBLE), axis=(1, 2)
@@ -350,7 +353,7 @@ def _initial_profile(
         chosen = good[int(first_of_least(off))]
     else:
         chosen = good[int(first_of_least(np.mean(measure.values(q[good]), axis=1)))]
-    return _profile(task, robot, measure, cell, found.one(chosen))
+    return _profile(task, robot, measure, cell, branches.one(chosen))
 
 
 def _explain_nothing(
@@ -369,7 +372,7 @@ def _explain_nothing(
     raise InputError(
         source,
         "",
-        f"{result.num_reached} placements can be followed, and none found keeps all of joint "
+        f"{result.num_reached} placements can be followed, and none of them keeps all of joint "
         "limits, angle range, steps and clearance",
         "loosen one of them",
     )

@@ -1,4 +1,4 @@
-"""What a placement gives: the path in its place, postures along it, and its metrics."""
+"""Result of a placement: the path in its place, postures along it, and metrics."""
 
 import math
 from dataclasses import dataclass, field
@@ -29,10 +29,10 @@ _HALF_TURN = 1e-9  # of a quaternion's w: a rotation by half a turn
 
 @dataclass(frozen=True)
 class Profile:
-    """A placed path, looked at closely.
+    """A placed path with its measures.
 
     Attributes:
-        placement: it, with its k + 1 points.
+        placement: the path, with its k + 1 points.
         fine: the same with FINE times as many points.
         jcn, measure: (k + 1,) condition number and the objective at the points.
         fine_jcn, fine_measure: at the points of `fine`.
@@ -80,7 +80,7 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class PlacementResult:
-    """What `place` found.
+    """The result of `place`.
 
     Attributes:
         initial: the task's guess on its branch; None without a guess that can be followed.
@@ -116,7 +116,7 @@ class PlacementResult:
         return metrics | counts
 
     def counts(self) -> dict[str, Any]:
-        """What the search has tried: counts that another machine's last bits may change."""
+        """Counts of the search; another machine's last bits may change them."""
         return {
             "starts_of_optima": [optimum.starts for optimum in self.search.optima],
             "starts": self.search.num_starts,
@@ -126,7 +126,7 @@ class PlacementResult:
         }
 
     def figures(self) -> dict[str, Any]:
-        """What was found, the same on every machine to the digits that anyone prints."""
+        """Figures of the placements, the same on every machine to the printed digits."""
         key = self.measure.key
         figures: dict[str, Any] = {
             "optimised": self.best.metrics(key),

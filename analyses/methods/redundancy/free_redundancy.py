@@ -1,16 +1,17 @@
-"""Does the arm hit itself, the floor or the workpiece along a path, and what is best without?
+"""Collisions of the arm along a path, and the best way without any.
 
-Counted are all links, their tool and what stands there; the tool alone may touch the workpiece. At
-both ends of the path E also comes and goes along the normal, `approach` far.
+All links, the tool and the surroundings count; the tool alone may touch the workpiece. At both ends
+of the path E also comes and goes along the normal, `approach` far.
 
-The best free way is found on the grid of `models.planning.motion.redundancy`: a coarse part of its
-postures is looked at, those around one that collides are left out, and of the best way through the
-others each posture is looked at again, until one is free from end to end. Then it is refined; where
-the refined one is not free any more, that of the grid stands.
+The search uses the grid of `models.planning.motion.redundancy`. A coarse part of its postures is
+checked, and those around a collision are left out. Each posture of the best way through the others
+is checked again, until a way is free from end to end. That way is refined; where the refined way is
+not free any more, the way of the grid stays.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,13 +35,13 @@ from wrenchsight.models.robot.robot import Robot
 
 _SAMPLES_APART, _ANGLES_APART = 4, 2  # of the coarse part
 _MOST_ROUNDS = 60
-_AROUND = 0.02  # m beyond the distance to keep, within which a pair is told
+_AROUND = 0.02  # m beyond the distance to keep, within which a pair is reported
 _PLATE_THICKNESS = 0.02  # m
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What a way along a path must not hit.
+    """The surroundings that a way along a path must not hit.
 
     Attributes:
         robot: the arm.
@@ -62,7 +63,7 @@ class Surroundings:
         return result
 
     def free(self, q: Array) -> bool:
-        """Whether nothing is nearer than it may be at q (n,)."""
+        """Whether all distances at q (n,) are as large as they must be."""
         return self.clearance.is_free(q)
 
     def with_ends(self, problem: RedundancyProblem, q: Array) -> Array:
@@ -73,17 +74,17 @@ class Surroundings:
         """
         if self.approach == 0.0:
             return q
-        first, last = (
+        approach, retreat = (
             moved_along(self.robot, q[k], problem.path.n_W[k], self.approach)[1:] for k in (0, -1)
         )
-        rows = np.vstack([first, last])
+        rows = np.vstack([approach, retreat])
         if (rows < problem.lower).any() or (rows > problem.upper).any():
             raise InputError("approach", "", f"cannot go {self.approach:g} m off the surface")
-        return np.vstack([first[::-1], q, last])
+        return np.vstack([approach[::-1], q, retreat])
 
 
 def surroundings(robot: Robot, task: RedundancyTask, config: RedundancyClearance) -> Surroundings:
-    """What the task's clearance asks for; a CSV's workpiece is not known as a body."""
+    """The surroundings of a task; the body of a CSV's workpiece is unknown."""
     piece: PlateConfig | BladeConfig | None = None
     if task.surface is not None and task.surface.plate is not None:
         plate = task.surface.plate
@@ -95,16 +96,21 @@ def surroundings(robot: Robot, task: RedundancyTask, config: RedundancyClearance
     return Surroundings(robot, clearance, config.approach)
 
 
-def clear_of_all(
-    cell: Surroundings, problem: RedundancyProblem, way: Trajectory
-) -> tuple[bool, ClosestPair | None]:
-    """Whether a way is free, approach and lift included, and its worst pair."""
+class WayCheck(NamedTuple):
+    """Whether a way is free, and its pair of shapes with the least slack (None: nothing near)."""
+
+    is_free: bool
+    worst: ClosestPair | None
+
+
+def clear_of_all(cell: Surroundings, problem: RedundancyProblem, way: Trajectory) -> WayCheck:
+    """Checks a way for collisions, approach and lift included."""
     try:
         q = cell.with_ends(problem, way.q)
     except InputError:
-        return False, cell.worst(way.q)
+        return WayCheck(False, cell.worst(way.q))
     worst = cell.worst(q)
-    return worst is None or worst.slack >= 0.0, worst
+    return WayCheck(worst is None or worst.slack >= 0.0, worst)
 
 
 def best_free(
@@ -113,14 +119,14 @@ def best_free(
     grid: Candidates,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Trajectory | None:
-    """The best way that is free from end to end; None where none was found."""
+    """The best way that is free from end to end; None where the search finds none."""
     q = grid.q.copy()
     N, K = q.shape[:2]
     samples = np.unique(np.r_[np.arange(0, N, _SAMPLES_APART), N - 1])
     for count, i in enumerate(samples):
         for k in range(0, K, _ANGLES_APART):
             for b in np.flatnonzero(np.isfinite(q[i, k, :, 0])):
-                # One before it may have taken it along.
+                # An earlier posture that collides may have left this one out, too.
                 if not np.isfinite(q[i, k, b, 0]) or cell.free(q[i, k, b]):
                     continue
                 angles = np.arange(k, min(k + _ANGLES_APART, K))
@@ -143,7 +149,7 @@ def best_free(
             bad = [0, N - 1]
         if not bad:
             refined = refine(problem, way.q)
-            return refined if clear_of_all(cell, problem, refined)[0] else way
+            return refined if clear_of_all(cell, problem, refined).is_free else way
         for i in bad:
             same = np.nanmin(np.abs(q[i] - way.q[i]).max(axis=-1), initial=np.inf)
             q[i][np.abs(q[i] - way.q[i]).max(axis=-1) <= same + 1e-12] = np.nan
@@ -153,8 +159,8 @@ def best_free(
 
 def _leave_out(q: Array, whole: Array, i: int, angles: Array, branch: int) -> None:
     """Leaves out a posture that collides, and those near it on samples and angles around."""
-    here = whole[i, angles[0], branch]
+    posture = whole[i, angles[0], branch]
     for sample in range(max(0, i - 1), min(len(q), i + _SAMPLES_APART)):
         for angle in angles:
-            near = np.abs(whole[sample, angle] - here).max(axis=-1) < 0.3
+            near = np.abs(whole[sample, angle] - posture).max(axis=-1) < 0.3
             q[sample, angle][near] = np.nan

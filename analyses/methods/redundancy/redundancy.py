@@ -1,4 +1,4 @@
-"""How to use the free angle about the normal of a surface (section 4.4)?
+"""Choice of the free angle about the normal of a surface (section 4.4).
 
 Three ways along one path are compared: at a constant angle (initial), by the local method that the
 article uses, and the optimum (dynamic programming over a grid of angles and all branches, then
@@ -6,10 +6,10 @@ refined continuously).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.math import RollPitchYaw
@@ -51,7 +51,7 @@ ROUNDING = 1e-9  # m and rad, of position and normal
 
 @dataclass(frozen=True, eq=False)
 class RedundancyResult:
-    """What `find_redundancy` found.
+    """The result of `find_redundancy`.
 
     Attributes:
         initial: at a constant angle; None if none can be kept.
@@ -61,7 +61,7 @@ class RedundancyResult:
         constant_angles: (K,) mean measure at each constant angle of the grid, NaN where it cannot
             be kept.
         notices: sentences for the user.
-        clearance: of each way that was looked at, by its name, the pair of shapes with the least
+        clearance: of each checked way, by its name, the pair of shapes with the least
             slack; None where nothing is near.
         free: the best way on which nothing is hit, where the optimised one hits something.
     """
@@ -80,10 +80,13 @@ class RedundancyResult:
     def metrics(self) -> dict[str, Any]:
         """Nested figures; the measure's key carries its unit."""
         problem, key = self.problem, self.problem.measure.key
-        after = problem.measure.values(self.optimised.q)
+        optimised = problem.measure.values(self.optimised.q)
         error, _ = task(problem, self.optimised.q)
-        selected = self.constant_angles[np.isfinite(self.constant_angles)]
-        best_kept = float(np.min(selected)) if selected.size else math.nan
+        feasible = self.constant_angles[np.isfinite(self.constant_angles)]
+        best, median, worst = math.nan, math.nan, math.nan
+        if feasible.size:
+            best, worst = float(np.min(feasible)), float(np.max(feasible))
+            median = float(np.median(feasible))
         metrics: dict[str, Any] = {
             "samples": problem.path.num_samples,
             "path_length_m": float(problem.path.distance[-1]),
@@ -102,27 +105,25 @@ class RedundancyResult:
                 "angle_range_deg": math.degrees(float(np.ptp(self.optimised.psi))),
             },
             "constant_angle": {
-                f"best_mean_{key}": best_kept,
-                f"median_mean_{key}": float(np.median(selected)) if selected.size else math.nan,
-                f"worst_mean_{key}": float(np.max(selected)) if selected.size else math.nan,
-                "angles_kept": int(selected.size),
+                f"best_mean_{key}": best,
+                f"median_mean_{key}": median,
+                f"worst_mean_{key}": worst,
+                "angles_kept": int(feasible.size),
             },
         }
         if self.initial is not None:
-            before = problem.measure.values(self.initial.q)
+            initial = problem.measure.values(self.initial.q)
             metrics["initial"] = self._figures(self.initial)
-            metrics["reduction_mean_pct"] = 100.0 * (1.0 - float(np.mean(after) / np.mean(before)))
-            metrics["samples_lower"] = int(np.count_nonzero(after < before))
+            ratio = float(np.mean(optimised) / np.mean(initial))
+            metrics["reduction_mean_pct"] = 100.0 * (1.0 - ratio)
+            metrics["samples_lower"] = int(np.count_nonzero(optimised < initial))
         if self.local is not None:
             metrics["local"] = self._figures(self.local)
         if self.free is not None:
             metrics["free"] = self._figures(self.free)
         if self.clearance:
             metrics["clearance"] = {
-                name: None
-                if pair is None
-                else {"shapes": [pair.first, pair.second], "slack_m": round(pair.slack, 6)}
-                for name, pair in self.clearance.items()
+                name: _pair_metrics(pair) for name, pair in self.clearance.items()
             }
         return metrics
 
@@ -131,11 +132,17 @@ class RedundancyResult:
         return {f"mean_{key}": float(np.mean(values)), f"max_{key}": float(np.max(values))}
 
 
+def _pair_metrics(pair: ClosestPair | None) -> dict[str, Any] | None:
+    if pair is None:
+        return None
+    return {"shapes": [pair.first, pair.second], "slack_m": round(pair.slack, 6)}
+
+
 def find_redundancy(
     robot: Robot,
     config: RedundancyTask,
     source: Path | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> RedundancyResult:
     """Chooses a posture at each sample of the task's path.
 
@@ -151,107 +158,138 @@ def find_redundancy(
     notices = []
     if not is_closed_form(robot):
         notices.append(
-            f"{robot.name} has no known analytic inverse kinematics: its postures are what a "
-            "search found, so that the optimum is that of the postures found"
+            f"{robot.name} has no known analytic inverse kinematics: postures are searched "
+            "numerically, and the optimum is that of those found"
         )
     grid = candidates(problem, lambda f: progress(0.6 * f, "postures on the grid"))
     progress(0.6, "dynamic programming")
     on_grid = best_on_grid(problem, grid)
-    initial = local = None
-    try:
-        initial = at_constant_angle(problem, grid, np.array(robot.home))
-    except InputError as error:
-        notices.append(f"no initial trajectory to compare with: {error}")
-    else:
-        offset = math.degrees(abs(initial.psi[0] - problem.first_angle))
-        if offset > 1e-6:
-            notices.append(
-                f"the initial angle of {config.initial_angle_deg:g} deg cannot be kept from end to "
-                f"end; compared is {math.degrees(initial.psi[0]):g} deg"
-            )
-        progress(0.7, "local method")
-        try:
-            local = local_descent(problem, initial.q[0])
-        except InputError as error:
-            notices.append(str(error))
+    initial, local = _baselines(problem, config, grid, notices, progress)
     try:
         optimised = _refined(problem, on_grid, local, progress)
     except KeyboardInterrupt:
         optimised = on_grid
         notices.append("interrupted: this is the optimum on the grid of angles, not refined")
     if np.ptp(problem.measure.values(grid.q[0][np.isfinite(grid.q[0, :, :, 0])])) < 1e-6:
-        notices.append("no angle and no branch makes a difference: " + problem.measure.label)
-    clearance, free = _looked_at(problem, config, grid, initial, optimised, notices, progress)
-    hit = clearance.get("optimised")
-    if free is None and hit is not None and hit.distance < 0.0:
+        notices.append(f"{problem.measure.label} is the same at all angles and branches")
+    ways = {"initial": initial, "optimised": optimised}
+    clearance, free = _check_clearance(problem, config, grid, ways, notices, progress)
+    closest = clearance.get("optimised")
+    if free is None and closest is not None and closest.distance < 0.0:
         raise InputError(
             source or "task",
             "",
-            f"no way is free: on the best one {hit.first} and {hit.second} overlap by "
-            f"{-1e3 * hit.distance:.0f} mm, coming and going included",
+            f"no way is free: on the best one {closest.first} and {closest.second} overlap by "
+            f"{-1e3 * closest.distance:.0f} mm, coming and going included",
             "move the workpiece to where this arm reaches it from outside",
         )
     progress(1.0, "done")
     return RedundancyResult(
-        problem,
-        initial,
-        local,
-        on_grid,
-        optimised,
-        _constant_angles(problem, grid),
-        workpiece,
-        tuple(notices),
-        clearance,
-        free,
+        problem=problem,
+        initial=initial,
+        local=local,
+        on_grid=on_grid,
+        optimised=optimised,
+        constant_angles=_constant_angles(problem, grid),
+        workpiece=workpiece,
+        notices=tuple(notices),
+        clearance=clearance,
+        free=free,
     )
 
 
-def _looked_at(
+class _Baselines(NamedTuple):
+    """Ways to compare the optimum with; None where a method fails."""
+
+    initial: Trajectory | None
+    local: Trajectory | None
+
+
+def _baselines(
     problem: RedundancyProblem,
     config: RedundancyTask,
     grid: Candidates,
-    initial: Trajectory | None,
-    optimised: Trajectory,
     notices: list[str],
     progress: Callable[[float, str], None],
-) -> tuple[dict[str, ClosestPair | None], Trajectory | None]:
-    """What the ways come near to, and the best free one where the optimum hits something."""
+) -> _Baselines:
+    """The ways at a constant angle and by the local method, with notices where they fail."""
+    try:
+        initial = at_constant_angle(problem, grid, np.array(problem.robot.home))
+    except InputError as error:
+        notices.append(f"no initial trajectory to compare with: {error}")
+        return _Baselines(None, None)
+    offset = math.degrees(abs(initial.psi[0] - problem.first_angle))
+    if offset > 1e-6:
+        notices.append(
+            f"the initial angle of {config.initial_angle_deg:g} deg cannot be kept from end to "
+            f"end; compared is {math.degrees(initial.psi[0]):g} deg"
+        )
+    progress(0.7, "local method")
+    try:
+        local = local_descent(problem, initial.q[0])
+    except InputError as error:
+        notices.append(str(error))
+        return _Baselines(initial, None)
+    return _Baselines(initial, local)
+
+
+class _ClearanceCheck(NamedTuple):
+    """Distances along the ways.
+
+    Attributes:
+        pairs: of each checked way, by its name, the pair of shapes with the least slack; None where
+            nothing is near.
+        free: the best way that is free, where the optimum is not.
+    """
+
+    pairs: dict[str, ClosestPair | None]
+    free: Trajectory | None
+
+
+def _check_clearance(
+    problem: RedundancyProblem,
+    config: RedundancyTask,
+    grid: Candidates,
+    ways: Mapping[str, Trajectory | None],
+    notices: list[str],
+    progress: Callable[[float, str], None],
+) -> _ClearanceCheck:
+    """Checks the ways for collisions; searches a free way where "optimised" is none."""
     if config.clearance is None:
-        return {}, None
+        return _ClearanceCheck({}, None)
     robot = problem.robot
     if robot.unusable_collisions:
         notices.append(
             "no clearance is claimed: no shape for " + ", ".join(robot.unusable_collisions)
         )
-        return {}, None
+        return _ClearanceCheck({}, None)
     cell = surroundings(robot, config, config.clearance)
     if not cell.clearance.has_shapes:
         notices.append(f"{robot.name} has no collision shapes: no clearance is claimed")
-        return {}, None
+        return _ClearanceCheck({}, None)
     if config.surface is None:
-        notices.append("the workpiece behind a CSV is not known as a body: it is not looked at")
+        notices.append("the body of a CSV's workpiece is unknown: no clearance from it is claimed")
     progress(0.95, "clearance")
-    ways = {"initial": initial, "optimised": optimised}
-    result = {
+    checks = {
         name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
     }
-    pairs = {name: pair for name, (_, pair) in result.items()}
-    free, pair = result["optimised"]
-    if free:
-        return pairs, None
-    where = (
-        "" if pair is None else f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
-    )
+    pairs = {name: check.worst for name, check in checks.items()}
+    is_free, pair = checks["optimised"]
+    if is_free:
+        return _ClearanceCheck(pairs, None)
+    shapes = ""
+    if pair is not None:
+        shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
     notices.append(
         f"the optimum keeps less than {1e3 * config.clearance.distance:.0f} mm from the arm "
-        f"itself, the floor or the workpiece, coming and going included{where}"
+        f"itself, the floor or the workpiece, coming and going included{shapes}"
     )
     way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
     if way is None:
         notices.append("no way on the grid is free: move the workpiece, or lower the clearance")
     else:
-        pairs["free"] = clear_of_all(cell, problem, way)[1]
-    return pairs, way
+        pairs["free"] = clear_of_all(cell, problem, way).worst
+    return _ClearanceCheck(pairs, way)
 
 
 def _refined(
@@ -265,18 +303,18 @@ def _refined(
     def mean(trajectory: Trajectory) -> float:
         return float(np.mean(problem.measure.values(trajectory.q)))
 
-    result = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
+    refined = [refine(problem, on_grid.q, progress=lambda f: progress(0.8 + 0.1 * f, "refinement"))]
     if local is not None and problem.violation(local.q) <= 1e-7:
-        result.append(
+        refined.append(
             refine(problem, local.q, progress=lambda f: progress(0.9 + 0.05 * f, "refinement"))
         )
-    best = result[int(first_of_least([problem.cost(trajectory.q) for trajectory in result]))]
+    best = refined[int(first_of_least([problem.cost(way.q) for way in refined]))]
     if local is None or problem.violation(local.q) > 1e-7:
         return best
     if better(mean(local), mean(best)):
         # Smoother than the local one, and so a little worse: here the measure comes first.
-        result.append(local)
-        best = result[int(first_of_least([mean(trajectory) for trajectory in result]))]
+        refined.append(local)
+        best = refined[int(first_of_least([mean(way) for way in refined]))]
     return best
 
 
@@ -284,14 +322,14 @@ def _constant_angles(problem: RedundancyProblem, grid: Candidates) -> Array:
     """(K,) mean measure at each constant angle, on its best branch that can be kept."""
     means = np.full(len(grid.psi), np.nan)
     for k in range(len(grid.psi)):
-        one = Candidates(grid.psi[k : k + 1], np.ascontiguousarray(grid.q[:, k : k + 1]))
-        if not np.all(np.any(np.isfinite(one.q[..., 0]), axis=(1, 2))):
+        column = Candidates(grid.psi[k : k + 1], np.ascontiguousarray(grid.q[:, k : k + 1]))
+        if not np.all(np.any(np.isfinite(column.q[..., 0]), axis=(1, 2))):
             continue
         try:
-            selected = best_on_grid(problem, one)
+            way = best_on_grid(problem, column)
         except InputError:
             continue
-        means[k] = float(np.mean(problem.measure.values(selected.q)))
+        means[k] = float(np.mean(problem.measure.values(way.q)))
     return means
 
 

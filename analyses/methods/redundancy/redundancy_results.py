@@ -1,10 +1,11 @@
-"""What `redundancy` writes: joints along the path, figures (Figs. 11 to 13) and a page."""
+"""Files of `redundancy`: joints along the path, figures (Figs. 11 to 13) and a page."""
 
 import csv
 import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,13 +58,19 @@ def draw(result: RedundancyResult, out: Path) -> tuple[list[FigureFile], list[Fi
     return figures, [FigureFile(Path("recording.html"), caption + ".")]
 
 
-def _ways(result: RedundancyResult) -> list[tuple[str, Trajectory, str]]:
-    ways = [
-        ("initial, constant angle", result.initial, COLOUR["before"]),
-        ("local method", result.local, COLOUR["article"]),
-        ("optimised", result.optimised, COLOUR["after"]),
-    ]
-    return [(name, way, colour) for name, way, colour in ways if way is not None]
+class _DrawnWay(NamedTuple):
+    name: str
+    trajectory: Trajectory
+    colour: str
+
+
+def _ways(result: RedundancyResult, with_local: bool = True) -> list[_DrawnWay]:
+    ways = []
+    if result.initial is not None:
+        ways.append(_DrawnWay("initial, constant angle", result.initial, COLOUR["before"]))
+    if with_local and result.local is not None:
+        ways.append(_DrawnWay("local method", result.local, COLOUR["article"]))
+    return [*ways, _DrawnWay("optimised", result.optimised, COLOUR["after"])]
 
 
 def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
@@ -85,36 +92,36 @@ def _draw_measure(result: RedundancyResult, path: Path) -> tuple[Path, str]:
 
 def _draw_poses(result: RedundancyResult, path: Path) -> tuple[Path, str]:
     """The tool's axes at some samples, seen from above and from the side."""
-    ways = [way for way in _ways(result) if way[0] != "local method"]
+    ways = _ways(result, with_local=False)
     figure, axes = new_figure(len(ways), 2, height=3.0 * len(ways))
     p = result.problem.path.p_WS
     shown = np.linspace(0, len(p) - 1, 13).round().astype(int)
     length = 0.14 * float(np.max(np.ptp(p, axis=0)))
     for row, (name, way, _) in enumerate(ways):
         R_WE, p_WE = result.problem.robot.chain.pose(way.q[shown])
-        for column, (first, second) in enumerate(((0, 1), (1, 2))):
+        for column, (i, j) in enumerate(((0, 1), (1, 2))):
             ax = axes[row, column]
-            ax.plot(p[:, first], p[:, second], color=COLOUR["truth"], linewidth=0.8)
+            ax.plot(p[:, i], p[:, j], color=COLOUR["truth"], linewidth=0.8)
             for axis in range(3):
                 tip = p_WE + length * R_WE[:, :, axis]
                 ax.plot(
-                    np.stack([p_WE[:, first], tip[:, first]]),
-                    np.stack([p_WE[:, second], tip[:, second]]),
+                    np.stack([p_WE[:, i], tip[:, i]]),
+                    np.stack([p_WE[:, j], tip[:, j]]),
                     color=SERIES[axis],
                     linewidth=1.4,
                 )
                 ax.plot([], [], color=SERIES[axis], label="xyz"[axis] + " of the tool")
             ax.set_aspect("equal", adjustable="datalim")
             ax.set_title(f"{name}, {'from above' if column == 0 else 'from ahead'}")
-            ax.set_xlabel(f"{'xyz'[first]} [m]")
-            ax.set_ylabel(f"{'xyz'[second]} [m]")
+            ax.set_xlabel(f"{'xyz'[i]} [m]")
+            ax.set_ylabel(f"{'xyz'[j]} [m]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     save_figure(figure, path)
     return path, "The tool's axes at every tenth of the path, before and after (Fig. 12)."
 
 
 def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
-    ways = [way for way in _ways(result) if way[0] != "local method"]
+    ways = _ways(result, with_local=False)
     figure, axes = new_figure(1, len(ways), height=3.4, share_y=True)
     distance = result.problem.path.distance
     for column, (name, way, _) in enumerate(ways):
@@ -133,7 +140,7 @@ def _draw_joints(result: RedundancyResult, path: Path) -> tuple[Path, str]:
 def redundancy(
     settings: RedundancySettings,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> RedundancyResult:
     """The command `redundancy`: writes trajectory.csv (trajectory_free.csv of the best free way,
     where that is another one), metrics.json, config.yaml, figures and recording.html into `out`.
@@ -171,11 +178,11 @@ def trajectory_csv(result: RedundancyResult, way: Trajectory) -> str:
     key = problem.measure.key
     joints = [f"q{j + 1}" for j in range(problem.robot.num_joints)]
     writer.writerow(["s", "x", "y", "z", "nx", "ny", "nz", "psi", *joints, key, f"{key}_initial"])
-    after = problem.measure.values(way.q)
-    before = np.full(len(after), np.nan)
+    measure = problem.measure.values(way.q)
+    initial_measure = np.full(len(measure), np.nan)
     if result.initial is not None:
-        before = problem.measure.values(result.initial.q)
+        initial_measure = problem.measure.values(result.initial.q)
     columns = (path.distance, path.p_WS, path.n_W, way.psi, way.q)
-    rows = np.column_stack([*columns, after, before])
+    rows = np.column_stack([*columns, measure, initial_measure])
     writer.writerows([[repr(float(value)) for value in row] for row in rows])
     return text.getvalue()

@@ -1,4 +1,4 @@
-"""What `redundancy --task` reads: a surface or its points, and how the tool is held.
+"""The task of `redundancy --task`: a surface or its points, and the direction of the tool.
 
     surface: {blade: {}, start: [0.75, 0.15], end: [0.75, 0.85], num_samples: 121}
     workpiece: {xyz: [0.45, -0.25, 0.25], rpy: [0, 0, 0]}
@@ -29,7 +29,7 @@ class PatchPathConfig:
 
 @dataclass
 class RedundancyClearance:
-    """What the whole arm keeps from itself, from the floor and, but for the tool, the workpiece."""
+    """Distance of the arm from itself, the floor and, but for the tool, the workpiece."""
 
     distance: float = 0.005  # m
     floor: float | None = None  # m, height of the floor in W; None: what robot.yaml says
@@ -38,7 +38,7 @@ class RedundancyClearance:
 
 @dataclass
 class RedundancyTask:
-    """What `redundancy --task` reads."""
+    """The task of `redundancy --task`."""
 
     surface: PatchPathConfig | None = None  # this, or
     csv: Path | None = None  # x,y,z,nx,ny,nz in the workpiece's frame; beside the task's file
@@ -56,7 +56,7 @@ class RedundancyTask:
     smoothness: float = 0.002  # weight of the joints' motion, objective per rad^2
     num_angles: int = 72  # of the grid
     clearance: RedundancyClearance | None = field(default_factory=RedundancyClearance)
-    # what is looked at beside the optimum; none: nothing is
+    # distances that are checked beside the optimum; none: none are
 
 
 @dataclass

@@ -1,1 +1,4 @@
-"""The command `robot`: a URDF in, the draft of a robot.yaml out (robot_draft)."""
+"""The command `robot`: a URDF in, the draft of a robot.yaml out.
+
+Order: robot_draft.
+"""

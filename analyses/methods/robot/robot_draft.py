@@ -1,4 +1,4 @@
-"""A robot.yaml drafted from a URDF: what the URDF says, and marks where it says nothing."""
+"""Draft of a robot.yaml from a URDF, with marks where the URDF has no number."""
 
 import json
 import math
@@ -28,7 +28,7 @@ _FLANGES = ("tool0", "flange", "ee_link", "tcp", "tool_link", "hand_tcp", "link_
 _LEAST_ARM = 4  # joints; a shorter line from the base is a neck, a finger or a lift
 _CANDIDATES = 300  # postures that the home posture is chosen from
 _FULL_TURN = math.pi
-# Of the simulated arm, which no URDF knows; as on the UR10e, whose friction was identified: its
+# Of the simulated arm, which no URDF describes; as on the UR10e, whose friction was identified: its
 # second joint carries 120 N m, and has 6 N m of Coulomb friction.
 _BRISK = 5.0  # rad/s^2 (m/s^2)
 _FRICTION_SHARE = 0.05  # of what a joint carries
@@ -88,29 +88,20 @@ def draft_robot(
     joints, name = _read(urdf, arguments)
     by_child = {joint.child: joint for joint in joints}
     links = {joint.parent for joint in joints} | set(by_child)
-    for given in (base, flange):
-        if given is not None and given not in links:
-            raise InputError(urdf, given, "is no link of it", "links: " + ", ".join(sorted(links)))
+    for link in (base, flange):
+        if link is not None and link not in links:
+            raise InputError(urdf, link, "is no link of it", "links: " + ", ".join(sorted(links)))
     base = base or _root(joints, by_child, urdf)
     flange = flange or _end_of_arm(joints, base, urdf)
-    arm: list[_Joint] = []
-    link = flange
-    while link != base:
-        if link not in by_child:
-            raise InputError(urdf, flange, f'does not hang on "{base}"', "name another --base")
-        joint = by_child[link]
-        arm = [joint, *arm] if joint.moves else arm
-        link = joint.parent
-    if not arm:
-        raise InputError(urdf, flange, f'no moving joint between it and "{base}"', "name --flange")
-    locked = [joint for joint in joints if joint.moves and joint not in arm]
+    arm = _joints_between(base, flange, by_child, urdf)
+    not_of_arm = [joint for joint in joints if joint not in arm]
     # What follows one of these stands still with it.
-    leaders = {joint.name for joint in joints if joint not in arm}
-    locked = [joint for joint in locked if joint.leader not in leaders]
+    leaders = {joint.name for joint in not_of_arm}
+    locked = [joint for joint in not_of_arm if joint.moves and joint.leader not in leaders]
     home = np.array([joint.middle for joint in arm])
     draft = _Draft(out, urdf, arguments, name, base, flange, arm, locked)
     if os.path.lexists(out):
-        raise InputError(out, "", "is there already", "name another file with --out")
+        raise InputError(out, "", "exists already", "name another file with --out")
     # Loaded twice: to find a posture to start from, and as it is written.
     with writing_to(out):
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -123,10 +114,37 @@ def draft_robot(
         with writing_to(out):
             partial.write_text(text, encoding="utf-8")
     robot = Robot.load(out)
-    marked = (
+    return robot, _marked_keys(text)
+
+
+def _joints_between(
+    base: str, flange: str, by_child: Mapping[str, _Joint], urdf: Path
+) -> list[_Joint]:
+    """The moving joints from base to flange.
+
+    Raises:
+        InputError: the flange does not hang on the base, or no joint between them moves.
+    """
+    arm: list[_Joint] = []
+    link = flange
+    while link != base:
+        if link not in by_child:
+            raise InputError(urdf, flange, f'does not hang on "{base}"', "name another --base")
+        joint = by_child[link]
+        if joint.moves:
+            arm.insert(0, joint)
+        link = joint.parent
+    if not arm:
+        raise InputError(urdf, flange, f'no moving joint between it and "{base}"', "name --flange")
+    return arm
+
+
+def _marked_keys(text: str) -> tuple[str, ...]:
+    """The keys of a draft that are marked to be filled in, each once."""
+    marked = [
         line for line in text.splitlines() if FILL_IN in line and ":" in line.partition("#")[0]
-    )
-    return robot, tuple(dict.fromkeys(_key_of(line) for line in marked))
+    ]
+    return tuple(dict.fromkeys(_key_of(line) for line in marked))
 
 
 def _key_of(line: str) -> str:
@@ -143,8 +161,8 @@ def _read(urdf: Path, arguments: Mapping[str, str]) -> tuple[list[_Joint], str]:
 
 def _joint(element: ET.Element) -> _Joint:
     def end(role: str) -> str:
-        found = element.find(role)
-        return "" if found is None else found.get("link", "")
+        link = element.find(role)
+        return "" if link is None else link.get("link", "")
 
     limit = element.find("limit")
 
@@ -213,8 +231,8 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
     # Links fixed to the last one, of which one may be made for the tool.
     fixed, waiting = [link], [link]
     while waiting:
-        found = [joint.child for joint in below.get(waiting.pop(), []) if not joint.moves]
-        fixed, waiting = fixed + found, waiting + found
+        children = [joint.child for joint in below.get(waiting.pop(), []) if not joint.moves]
+        fixed, waiting = fixed + children, waiting + children
     for name in _FLANGES:
         for candidate in fixed:
             if candidate == name or candidate.endswith(("_" + name, "-" + name)):
@@ -223,9 +241,11 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
 
 
 def _good_posture(robot: Robot, middle: Array) -> tuple[Array, float | None]:
-    """(n,) well conditioned, within the limits' middle, and where nothing overlaps; the floor.
+    """Chooses the home posture and the height of the floor.
 
-    The floor is at W's origin where an arm can stay above it; None where it hangs below.
+    Returns:
+        (n,) rad or m, well conditioned, near the middle of the limits and free of overlaps; and the
+        floor, at W's origin where an arm can stay above it, None where it hangs below.
     """
     low = np.clip(robot.position_lower, -_FULL_TURN, _FULL_TURN)
     high = np.clip(robot.position_upper, -_FULL_TURN, _FULL_TURN)
@@ -234,25 +254,28 @@ def _good_posture(robot: Robot, middle: Array) -> tuple[Array, float | None]:
     centre = 0.5 * (low + high)
     candidates = centre + span * rng.uniform(-1.0, 1.0, (_CANDIDATES, robot.num_joints))
     conditions = np.array([float(robot.chain.condition_number(q)) for q in candidates])
-    best, least, found = middle, -np.inf, None
+    best, largest_slack, best_floor = middle, -np.inf, None
     for floor in (0.0, None):  # an arm whose base hangs or stands on a column has none at W
         clearance = Clearance(robot, floor=floor)
         for k in np.argsort(conditions)[:60]:
             if floor is not None and clearance.reaches_floor(candidates[k]):
                 continue
             slack = clearance.slack(candidates[k])
-            if slack > least + 1e-3:
-                best, least, found = candidates[k], slack, floor
+            if slack > largest_slack + 1e-3:
+                best, largest_slack, best_floor = candidates[k], slack, floor
             if slack > 0.05:
                 break
-        if least > 0.0:
+        if largest_slack > 0.0:
             break
-    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), found
+    return np.asarray(np.round(np.clip(best, low, high), 2), np.float64), best_floor
 
 
 def _assumed(robot: Robot) -> tuple[float, Array]:
-    """What a URDF says nothing of, as large as on common arms: payload in kg, and the torque (n,)
-    in N m (N) that a joint carries, of which friction and noise are parts; 0 without inertias.
+    """Assumes, as on common arms, what a URDF does not hold.
+
+    Returns:
+        Payload in kg, and the torque (n,) in N m (N) that a joint carries, of which friction and
+        noise are parts; 0 without inertias.
     """
     n = robot.num_joints
     try:
@@ -276,7 +299,7 @@ def _assumed(robot: Robot) -> tuple[float, Array]:
 
 @dataclass(frozen=True)
 class _Draft:
-    """What a URDF says of an arm, and the file that it is written to."""
+    """The contents of a URDF that a robot.yaml needs, and the file to write."""
 
     out: Path
     urdf: Path
@@ -329,12 +352,12 @@ class _Draft:
             if torque > 0.0:
                 noise, step = _NOISE_SHARE * torque, _STEP_SHARE * torque
                 fields += f", current_noise_sd: {noise:.2g}, current_resolution: {step:.2g}"
-            said = f"{FILL_IN}"
+            comment = f"{FILL_IN}"
             if not joint.effort > 0.0:
                 fields += ", effort_limit: 100.0"
-                said += ", also effort_limit, which the URDF lacks"
-            said += f"; limits {_limits(joint)}"
-            lines.append(f"  - {{{fields}}}  # {said}")
+                comment += ", also effort_limit, which the URDF lacks"
+            comment += f"; limits {_limits(joint)}"
+            lines.append(f"  - {{{fields}}}  # {comment}")
         if carried.any():
             lines += _truth_lines(self.arm, carried)
         return "\n".join(lines) + "\n"

@@ -1,6 +1,6 @@
-"""The command `simulate`: a scenario in, what a simulated arm and its estimator do out.
+"""The command `simulate`: a scenario in, the signals and errors of a simulated arm out.
 
 Order: simulate_settings, simulated_logs (excitation of a simulated arm), fast_runs (free motion
-without contact), advance (a simulation to its end), air_pass (the pass that machining learns from),
-simulation, simulation_result (figures and files).
+without contact), advance (a simulation to its end), air_pass (the correction that machining learns
+before contact), simulation, simulation_result (figures and files).
 """

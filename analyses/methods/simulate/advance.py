@@ -1,8 +1,8 @@
-"""Advances a simulation to its end and tells how far it is.
+"""Advances a simulation to its end and reports its progress.
 
 Every tick makes some hundred short-lived objects, all freed by reference counting. The garbage
-collector would go through the whole heap for them again and again, at a tenth of the time: it rests
-meanwhile.
+collector would go through the whole heap for them again and again and take a tenth of the time. It
+is off meanwhile.
 """
 
 import gc
@@ -23,14 +23,14 @@ def even_stretches(duration: float, stretch: float) -> list[float]:
 def advance(
     simulator: Simulator,
     ends: Sequence[float],
-    told: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> None:
     """Advances to each time of `ends` in turn.
 
     Args:
         simulator: initialised.
         ends: s, ascending, of the stretches between two reports of progress.
-        told: called after each stretch with the share of them that is done; what it raises ends the
+        report: called after each stretch with the share that is done. An exception from it ends the
             simulation there.
     """
     collecting = gc.isenabled()
@@ -38,23 +38,24 @@ def advance(
     try:
         for k, end in enumerate(ends):
             simulator.AdvanceTo(end)
-            told((k + 1) / len(ends))
+            report((k + 1) / len(ends))
     finally:
         if collecting:
             gc.enable()
 
 
 def run_loop(
-    loop: ClosedLoop, duration: float, stretch: float, told: Callable[[float], None]
+    loop: ClosedLoop, duration: float, stretch: float, report: Callable[[float], None]
 ) -> tuple[Array, dict[str, Array]]:
-    """Simulates a closed loop from its start; what it logged, see `ClosedLoop.logged`.
+    """Simulates a closed loop from its start and returns what `ClosedLoop.logged` does.
 
     Args:
         loop: to run.
-        duration, stretch: s, of all and between two reports of progress.
-        told: as in `advance`.
+        duration: s, of the whole simulation.
+        stretch: s, between two reports of progress.
+        report: as in `advance`.
     """
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
-    advance(simulator, even_stretches(duration, stretch), told)
+    advance(simulator, even_stretches(duration, stretch), report)
     return loop.logged(simulator.get_context())

@@ -1,12 +1,13 @@
-"""What does the model get wrong along a machining path? A pass through the air before the work.
+"""The air pass before machining: the observer's error along the path, learnt without contact.
 
-The true robot follows the planned motion some millimetres above the surface under its drives' own
-stiff position control, which knows the nominal model only; the observer's output along it is what
-`wrenchsight.models.machining.air_pass` takes off later.
+The true robot follows the planned motion some millimetres above the surface. Its drives' stiff
+position control knows the nominal model only. `wrenchsight.models.machining.air_pass` later
+subtracts the observer's output of this pass.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -39,7 +40,7 @@ _STRETCH = 1.0  # s between two reports of progress
 _SECOND_SEED = 10000  # of the second pass, apart from the first one's
 # Machining moves joints by some mrad/s for seconds: stiction counts where a joint rests, and until
 # its gear has wound up. Of 1 and 2 s, .3 and 1 mrad these hold their band best at the ends of two
-# paths (15 and 30 s one way on the plate, 15 s on the blade); contact-free logs tell them little.
+# paths (15 and 30 s one way on the plate, 15 s on the blade). Contact-free logs hardly show them.
 REST = Rest(time=1.0, reach=1e-3, only=1.0)
 
 
@@ -49,11 +50,23 @@ class AirPass:
 
     Attributes:
         motion: as planned, of `raised_motion`.
-        log: what the robot's controller saw.
+        log: of the robot's controller.
     """
 
     motion: JointTrajectory
     log: Recording
+
+
+class LearntCorrection(NamedTuple):
+    """The correction that two air passes give.
+
+    Attributes:
+        correction: the torque of the first pass.
+        model: with the torque error of readings that are corrected by it.
+    """
+
+    correction: TaughtTorque
+    model: IdentifiedModel
 
 
 def record_air_pass(
@@ -61,12 +74,12 @@ def record_air_pass(
     robot: Robot,
     motion: JointTrajectory,
     seed: int,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> Recording:
-    """Simulates the pass and returns what the robot's controller saw; the feed starts at LEAD.
+    """Simulates the pass and returns the log of the robot's controller; the feed starts at LEAD.
 
     Args:
-        scenario: what stands in its cell besides the workpiece stays as it is.
+        scenario: of the work; its workpiece, contact and sensor are left out.
         motion: of `raised_motion`.
         seed: of the noise.
     """
@@ -82,15 +95,15 @@ def record_air_pass(
         wrench=[],
         floor=False,
     )
-    known = IdentifiedModel.nominal(robot)
+    nominal = IdentifiedModel.nominal(robot)
     if is_free(free):
-        t, signals = run_free(free, robot, known, motion)
+        t, signals = run_free(free, robot, nominal, motion)
         progress(1.0, "air pass")
         return _recorded(t, signals)
     loop = make_closed_loop(
         free,
         robot,
-        known,
+        nominal,
         trajectory=motion,
         log=LogRequest(only=("q", "v", "current")),
         with_estimator=False,
@@ -117,18 +130,15 @@ def learn_air_passes(
     model: IdentifiedModel,
     plan: MachiningPath,
     seed: int,
-    progress: ProgressCallback = lambda fraction, what: None,
-) -> tuple[TaughtTorque, IdentifiedModel]:
-    """What two air passes teach: the first one's torque, and how far it is wrong on the second.
+    progress: ProgressCallback = lambda fraction, message: None,
+) -> LearntCorrection:
+    """Simulates two air passes: learns a correction from the first and its error from the second.
 
     Args:
         scenario: with machining and an air_pass.
         model: of the estimator.
         plan: of the scenario.
         seed: of the noise of the first pass.
-
-    Returns:
-        What was taught, and the model with the torque error of readings that are so corrected.
     """
     assert scenario.machining is not None
     height = scenario.machining.air_pass
@@ -137,9 +147,9 @@ def learn_air_passes(
         motion = raised_motion(robot, plan.trajectory, (1 + k) * height)
         log = record_air_pass(scenario, robot, motion, seed + k * _SECOND_SEED, progress)
         passes.append(AirPass(motion, log))
-    taught = teach(passes[0].log, passes[0].motion, plan, robot, model, scenario.estimator)
+    correction = teach(passes[0].log, passes[0].motion, plan, robot, model, scenario.estimator)
     error = learn_error(passes[0], passes[1], robot, model, scenario.estimator)
-    return taught, replace(model, torque_error=error)
+    return LearntCorrection(correction, replace(model, torque_error=error))
 
 
 def teach(
@@ -150,10 +160,11 @@ def teach(
     model: IdentifiedModel,
     config: WrenchEstimatorConfig,
 ) -> TaughtTorque:
-    """What an observer reads along an air pass, with friction as it is taken in the work.
+    """The observer's output along an air pass, with friction computed as in the work.
 
-    A law without memory is right while the feed is steady; one with memory follows the joints
-    through its turns, too. At the first start from rest nothing is known of what joints carry.
+    A friction law without memory is right while the feed is steady. A law with memory follows the
+    joints through the turns of the feed, too. At the first start from rest the friction of the
+    joints is unknown.
 
     Args:
         recording: of `record_air_pass`.
@@ -162,14 +173,14 @@ def teach(
         model, config: of the estimator that is to read in contact: model and observer must be the
             same for both.
     """
-    estimator, seen = _read(AirPass(motion, recording), robot, model, config)
-    first = round(LEAD / recording.time_step)
-    t = recording.t[first:] - recording.t[first]
-    steady = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
-    led = np.flatnonzero(steady)
-    if estimator.friction.state_rows > 0 and len(led):
-        steady[led[0] : led[-1]] = True
-    return TaughtTorque(t, seen.tau_ext[first:], steady.astype(np.float64))
+    reading = _read(AirPass(motion, recording), robot, model, config)
+    start = round(LEAD / recording.time_step)
+    t = recording.t[start:] - recording.t[start]
+    counts = np.interp(t, plan.trajectory.t, plan.steady) == 1.0
+    steady = np.flatnonzero(counts)
+    if reading.estimator.friction.state_rows > 0 and len(steady):
+        counts[steady[0] : steady[-1]] = True
+    return TaughtTorque(t, reading.batch.tau_ext[start:], counts.astype(np.float64))
 
 
 def learn_error(
@@ -179,48 +190,59 @@ def learn_error(
     model: IdentifiedModel,
     config: WrenchEstimatorConfig,
 ) -> TorqueErrorModel | None:
-    """What is left of the observer's error where one air pass corrects another one.
+    """The observer's remaining error where one air pass corrects another one.
 
     The other pass is best as far above the reference as that is above the surface: the work
-    differs from the reference by as much. What contact changes besides, no air pass shows:
-    `read_load` states an assumption. None for an observer whose lag is not that of a gain K_0.
+    differs from the reference by as much. No air pass shows what else contact changes: `read_load`
+    states an assumption.
 
     Args:
         reference: the pass whose reading is subtracted.
         held_out: another one of the same plan.
         model, config: as `teach`.
+
+    Returns:
+        The error; None for an observer whose lag is not that of a gain K_0.
     """
-    _, first = _read(reference, robot, model, config)
-    estimator, second = _read(held_out, robot, model, config)
+    correction = _read(reference, robot, model, config).batch
+    estimator, batch = _read(held_out, robot, model, config)
     K_0 = getattr(estimator.observer, "K_0", None)
     if K_0 is None:
         return None
     log = held_out.log
     N = min(len(log.t), len(reference.log.t))
     reading = HeldOutReading(
-        second.tau_ext[:N] - first.tau_ext[:N],
-        log.q[:N],
-        log.v[:N],
-        second.transmitted[:N],
-        log.t[:N] - log.t[0] >= LEAD,
-        estimator.friction,
-        log.time_step,
-        np.asarray(K_0, float),
-        position_resolution(log.q),
+        tau_ext=batch.tau_ext[:N] - correction.tau_ext[:N],
+        q=log.q[:N],
+        v=log.v[:N],
+        transmitted=batch.transmitted[:N],
+        used=log.t[:N] - log.t[0] >= LEAD,
+        friction=estimator.friction,
+        time_step=log.time_step,
+        K_0=np.asarray(K_0, float),
+        resolution=position_resolution(log.q),
     )
     return replace(fit_torque_error([reading], rest=REST), read_load=BEYOND_LOAD)
 
 
+class _PassReading(NamedTuple):
+    """The uncorrected reading of an air pass."""
+
+    estimator: WrenchEstimator
+    batch: EstimateBatch
+
+
 def _read(
-    own: AirPass, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig
-) -> tuple[WrenchEstimator, EstimateBatch]:
-    """The estimator that is to be taught, and what it reads along an air pass."""
-    log = own.log
+    air_pass: AirPass, robot: Robot, model: IdentifiedModel, config: WrenchEstimatorConfig
+) -> _PassReading:
+    """Reads an air pass with an estimator that has learnt nothing yet."""
+    log = air_pass.log
     observer = replace(config.observer, time_step=log.time_step)
     estimator = WrenchEstimator(
         robot, replace(model, torque_error=None), replace(config, observer=observer)
     )
-    _, v, _ = own.motion.sample(log.t)
-    untaught = Taught(np.zeros_like(v), v, np.ones(len(v)))
+    _, v, _ = air_pass.motion.sample(log.t)
+    no_correction = Taught(np.zeros_like(v), v, np.ones(len(v)))
     state = estimator.initial_state()
-    return estimator, estimator.run(state, log.q, log.v, log.current, taught=untaught)
+    batch = estimator.run(state, log.q, log.v, log.current, taught=no_correction)
+    return _PassReading(estimator, batch)

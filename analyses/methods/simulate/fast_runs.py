@@ -1,4 +1,4 @@
-"""Tasks in which nothing but a hand touches the arm, simulated in one compiled loop.
+"""Simulation in one compiled loop, for tasks in which nothing but a hand touches the arm.
 
 Signal by signal the same as `diagrams.closed_loop` gives for such a scenario, some tens of times
 faster: `models.truth.free_arm` for arm, drives and controller, the force/torque sensor behind it.
@@ -22,7 +22,7 @@ from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
 
 
 def is_free(scenario: Scenario) -> bool:
-    """Whether `run_free` knows all that the scenario has."""
+    """Whether `run_free` can simulate all parts of the scenario."""
     sensor = scenario.force_torque_sensor
     return (
         isinstance(scenario.controller, JointTrackingConfig)
@@ -41,14 +41,17 @@ def run_free(
     model: IdentifiedModel,
     trajectory: JointTrajectory | None = None,
 ) -> tuple[Array, dict[str, Array]]:
-    """Times (T,) and signals (T, size) of the scenario: q, v, current, wrench_true, tau_f_true and,
-    where there is such a sensor, ft_wrench.
+    """Simulates a free scenario.
 
     Args:
         scenario: for which `is_free` holds.
         robot: with its simulated truth.
-        model: that the controller knows.
-        trajectory: of the joints, in the place of the scenario's motion.
+        model: of the controller.
+        trajectory: of the joints, instead of the scenario's motion.
+
+    Returns:
+        Times (T,) in s and signals (T, size) by name: q, v, current, wrench_true and tau_f_true;
+        with a force/torque sensor also ft_wrench.
     """
     assert isinstance(scenario.controller, JointTrackingConfig)
     log = simulate_free_arm(
@@ -76,7 +79,7 @@ def run_free(
 
 
 def sensed(wrench: Array, config: ForceTorqueSensorConfig, time_step: float, seed: int) -> Array:
-    """What `ForceTorqueSensor` reads of a wrench (T, 6) where the tool's weight is taken off."""
+    """Reading of `ForceTorqueSensor` for a wrench (T, 6), with the tool's weight compensated."""
     noisy = wrench.copy()
     if config.force_noise_sd > 0 or config.moment_noise_sd > 0:
         noise = np.empty_like(noisy)

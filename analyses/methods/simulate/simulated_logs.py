@@ -1,4 +1,4 @@
-"""What does an excited arm's controller record? A motion in, the simulated arm's log out.
+"""Logs of a simulated arm in free motion: a motion in, its controller's log out.
 
 The true robot, with friction that no model contains, follows the motion under its drives' own stiff
 controller, which knows the nominal model only. The log holds what its drives and encoders report,
@@ -32,7 +32,7 @@ PERIODS = 2  # of each trajectory: 20 s
 
 @dataclass(frozen=True, eq=False)
 class SimulatedLog:
-    """What an excited arm's controller records, and what only the simulation knows.
+    """The log of a simulated arm's controller, with the true friction.
 
     Attributes:
         recording: t, q, v and measured current at 1 kHz.
@@ -58,14 +58,14 @@ def simulate_excitation(
     num_periods: int = PERIODS,
     seed: int = 0,
     name: str = "excitation",
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> SimulatedLog:
-    """Lets the true robot run a trajectory under a controller that knows only its nominal model.
+    """Simulates the true robot on a trajectory, under a controller of its nominal model.
 
     Args:
         robot: with its simulated truth.
         trajectory: to follow.
-        num_periods: how often.
+        num_periods: number of periods to run.
         seed: of the currents' noise.
         name: of the recording.
         progress: called with the share done.
@@ -80,14 +80,17 @@ def simulate_motion(
     trajectory: JointTrajectory,
     seed: int = 0,
     name: str = "motion",
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> SimulatedLog:
-    """The same for any motion of the joints.
+    """Simulates the true robot on any motion of the joints, as `simulate_excitation`.
 
     Within a study the same motion is simulated once for all experiments.
     """
-    arguments = (robot, trajectory, seed, name)
-    return shared("simulate_motion", arguments, lambda: _simulate_motion(*arguments, progress))
+    return shared(
+        "simulate_motion",
+        (robot, trajectory, seed, name),
+        lambda: _simulate_motion(robot, trajectory, seed, name, progress),
+    )
 
 
 def _simulate_motion(
@@ -97,9 +100,9 @@ def _simulate_motion(
     name: str,
     progress: ProgressCallback,
 ) -> SimulatedLog:
-    known = IdentifiedModel.nominal(robot)
+    nominal = IdentifiedModel.nominal(robot)
     # The same as the cell's tick by tick, much faster (tests/models/truth/test_free_arm.py).
-    log = simulate_free_arm(robot, trajectory, drive_servo(robot, known), seed=seed, whole=False)
+    log = simulate_free_arm(robot, trajectory, drive_servo(robot, nominal), seed=seed, whole=False)
     progress(1.0, f"simulating {name}")
     exact = Recording(t=log.t, q=log.q, v=log.v, current=log.current, source=name)
     mechanisms = robot.config.simulated_truth.mechanisms

@@ -1,4 +1,4 @@
-"""What came of a simulated scenario: signals, and the errors of what was read."""
+"""Result of a simulated scenario: signals, errors of the estimate, figure and files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ _SENSOR_LINE: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class SimulationResult:
-    """What happened, sample by sample, and how far the estimate was off.
+    """The signals of a simulated scenario, with the errors of the estimate.
 
     Every 6-vector is F_E_W, environment on robot at E in axes of W, rotation first: N m, N. Row k
     of all signals belongs to time t[k]; a force there acts from t[k] to the next sample.
@@ -51,15 +51,15 @@ class SimulationResult:
         wrench_true, wrench: (T, 6) true and estimated.
         covariance: (T, 6, 6) stated for `wrench`.
         condition_number: (T,) of J.
-        valid: (T,) whether the estimate may be trusted, as it says itself.
+        valid: (T,) the flag of the estimate.
         ft_wrench: (T, 6) of the force/torque sensor, where there is one.
         pose_error: (T, 6) rad and m, under impedance control.
-        phase: (T,) of models.machining.machining_phases, and fault: why it retreated; of a
-            machining pass.
-        tool_vibration: (T,) m/s that the torques tell, of a pass after an air pass.
+        phase: (T,) of models.machining.machining_phases, of a machining pass.
+        fault: the cause of the tool's retreat.
+        tool_vibration: (T,) m/s, estimated from the torques, of a pass after an air pass.
         force_setpoint: (T,) N, under force control.
         real_time_factor: simulated over elapsed time.
-        notices: what the reader of the result should know, one sentence each.
+        notices: one sentence each.
         files: that were written.
     """
 
@@ -129,8 +129,8 @@ class SimulationResult:
                 "max_normal_force_n": float(self.pressing_force().max()),
             }
             if self.tool_vibration is not None and len(work):
-                found = np.median(self.tool_vibration[self.phase == Phase.WORK])
-                metrics["machining"]["tool_vibration_m_per_s"] = float(found)
+                vibration = np.median(self.tool_vibration[self.phase == Phase.WORK])
+                metrics["machining"]["tool_vibration_m_per_s"] = float(vibration)
         elif self.force_setpoint is not None:
             error = self.pressing_force() - self.force_setpoint
             metrics["force_control_rmse_n"] = _rms(error)

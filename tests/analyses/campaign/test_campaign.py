@@ -63,10 +63,10 @@ def test_what_is_done_is_never_run_again(tmp_path, experiment, campaign, counted
     experiment("toy")
     experiment("other")
     campaign("toy", worlds=2, jobs=1)
-    before = (tmp_path / "campaign" / "campaign.parquet").read_bytes()
-    assert campaign("toy", worlds=2).kept == 2
+    previous = (tmp_path / "campaign" / "campaign.parquet").read_bytes()
+    assert campaign("toy", worlds=2).reused == 2
     assert counted("ran_toy") == 2
-    assert (tmp_path / "campaign" / "campaign.parquet").read_bytes() == before
+    assert (tmp_path / "campaign" / "campaign.parquet").read_bytes() == previous
     assert campaign("toy", worlds=3).worlds == 3
     assert counted("ran_toy") == 3
     campaign("other", worlds=3)
@@ -175,7 +175,7 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
 ):
     experiment("toy")
     campaign("toy", worlds=1, jobs=1)
-    before = file_of(tmp_path, "campaign")
+    previous = file_of(tmp_path, "campaign")
 
     def end(progress):
         if progress.state == "running":
@@ -183,7 +183,7 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
 
     with pytest.raises(KeyboardInterrupt):
         run_campaign(CampaignSettings(["toy"], 1, seed=5, fresh=True), tmp_path / "campaign", end)
-    assert file_of(tmp_path, "campaign") == before
+    assert file_of(tmp_path, "campaign") == previous
     assert (tmp_path / "campaign" / "campaign.html").exists()
 
 
@@ -193,11 +193,11 @@ def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
     # As if killed after its worlds, before the file: what is beside counts.
     record = read_table(tmp_path / "campaign" / "campaign.parquet")
     (tmp_path / "again").mkdir()
-    kept = WorldParts(tmp_path / "again")
+    parts = WorldParts(tmp_path / "again")
     for outcome in record.worlds.values():
         outcome.described = record.described
-        kept.add(outcome, record)
-    assert campaign("toy", worlds=2, folder="again").kept == 2
+        parts.add(outcome, record)
+    assert campaign("toy", worlds=2, folder="again").reused == 2
     assert counted("ran_toy") == 2
     assert file_of(tmp_path, "again") == file_of(tmp_path, "campaign")
     assert not list((tmp_path / "again").glob(".campaign*"))
@@ -214,7 +214,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
     module.write_text(module.read_text() + "# changed\n")
     with pytest.raises(InputError, match="of another software of toy"):
         campaign("toy")
-    assert campaign("toy", worlds=1, jobs=1, fresh=True).kept == 0
+    assert campaign("toy", worlds=1, jobs=1, fresh=True).reused == 0
     assert counted("ran_toy") == 2
     (tmp_path / "campaign" / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"holds notes.txt"):
@@ -222,7 +222,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["identificatoin"], "did you mean identification?"),
         (["identification", "--world", "5", "--worlds", "3"], "--world: is 5, one of 0 to 2"),
@@ -239,7 +239,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
         (["identification", "--cluster", "x", "--world", "0"], "leave --cluster out"),
     ],
 )
-def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, said, capfd, monkeypatch):
+def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, message, capfd, monkeypatch):
     from wrenchsight.analyses.__main__ import main
     from wrenchsight.analyses.campaign import workers
 
@@ -258,5 +258,5 @@ def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, said, capfd, monkey
     assert time.monotonic() - start < 20  # s; the library alone goes on for 43
     assert ended.value.code == 2
     lines = capfd.readouterr().err.splitlines()
-    assert said in lines[-1]
+    assert message in lines[-1]
     assert len(lines) == 1 or begins

@@ -48,27 +48,27 @@ def record_of(worlds):
 
 
 def test_median_range_and_share_of_a_known_figure():
-    found = {one.key: one for one in distributions(record_of(101), ["toy"])}
-    assert list(found) == [
+    result = {item.key: item for item in distributions(record_of(101), ["toy"])}
+    assert list(result) == [
         "optimised.rmse_x_n",
         "correlation",
         "rmse_nm.0",
         "rmse_nm.1",
         "ours_against_article.reduction_rmse_x_pct",
     ]
-    rmse = found["optimised.rmse_x_n"]
+    rmse = result["optimised.rmse_x_n"]
     assert (rmse.median, *rmse.range) == (50.0, 5.0, 95.0)
     assert rmse.holds_article
-    assert rmse.ahead == pytest.approx(76 / 101)
-    assert found["correlation"].ahead == 1.0  # of the worlds in which both are known
-    assert not found["correlation"].holds_article
-    assert found["rmse_nm.1"].article == 2.0
-    assert found["rmse_nm.1"].label == "Torque RMSE (2)"
-    assert found["rmse_nm.1"].ahead is None
-    gain = found["ours_against_article.reduction_rmse_x_pct"]
-    assert gain.ahead == pytest.approx(91 / 101)
+    assert rmse.share_ahead == pytest.approx(76 / 101)
+    assert result["correlation"].share_ahead == 1.0  # of the worlds in which both are known
+    assert not result["correlation"].holds_article
+    assert result["rmse_nm.1"].article == 2.0
+    assert result["rmse_nm.1"].label == "Torque RMSE (2)"
+    assert result["rmse_nm.1"].share_ahead is None
+    gain = result["ours_against_article.reduction_rmse_x_pct"]
+    assert gain.share_ahead == pytest.approx(91 / 101)
     assert gain.holds_article is None
-    metrics = distribution_metrics(list(found.values()))["toy"]["optimised.rmse_x_n"]
+    metrics = distribution_metrics(list(result.values()))["toy"]["optimised.rmse_x_n"]
     assert metrics == {
         "article": 10.0,
         "median": 50.0,
@@ -87,25 +87,25 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
         for number, world in record.worlds.items():
             world.parameters = {"load": 0.5 + 0.01 * number, "wander": float(number % 7)}
             world.values["toy"]["optimised.rmse_x_n"] = 11.0 + 0.1 * number
-        return {one.key: one for one in distributions(record, ["toy"])}
+        return {item.key: item for item in distributions(record, ["toy"])}
 
-    found = found_in(101)
-    (moved,) = found["optimised.rmse_x_n"].moved_by  # 10 lies below 11 to 21
+    result = found_in(101)
+    (moved,) = result["optimised.rmse_x_n"].moved_by  # 10 lies below 11 to 21
     assert (moved.parameter, moved.rank_correlation) == ("load", pytest.approx(1.0))
     assert moved.reaches_article_at == pytest.approx(0.4)
     assert moved.extrapolated
-    stated = found["optimised.rmse_x_n"].metrics()["moved_by"][0]
+    stated = result["optimised.rmse_x_n"].metrics()["moved_by"][0]
     assert (stated["parameter"], stated["drawn"]) == ("load", (0.5, pytest.approx(1.5)))
-    assert "load + (rank correlation 1.00" in table_row(found["optimised.rmse_x_n"])["moved_by"]
-    assert found["rmse_nm.0"].moved_by is None  # 1 lies in its range
-    assert "moved_by" not in found["rmse_nm.0"].metrics()
-    assert found["ours_against_article.reduction_rmse_x_pct"].moved_by is None  # no article's
-    assert found["correlation"].moved_by == ()  # outside, and the same in all worlds
-    assert table_row(found["correlation"])["moved_by"] == "no drawn parameter moves it"
-    assert found["correlation"].metrics()["moved_by"] == []  # asked, and nothing does
+    assert "load + (rank correlation 1.00" in table_row(result["optimised.rmse_x_n"])["moved_by"]
+    assert result["rmse_nm.0"].moved_by is None  # 1 lies in its range
+    assert "moved_by" not in result["rmse_nm.0"].metrics()
+    assert result["ours_against_article.reduction_rmse_x_pct"].moved_by is None  # no article's
+    assert result["correlation"].moved_by == ()  # outside, and the same in all worlds
+    assert table_row(result["correlation"])["moved_by"] == "no drawn parameter moves it"
+    assert result["correlation"].metrics()["moved_by"] == []  # asked, and nothing does
     few, enough = (found_in(n)["optimised.rmse_x_n"] for n in (FEWEST_WORLDS - 1, FEWEST_WORLDS))
     assert few.moved_by is None
-    assert [one.parameter for one in enough.moved_by] == ["load"]
+    assert [item.parameter for item in enough.moved_by] == ["load"]
 
 
 def test_a_world_without_the_figure_tells_nothing_of_what_moves_it():
@@ -119,22 +119,22 @@ def test_a_world_without_the_figure_tells_nothing_of_what_moves_it():
 
 
 def test_a_row_says_yes_or_no():
-    rows = [table_row(one) for one in distributions(record_of(101), ["toy"])]
+    rows = [table_row(item) for item in distributions(record_of(101), ["toy"])]
     assert [rows[0][key] for key in ("article", "median", "range")] == ["10", "50.0", "5.0 to 95.0"]
-    assert [one["holds"] for one in rows] == ["yes", "no", "yes", "no", "–"]
-    assert [one["ahead"] for one in rows] == ["75 %", "100 %", "", "", "90 %"]
+    assert [item["holds"] for item in rows] == ["yes", "no", "yes", "no", "–"]
+    assert [item["ahead"] for item in rows] == ["75 %", "100 %", "", "", "90 %"]
 
 
 @pytest.mark.parametrize("worlds", [1, 3, 60])
 def test_the_page_is_written_however_few_the_worlds(tmp_path, worlds):
     record = record_of(worlds)
-    found = distributions(record, ["toy"])
-    write_campaign_report(OutputFolder(tmp_path), record, found, {}, {"toy": 1.5}, "0")
+    result = distributions(record, ["toy"])
+    write_campaign_report(OutputFolder(tmp_path), record, result, {}, {"toy": 1.5}, "0")
     page = (tmp_path / "campaign.html").read_text()
     assert "toy 1.5 s" in page
     assert "RMSE in X" in page
     assert (tmp_path / "figures" / "toy.png").stat().st_size > 5000
-    axes = violin_figure(found).axes[0]
+    axes = violin_figure(result).axes[0]
     # One line a figure with a printed number, at its place; what has none is left out.
     assert [text.get_text() for text in axes.get_yticklabels()] == [
         "Torque RMSE (2) [N m]",
@@ -142,7 +142,7 @@ def test_the_page_is_written_however_few_the_worlds(tmp_path, worlds):
         "Correlation",
         "RMSE in X [N]",
     ]
-    bodies = [one for one in axes.collections if hasattr(one, "get_paths")]
+    bodies = [item for item in axes.collections if hasattr(item, "get_paths")]
     assert bool(bodies) == (worlds == 60)
     medians = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]
     assert medians[-1] == pytest.approx(np.clip(np.median(range(worlds)) / 10.0, -12, 12))

@@ -44,13 +44,13 @@ def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     tmp_path, experiment, figures, counted
 ):
     experiment("toy")
-    found = fit(figures(), 40, tmp_path / "fit")
-    assert found.arms == 40
-    low, high = found.ranges["coulomb"]
+    result = fit(figures(), 40, tmp_path / "fit")
+    assert result.arms == 40
+    low, high = result.ranges["coulomb"]
     assert low < 1.3 < high and high - low < 0.2  # drawn over 1.5
-    low, high = found.ranges["viscous"]
+    low, high = result.ranges["viscous"]
     assert high - low > 0.7  # nothing says it
-    assert found.fitted_inside == found.held_out_inside == 1.0
+    assert result.fitted_inside == result.held_out_inside == 1.0
     metrics = json.loads((tmp_path / "fit" / "posterior" / "metrics.json").read_text())["toy-arm"]
     row = metrics["level"]
     assert row["article"] == 1.3 and row["agrees"] and row["inside"]
@@ -62,8 +62,8 @@ def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     posterior = load_configuration(tmp_path / "fit" / "posterior" / "worlds.yaml", ArmPosterior)
     assert posterior.num_arms == 100
     truth = load_truth(tmp_path / "fit" / "posterior" / "truth.yaml")
-    own = Robot.load("sts_sre4_600").config.simulated_truth.friction.coulomb[0]
-    nearest = truth.friction.coulomb[0] / own
+    item = Robot.load("sts_sre4_600").config.simulated_truth.friction.coulomb[0]
+    nearest = truth.friction.coulomb[0] / item
     assert nearest == pytest.approx(1.3, abs=0.1)
     again = np.array(posterior.arms["coulomb"]) * nearest
     assert np.percentile(again, 50) == pytest.approx(1.3, abs=0.02)
@@ -77,7 +77,7 @@ def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     assert set(agreed) <= set(draws.arms["coulomb"])
     nearer = fit(closer, 12, tmp_path / "nearer")
     assert nearer.arms == 56 and counted("ran_toy") == 56  # the earlier arms count as well
-    assert nearer.distance <= found.distance
+    assert nearer.distance <= result.distance
     assert not any(row.moved_by for row in nearer.rows)  # arms near one another tell none apart
     again = figures(narrow=tmp_path / "nearer")
     assert fit(again, 12, tmp_path / "nearest").arms == 68
@@ -99,14 +99,14 @@ def test_what_figures_are_off_by_and_back(figures):
         "level": ROWS["level"],
         "reduction": {"key": "toy.coulomb", "figure": 40.0, "tolerance": 10.0, "share": False},
     }
-    own = figures(rows=rows)
+    item = figures(rows=rows)
     values = np.array([[1.3 * 1.05**2, 25.0], [1.3 / 1.05, 40.0], [np.nan, 1e6]])
-    off = own.off(values)
+    off = item.off(values)
     np.testing.assert_allclose(off, [[2.0, -1.5], [-1.0, 0.0], [np.nan, 20.0]], atol=1e-12)
-    np.testing.assert_allclose(own.at(off[:2]), values[:2], rtol=1e-12)
+    np.testing.assert_allclose(item.at(off[:2]), values[:2], rtol=1e-12)
     # One far off, or not there at all, counts as four tolerances.
     expected = np.sqrt([(4.0 + 2.25) / 2, 0.5, 16.0])
-    np.testing.assert_allclose(own.distance(off), expected, rtol=1e-12)
+    np.testing.assert_allclose(item.distance(off), expected, rtol=1e-12)
 
 
 def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, figures, counted):
@@ -114,12 +114,12 @@ def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, fi
     experiment("slow")
     rows = ROWS | {"late": {"key": "slow.coulomb", "figure": 1.3}}
     own = figures(rows=rows, late=["slow"], late_arms=13)
-    found = fit(own, 30, tmp_path / "fit")
+    result = fit(own, 30, tmp_path / "fit")
     assert (counted("ran_toy"), counted("ran_slow")) == (30, 13)
-    assert found.arms == 30
-    assert {row.name for row in found.rows} == set(rows)
-    late = next(row for row in found.rows if row.name == "late")  # over 13 arms alone
-    assert [one.parameter for one in late.moved_by] == ["coulomb"]
+    assert result.arms == 30
+    assert {row.name for row in result.rows} == set(rows)
+    late = next(row for row in result.rows if row.name == "late")  # over 13 arms alone
+    assert [item.parameter for item in late.moved_by] == ["coulomb"]
 
 
 def test_too_few_arms_are_one_line_and_what_is_done_stays(tmp_path, experiment, figures, counted):
@@ -162,8 +162,8 @@ def test_a_row_that_nothing_measures_is_named(tmp_path, experiment, figures):
 
 def test_the_article_s_figures_are_bundled():
     figures = load_figures("article")
-    own = ("article-method", "article-cycles", "polishing")
-    assert figures.experiments == own
+    item = ("article-method", "article-cycles", "polishing")
+    assert figures.experiments == item
     assert figures.config.fastest_feed
     assert 10 <= figures.settles.sum() < len(figures.names)
     truth = draw_world(0, 3, figures.source).robot(Robot.load("sts_sre4_600")).config
@@ -183,8 +183,8 @@ def test_worlds_of_the_article_s_arm_are_drawn_from_what_a_fit_found():
     assert world.factors == plain.factors
     assert world.parameters()["coulomb"] == posterior.arms["coulomb"][arm]
     sts, ur10e = Robot.load("sts_sre4_600"), Robot.load("ur10e")
-    own = world.robot(sts).config.simulated_truth.friction.coulomb
+    item = world.robot(sts).config.simulated_truth.friction.coulomb
     factor = posterior.arms["coulomb"][arm]
     expected = factor * np.asarray(sts.config.simulated_truth.friction.coulomb)
-    np.testing.assert_array_equal(own, expected)
+    np.testing.assert_array_equal(item, expected)
     assert world.robot(ur10e).config == plain.robot(ur10e).config  # of another arm they say nothing

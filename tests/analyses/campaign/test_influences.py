@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import false_discovery_control, spearmanr
 
-from wrenchsight.analyses.campaign.influences import LEVEL, MOST, holm, influences, said
+from wrenchsight.analyses.campaign.influences import LEVEL, MOST, holm, influences, influences_text
 
 WORLDS = 200
 
@@ -20,18 +20,18 @@ def drawn(seed, count=12):
 def test_what_a_figure_depends_on_is_found_in_order_and_with_its_sign():
     draws, generator = drawn(0)
     figure = 3.0 * draws["p3"] - 1.5 * draws["p7"] + 0.3 * generator.standard_normal(WORLDS)
-    found = influences(figure, draws, 6.0)
-    assert [one.parameter for one in found] == ["p3", "p7"]
-    assert found[0].rank_correlation > 0.7
-    assert found[1].rank_correlation < -0.3
-    assert found[0].rank_correlation == spearmanr(draws["p3"], figure).statistic
+    result = influences(figure, draws, 6.0)
+    assert [item.parameter for item in result] == ["p3", "p7"]
+    assert result[0].rank_correlation > 0.7
+    assert result[1].rank_correlation < -0.3
+    assert result[0].rank_correlation == spearmanr(draws["p3"], figure).statistic
     # Of twelve: the seed is of no order.
     p = 12 * spearmanr(draws["p3"], figure).pvalue
-    assert found[0].p == pytest.approx(p, rel=1e-9, abs=0.0)
+    assert result[0].p == pytest.approx(p, rel=1e-9, abs=0.0)
     assert influences(draws["individual"], draws, 6.0) == ()
     turned = influences(-figure, draws, 6.0)
-    assert [one.parameter for one in turned] == ["p3", "p7"]  # by size, whatever the sign
-    assert turned[0].rank_correlation == pytest.approx(-found[0].rank_correlation)
+    assert [item.parameter for item in turned] == ["p3", "p7"]  # by size, whatever the sign
+    assert turned[0].rank_correlation == pytest.approx(-result[0].rank_correlation)
 
 
 def test_the_line_leads_to_the_article_s_figure_also_beyond_what_was_drawn():
@@ -63,15 +63,15 @@ def test_chance_is_named_as_seldom_as_stated():
         named += bool(influences(generator.standard_normal(WORLDS), draws, 0.0))
     # 200 cases at .05: 10, and 3.1 standard deviations of a binomial more. Uncorrected: 92.
     assert named <= 200 * LEVEL + 3.1 * np.sqrt(200 * LEVEL * (1.0 - LEVEL))
-    assert said(()) == "no drawn parameter moves it"
-    assert said(None) == ""
+    assert influences_text(()) == "no drawn parameter moves it"
+    assert influences_text(None) == ""
 
 
 def test_errors_either_way_count_by_their_size():
     draws, generator = drawn(2, 3)
     draws["payload"] = generator.uniform(0.9, 1.1, WORLDS)
     figure = np.abs(draws["payload"] - 1.0) + 0.01 * generator.standard_normal(WORLDS)
-    assert [one.parameter for one in influences(figure, draws, 0.0)] == ["|payload - 1|"]
+    assert [item.parameter for item in influences(figure, draws, 0.0)] == ["|payload - 1|"]
 
 
 def test_no_more_than_the_strongest_and_nothing_of_what_stands_still():

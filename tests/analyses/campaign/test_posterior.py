@@ -18,15 +18,15 @@ def test_of_a_linear_figure_with_noise_the_posterior_is_gaussian():
     rng = np.random.default_rng(0)
     x = rng.uniform(-2.0, 2.0, (400, 1))
     off = 3.0 * x - 1.2 + 0.3 * rng.standard_normal(x.shape)
-    own = emulator(x, off, np.array([[-2.0, 2.0]]))
-    assert own.error[0] == pytest.approx(0.3, rel=0.15)  # four standard errors of 400
-    draws = own.draws(ALL)[:, 0]
+    item = emulator(x, off, np.array([[-2.0, 2.0]]))
+    assert item.error[0] == pytest.approx(0.3, rel=0.15)  # four standard errors of 400
+    draws = item.draws(ALL)[:, 0]
     for q in (0.05, 0.25, 0.5, 0.75, 0.95):
         expected = 0.4 + norm.ppf(q) * np.hypot(1.0, 0.3) / 3.0
         # Of 1500 steps 1200 count; near ones correlate: some 300 independent ones, .03 in the tail
         assert np.quantile(draws, q) == pytest.approx(expected, abs=0.15)
-    np.testing.assert_array_equal(draws, own.draws(ALL)[:, 0])  # the same again
-    sharp = own.draws(ALL, 25.0)[:, 0]  # a fifth as wide
+    np.testing.assert_array_equal(draws, item.draws(ALL)[:, 0])  # the same again
+    sharp = item.draws(ALL, 25.0)[:, 0]  # a fifth as wide
     assert np.std(sharp) == pytest.approx(np.hypot(1.0, 0.3) / 15.0, rel=0.4)
     assert np.mean(sharp) == pytest.approx(0.4, abs=0.03)
 
@@ -53,9 +53,9 @@ def test_squares_and_products_are_emulated():
     def drawn(u):
         return ranges.mean(axis=1) + 0.5 * np.ptp(ranges, axis=1) * u
 
-    own = emulator(drawn(u), off(u), ranges)
-    np.testing.assert_allclose(own.off(drawn(other)), off(other), atol=0.02)  # the least ridge
-    assert own.error[0] < 0.02
+    item = emulator(drawn(u), off(u), ranges)
+    np.testing.assert_allclose(item.off(drawn(other)), off(other), atol=0.02)  # the least ridge
+    assert item.error[0] < 0.02
 
 
 def test_figures_that_no_draw_reaches_keep_the_parameters_in_their_ranges():
@@ -73,11 +73,11 @@ def test_a_figure_that_few_arms_have_is_emulated_from_these():
     off = np.hstack([drawn, 2.0 * drawn - 1.0])
     off[20:, 1] = np.nan
     ranges = np.array([[-1.0, 1.0]])
-    own = emulator(drawn, off, ranges)
-    assert own.off(np.array([[0.25]]))[0] == pytest.approx([0.25, -0.5], abs=0.05)
+    item = emulator(drawn, off, ranges)
+    assert item.off(np.array([[0.25]]))[0] == pytest.approx([0.25, -0.5], abs=0.05)
     # Of one figure alone the other's zero, .5, is no aim
-    alone = own.draws(np.array([True, False]))[:, 0]
-    assert abs(np.median(alone)) < 0.2 < np.median(own.draws(np.array([False, True])))
+    alone = item.draws(np.array([True, False]))[:, 0]
+    assert abs(np.median(alone)) < 0.2 < np.median(item.draws(np.array([False, True])))
     off[FEWEST - 1 :, 1] = np.nan
     with pytest.raises(ValueError, match="fewer than 12"):
         emulator(drawn, off, ranges)

@@ -49,10 +49,10 @@ def test_no_more_processes_are_started_than_there_are_worlds(tmp_path, monkeypat
 
 def test_no_warning_of_a_process_that_is_replaced(tmp_path):
     """joblib replaces one whose memory grows, as that of worlds in contact does."""
-    with warnings.catch_warnings(record=True) as seen:
+    with warnings.catch_warnings(record=True) as reports:
         warnings.simplefilter("always")
         with workers._executor(1, tmp_path / "log"):
             warnings.warn(
                 "A worker stopped while some jobs were given to the executor.", stacklevel=1
             )
-    assert seen == []
+    assert reports == []

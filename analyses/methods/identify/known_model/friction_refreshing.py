@@ -1,8 +1,8 @@
-"""How much friction does this robot have today? A model and seconds of a log in, a model out.
+"""Refresh of a model's drifted friction: a model and seconds of a log in, a model out.
 
-Refitted are the three numbers a joint that drift, Coulomb, viscous and offset; everything else of
-the model stays (`models.calibration.friction_refresh`). The log must be free of contact and
-carry what the model's logs carried.
+Three numbers a joint drift and are refitted: Coulomb, viscous and offset. Everything else of the
+model stays (`models.calibration.friction_refresh`). The log must be free of contact, with the load
+that the model's logs had.
 """
 
 from collections.abc import Callable, Sequence
@@ -58,34 +58,40 @@ class RefreshResult:
     Attributes:
         model: the new one.
         refresh: coefficients before and after, and their standard errors.
-        before: rows of the old model's residual.
-        after: the same instants, of the new one.
+        residual_before: rows of the old model's residual.
+        residual_after: the same instants, of the new model.
         warnings: one line each.
         config: as used.
     """
 
     model: IdentifiedModel
     refresh: FrictionRefresh
-    before: ResidualRows
-    after: ResidualRows
+    residual_before: ResidualRows
+    residual_after: ResidualRows
     warnings: tuple[str, ...]
     config: RefreshConfig
 
     @property
-    def rmse(self) -> tuple[Array, Array]:
-        """(n,) N m, of the residual before and after."""
-        before, after = (
-            np.sqrt(np.mean(rows.residual**2, axis=0)) for rows in (self.before, self.after)
-        )
-        return before, after
+    def rmse_before(self) -> Array:
+        """(n,) N m, of the old model's residual."""
+        return _rmse(self.residual_before)
+
+    @property
+    def rmse_after(self) -> Array:
+        """(n,) N m, of the new model's residual."""
+        return _rmse(self.residual_after)
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json; lists per joint."""
         result = self.refresh
-        before, after = self.rmse
+        rows = self.residual_before
         return {
-            "duration_s": float(self.before.t[-1] - self.before.t[0]),
-            "rmse_nm": {"before": before, "after": after, "stated_sd": self.before.sd},
+            "duration_s": float(rows.t[-1] - rows.t[0]),
+            "rmse_nm": {
+                "before": self.rmse_before,
+                "after": self.rmse_after,
+                "stated_sd": rows.sd,
+            },
             **{
                 term: {
                     f"before_{unit}": getattr(result.before, term),
@@ -114,7 +120,7 @@ def refresh_model(
     model: IdentifiedModel,
     config: RefreshConfig | None = None,
 ) -> RefreshResult:
-    """Finds the friction of a log and puts it into the model.
+    """Fits the friction of logs and puts it into the model.
 
     Args:
         logs: free motion, without contact: one recording, or several with the samples that count.
@@ -124,37 +130,39 @@ def refresh_model(
     """
     config = _checked(config or RefreshConfig())
     refuse_coupling(robot.coupling, robot.source, "a refresh of friction")
-    parts = [(_part(log, config), where) for log, where in as_logs(logs)] if config.part else logs
-    whole = residuals_of(parts, robot, model)
-    before = ResidualRows.joined([own.rows() for own in whole])
-    still = before.moving_share == 0.0
-    if still.all():
+    if config.part:
+        logs = [(_part(log, config), where) for log, where in as_logs(logs)]
+    old_residuals = residuals_of(logs, robot, model)
+    rows_before = ResidualRows.joined([residual.rows() for residual in old_residuals])
+    if (rows_before.moving_share == 0.0).all():
         raise InputError(
-            ", ".join(own.log.log.name for own in whole),
+            ", ".join(residual.log.log.name for residual in old_residuals),
             "",
             f"no joint moves faster than {V_REST:g} rad/s",
             "log some seconds of motion of the joints whose friction is wanted",
         )
     drift = FrictionDrift(config.coulomb_drift, config.viscous_drift, config.offset_drift)
-    outcome = refresh_friction(before, model.friction.coulomb_viscous, drift)
-    renewed = with_friction(model, with_sliding(model.friction, outcome.after))
+    refresh = refresh_friction(rows_before, model.friction.coulomb_viscous, drift)
+    renewed = with_friction(model, with_sliding(model.friction, refresh.after))
     renewed = replace(
         renewed,
-        torque_error=_with_drift(model.torque_error, outcome),
+        torque_error=_with_drift(model.torque_error, refresh),
         provenance=replace(
             model.provenance,
-            refreshes=[*model.provenance.refreshes, _source(whole, outcome)],
+            refreshes=[*model.provenance.refreshes, _source(old_residuals, refresh)],
         ),
     )
-    after = ResidualRows.joined([ModelResidual(own.log, robot, renewed).rows() for own in whole])
-    result = RefreshResult(renewed, outcome, before, after, (), config)
+    rows_after = ResidualRows.joined(
+        [ModelResidual(residual.log, robot, renewed).rows() for residual in old_residuals]
+    )
+    result = RefreshResult(renewed, refresh, rows_before, rows_after, (), config)
     return replace(result, warnings=tuple(_warnings(result, robot)))
 
 
 def refresh_log(
     settings: IdentifySettings,
     out: Path,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> RefreshResult:
     """The command `identify --refresh`: reads model and logs, and writes the result into `out`.
 
@@ -169,15 +177,15 @@ def refresh_log(
         robot = Robot.load(settings.robot)
         model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
         progress(0.0, "reading")
-        given = logs_of(
+        logs = logs_of(
             settings.logs,
             "identify",
             "--refresh",
             lambda path: read_log(path, settings, robot),
         )
         progress(0.4, "finding friction")
-        result = refresh_model(given, robot, model, settings.refreshing)
-        notices = [line for log, _ in given for line in log.notices]
+        result = refresh_model(logs, robot, model, settings.refreshing)
+        notices = [line for log, _ in logs for line in log.notices]
         result = replace(result, warnings=(*notices, *result.warnings))
         result.write(folder, settings)
         progress(1.0, "done")
@@ -189,15 +197,15 @@ def friction_figure(result: RefreshResult) -> "Figure":
     names = result.model.joint_names
     n = len(names)
     figure, panels = panels_in_pairs(n, "joint velocity [rad/s]", "torque missed [N m]")
-    errors = result.rmse
+    rmse_before, rmse_after = result.rmse_before, result.rmse_after
     for j, axis in enumerate(panels):
         for rows, colour, label in (
-            (result.before, COLOUR["before"], "the model before"),
-            (result.after, COLOUR["after"], "after"),
+            (result.residual_before, COLOUR["before"], "the model before"),
+            (result.residual_after, COLOUR["after"], "after"),
         ):
             axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
         axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
-        axis.set_title(f"{names[j]}: RMSE {errors[0][j]:.2f} to {errors[1][j]:.2f} N m")
+        axis.set_title(f"{names[j]}: RMSE {rmse_before[j]:.2f} to {rmse_after[j]:.2f} N m")
     legend_below(figure, panels[0], 2)
     figure.suptitle("Measured minus predicted torque")
     return figure
@@ -220,8 +228,8 @@ def _part(recording: Recording, config: RefreshConfig) -> Recording:
 def _checked(config: RefreshConfig) -> RefreshConfig:
     part = config.part
     if part and not (len(part) == 2 and np.isfinite(part).all() and 0.0 <= part[0] < part[1]):
-        result = ",".join(f"{value:g}" for value in part)
-        raise InputError("--part", "", f"expected BEGIN,END in s, found {result}", "such as 0,4")
+        text = ",".join(f"{value:g}" for value in part)
+        raise InputError("--part", "", f"expected BEGIN,END in s, found {text}", "such as 0,4")
     for key in ("coulomb_drift", "viscous_drift", "offset_drift"):
         value = getattr(config, key)
         if not (np.isfinite(value) and value > 0.0):
@@ -229,50 +237,56 @@ def _checked(config: RefreshConfig) -> RefreshConfig:
     return config
 
 
-def _with_drift(error: TorqueErrorModel | None, found: FrictionRefresh) -> TorqueErrorModel | None:
+def _rmse(rows: ResidualRows) -> Array:
+    return np.asarray(np.sqrt(np.mean(rows.residual**2, axis=0)))
+
+
+def _with_drift(
+    error: TorqueErrorModel | None, refresh: FrictionRefresh
+) -> TorqueErrorModel | None:
     """The torque error with the drift of viscous friction that the refresh leaves unknown."""
     if error is None:
         return None
-    viscous = np.abs(found.after.viscous)
-    share = found.standard_deviation[:, 1] / np.maximum(viscous, 1e-12)
+    viscous = np.abs(refresh.after.viscous)
+    share = refresh.standard_deviation[:, 1] / np.maximum(viscous, 1e-12)
     return error.with_drift(float(np.minimum(np.sqrt(np.mean(share**2)), LARGEST_DRIFT)))
 
 
-def _source(whole: Sequence[ModelResidual], found: FrictionRefresh) -> FrictionSource:
-    lists = {term: found.change[:, k].tolist() for k, term in enumerate(TERMS)}
+def _source(residuals: Sequence[ModelResidual], refresh: FrictionRefresh) -> FrictionSource:
+    """The provenance of a refresh: its logs, the changes and their standard deviations."""
+    changes = {term: refresh.change[:, k].tolist() for k, term in enumerate(TERMS)}
     deviations = {
-        f"{term}_sd": found.standard_deviation[:, k].tolist() for k, term in enumerate(TERMS)
+        f"{term}_sd": refresh.standard_deviation[:, k].tolist() for k, term in enumerate(TERMS)
     }
-    first, *further = (own.log.log for own in whole)
-    return FrictionSource(log=first, further=further, **lists, **deviations)
+    logs = [residual.log.log for residual in residuals]
+    return FrictionSource(log=logs[0], further=logs[1:], **changes, **deviations)
 
 
 def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
-    outcome, names = result.refresh, robot.joint_names
+    refresh, names = result.refresh, robot.joint_names
     warnings = []
-    selected = [names[j] for j in np.flatnonzero((outcome.told[:, :2] < LITTLE).all(axis=1))]
-    if selected:
+    hardly_moved = [names[j] for j in np.flatnonzero((refresh.told[:, :2] < LITTLE).all(axis=1))]
+    if hardly_moved:
         warnings.append(
-            f"the log says little about the friction of {', '.join(selected)}: "
-            "unchanged within the standard errors stated"
+            f"the log says little about the friction of {', '.join(hardly_moved)}: unchanged "
+            "within the stated standard errors; log more motion of these joints to refresh them"
         )
-    sd = result.before.sd
-    after = result.rmse[1]
-    strange = [
-        f"{names[j]} {after[j]:.2g} (model: {sd[j]:.2g})"
-        for j in np.flatnonzero(after > MORE_THAN_FRICTION * sd)
+    sd = result.residual_before.sd
+    rmse_after = result.rmse_after
+    unexplained = [
+        f"{names[j]} {rmse_after[j]:.2g} N m (stated by the model: {sd[j]:.2g})"
+        for j in np.flatnonzero(rmse_after > MORE_THAN_FRICTION * sd)
     ]
-    if strange:
+    if unexplained:
         warnings.append(
-            f"friction does not explain the residual of {', '.join(strange)} N m: a load, contact "
-            "or other changes; wrenchsight payload LOG --robot R --model MODEL reads a load, "
-            "identify finds the model anew"
+            f"friction does not explain the RMSE of {', '.join(unexplained)}: a load, contact or "
+            "other changes; read a load with `wrenchsight payload`, or identify the model anew"
         )
-    law = outcome.after
+    law = refresh.after
     warnings += [
-        f"{names[j]}: {term} friction comes out negative, {value[j]:.2g} {unit}; log more "
-        "motion of it"
+        f"{names[j]}: negative {term} friction, {value[j]:.2g} {unit}; log more motion of that "
+        "joint"
         for term, unit, value in zip(TERMS, UNITS, (law.coulomb, law.viscous), strict=False)
-        for j in np.flatnonzero((value < 0.0) & (getattr(outcome.before, term) >= 0.0))
+        for j in np.flatnonzero((value < 0.0) & (getattr(refresh.before, term) >= 0.0))
     ]
     return warnings

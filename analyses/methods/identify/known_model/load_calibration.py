@@ -1,10 +1,11 @@
-"""What torque does an ampere give? Logs without and with a weighed load in, torque constants out.
+"""Torque constants from a weighed load: logs without and with it in, torque per ampere out.
 
-The logs without a load are identified as usual. With the friction terms found, a second fit
-of all logs together finds torque per ampere, masses, friction and the loads' centres of mass at
-once (`models.calibration.gain_calibration`). The model is then identified again with the torque
-constants found. Where friction depends on the load, that dependence is the second fit's, which has
-seen more load; Coulomb friction is lowered by what it adds at the unloaded logs' mean load.
+The logs without a load are identified as usual. With these friction terms a
+second fit, of all logs together, determines torque per ampere, masses, friction and the loads'
+centres of mass (`models.calibration.gain_calibration`). The model is then identified again with
+the new torque constants. Where friction depends on the load, that dependence is the second fit's,
+whose logs have more load. Coulomb friction is lowered by what it adds at the unloaded logs' mean
+load.
 """
 
 from collections.abc import Callable, Sequence
@@ -54,14 +55,14 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-GAIN_TOLD = 0.1  # relative sd; a torque constant that is less certain stays as in the robot's file
-COM_TOLD = 0.02  # m
+LARGEST_GAIN_SD = 0.1  # relative; a less certain torque constant stays as in the robot's file
+LARGEST_COM_SD = 0.02  # m, beyond which the motion has not determined the centre of mass
 SURE = 2.0  # standard errors, beyond which a load dependence differs from none
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Torque constants, and the model that goes with them.
+    """Torque constants, and the model identified with them.
 
     Attributes:
         identification: with these constants, of the logs without a load.
@@ -81,8 +82,8 @@ class CalibrationResult:
 
     @property
     def changed(self) -> NDArray[np.bool_]:
-        """(n,) whether the logs tell the joint's constant well enough to change it."""
-        return gains_told(self.calibration)
+        """(n,) whether the logs determine the joint's constant well enough to change it."""
+        return gains_determined(self.calibration)
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json: the identification's and `calibration`."""
@@ -102,10 +103,10 @@ class CalibrationResult:
                 "loads": {
                     name: {
                         "mass_kg": load.mass,
-                        "com_m": entry[1:4] / load.mass,
+                        "com_m": parameters[1:4] / load.mass,
                         "com_sd_m": sd[1:4] / load.mass,
                     }
-                    for (name, load), entry, sd in zip(
+                    for (name, load), parameters, sd in zip(
                         self.loads.items(), result.loads, result.load_sd, strict=True
                     )
                 },
@@ -126,7 +127,7 @@ def calibrate(
     robot: Robot,
     validation: Sequence[Recording] = (),
     config: IdentificationConfig | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> CalibrationResult:
     """Finds torque constants and model.
 
@@ -138,8 +139,46 @@ def calibrate(
     Raises:
         InputError: as `identify`; a loaded log without motor current.
     """
+    loads = [load for _, load in loaded]
+    loaded_recordings = [recording for recording, _ in loaded]
+    _check_currents([*recordings, *loaded_recordings], robot)
+    config = config or IdentificationConfig()
+    stated_model = identify(
+        recordings, robot, (), config, lambda share, message: progress(0.35 * share, message)
+    )
+    progress(0.35, "weighing the torque constants")
+    all_recordings = [*recordings, *loaded_recordings]
+    runs = [
+        low_pass_log(name, recording, robot, stated_model.config)
+        for name, recording in zip(log_names(all_recordings), all_recordings, strict=True)
+    ]
+    unloaded_runs = runs[: len(recordings)]
+    calibration = _calibrated_gains(stated_model, robot, runs, loads)
+    ratio = np.where(gains_determined(calibration), calibration.ratio, 1.0)
+    renewed = robot.with_torque_per_ampere((ratio * robot.torque_per_ampere).tolist())
+    identification = identify(
+        recordings,
+        renewed,
+        validation,
+        replace(config, friction=stated_model.law),
+        lambda share, message: progress(0.6 + 0.4 * share, message),
+    )
+    model = _with_load_dependence(identification.model, calibration, unloaded_runs, renewed, loaded)
+    result = CalibrationResult(
+        identification=replace(identification, model=model),
+        calibration=calibration,
+        robot=renewed,
+        stated=robot.torque_per_ampere,
+        loads=dict(zip(log_names(loaded_recordings), loads, strict=True)),
+        warnings=(),
+    )
+    return replace(result, warnings=tuple(_warnings(result)))
+
+
+def _check_currents(recordings: Sequence[Recording], robot: Robot) -> None:
+    """Raises InputError for logs and robots from which no torque per ampere can be found."""
     refuse_coupling(robot.coupling, robot.source, "finding torque per ampere from a load")
-    for recording in (*recordings, *(one for one, _ in loaded)):
+    for recording in recordings:
         check_recording(recording, robot)
         if recording.tau_J is not None:
             raise InputError(
@@ -148,60 +187,32 @@ def calibrate(
                 "holds motor torque, so that torque per ampere cannot be found from it",
                 "give logs of the motor currents",
             )
-    config = config or IdentificationConfig()
-    first = identify(
-        recordings, robot, (), config, lambda share, what: progress(0.35 * share, what)
-    )
-    progress(0.35, "weighing the torque constants")
-    names = log_names([one for one, _ in loaded])
-    runs = [
-        low_pass_log(name, one, robot, first.config)
-        for name, one in zip(
-            log_names([*recordings, *(one for one, _ in loaded)]),
-            [*recordings, *(one for one, _ in loaded)],
-            strict=True,
-        )
-    ]
-    structure, start = _with_load_terms(first.solution)
+
+
+def _calibrated_gains(
+    stated_model: IdentificationResult,
+    robot: Robot,
+    runs: Sequence[LowPassedLog],
+    loads: Sequence[KnownLoad],
+) -> GainCalibration:
+    """Fits torque constants, masses and friction to all logs; those with a load come last."""
+    structure, start = _with_load_terms(stated_model.solution)
+    num_unloaded = len(runs) - len(loads)
     problem = GainProblem(
         robot,
-        [_log(run, k - len(recordings)) for k, run in enumerate(runs)],
-        [load for _, load in loaded],
+        [_log(run, k - num_unloaded) for k, run in enumerate(runs)],
+        loads,
         structure,
         start,
-        np.sqrt(np.diag(first.model.residual_covariance)),
+        np.sqrt(np.diag(stated_model.model.residual_covariance)),
     )
-    calibration = problem.solve()
-    ratio = np.where(gains_told(calibration), calibration.ratio, 1.0)
-    renewed = robot.with_torque_per_ampere((ratio * robot.torque_per_ampere).tolist())
-    second = identify(
-        recordings,
-        renewed,
-        validation,
-        replace(config, friction=first.law),
-        lambda share, what: progress(0.6 + 0.4 * share, what),
-    )
-    second = replace(
-        second,
-        model=_with_load_dependence(
-            second.model, calibration, runs[: len(recordings)], renewed, loaded
-        ),
-    )
-    result = CalibrationResult(
-        second,
-        calibration,
-        renewed,
-        robot.torque_per_ampere,
-        dict(zip(names, (load for _, load in loaded), strict=True)),
-        (),
-    )
-    return replace(result, warnings=tuple(_warnings(result)))
+    return problem.solve()
 
 
 def calibrate_logs(
     settings: IdentifySettings,
     out: Path,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> CalibrationResult:
     """The command `identify --load`: reads the logs and writes the result into `out`.
 
@@ -214,20 +225,20 @@ def calibrate_logs(
     with result_folder(out, "identify") as folder:
         robot = Robot.load(settings.robot)
         parsed = [known_load(text) for text in settings.load]
-        recordings, validation, weighed = (
-            [read_log(Path(log), settings, robot) for log in paths]
-            for paths in (settings.logs, settings.validate, [path for path, _ in parsed])
-        )
+        recordings = [read_log(Path(log), settings, robot) for log in settings.logs]
+        validation = [read_log(Path(log), settings, robot) for log in settings.validate]
+        weighed = [read_log(path, settings, robot) for path, _ in parsed]
         loaded = [(log, load) for log, (_, load) in zip(weighed, parsed, strict=True)]
         config = settings.identification
         result = calibrate(recordings, loaded, robot, validation, config, progress)
         result.write(folder, settings)
-    notices = [sentence for one in (*recordings, *validation, *weighed) for sentence in one.notices]
+    all_logs = (*recordings, *validation, *weighed)
+    notices = [sentence for log in all_logs for sentence in log.notices]
     return replace(result, warnings=(*dict.fromkeys(notices), *result.warnings))
 
 
 def known_load(text: str) -> tuple[Path, KnownLoad]:
-    """Reads LOG=MASS (kg) or LOG=MASS,X,Y,Z (centre of mass in the flange's frame, m).
+    """Parses LOG=MASS (kg) or LOG=MASS,X,Y,Z (centre of mass in the flange's frame, m).
 
     Raises:
         InputError: the text says something else, or the mass is not positive.
@@ -246,9 +257,9 @@ def known_load(text: str) -> tuple[Path, KnownLoad]:
     return Path(path), KnownLoad(values[0], com)
 
 
-def gains_told(calibration: GainCalibration) -> NDArray[np.bool_]:
-    """(n,) whether a joint's torque constant is known within `GAIN_TOLD`."""
-    return np.asarray(calibration.ratio_sd < GAIN_TOLD * calibration.ratio)
+def gains_determined(calibration: GainCalibration) -> NDArray[np.bool_]:
+    """(n,) whether a joint's torque constant is known within `LARGEST_GAIN_SD`."""
+    return np.asarray(calibration.ratio_sd < LARGEST_GAIN_SD * calibration.ratio)
 
 
 def calibration_figure(result: CalibrationResult) -> "Figure":
@@ -292,13 +303,15 @@ def _with_load_terms(solution: Solution) -> tuple[FrictionStructure, Array]:
     structure = solution.structure
     if not structure.has("load"):
         return structure, solution.x
-    inertial, rotor, entry = split_terms(solution.x, [len(terms) for terms in structure.terms])
-    blocks, terms = [], []
-    for j, before in enumerate(structure.terms):
-        missing = () if "load" in before else ("load",)
-        terms.append((*before, *missing))
-        blocks.append(np.r_[rotor[j], entry[j], np.zeros(len(missing))])
-    return replace(structure, terms=tuple(terms)), np.concatenate([inertial.ravel(), *blocks])
+    inertial, rotor, coefficients = split_terms(
+        solution.x, [len(terms) for terms in structure.terms]
+    )
+    blocks, all_terms = [], []
+    for j, terms in enumerate(structure.terms):
+        missing = () if "load" in terms else ("load",)
+        all_terms.append((*terms, *missing))
+        blocks.append(np.r_[rotor[j], coefficients[j], np.zeros(len(missing))])
+    return replace(structure, terms=tuple(all_terms)), np.concatenate([inertial.ravel(), *blocks])
 
 
 def _with_load_dependence(
@@ -308,8 +321,9 @@ def _with_load_dependence(
     robot: Robot,
     loaded: Sequence[tuple[Recording, KnownLoad]],
 ) -> IdentifiedModel:
+    """The model with the load dependence of friction that the loaded logs show."""
     provenance = model.provenance
-    weights = ", ".join(f"{Path(one.source).name} {load.mass:g} kg" for one, load in loaded)
+    weights = ", ".join(f"{Path(log.source).name} {load.mass:g} kg" for log, load in loaded)
     model = replace(
         model,
         provenance=replace(
@@ -331,37 +345,48 @@ def _with_load_dependence(
 
 
 def _warnings(result: CalibrationResult) -> list[str]:
-    outcome, names = result.calibration, result.robot.joint_names
+    calibration, names = result.calibration, result.robot.joint_names
     warnings = []
-    selected = np.flatnonzero(~result.changed)
-    if selected.size:
-        read = ", ".join(f"{names[j]} ({100 * outcome.ratio_sd[j]:.0f} %)" for j in selected)
-        warnings.append(
-            f"the motion does not tell the torque per ampere of {read}: kept as stated; move these "
-            "joints faster, or turn the load so that it pulls on them"
+    unchanged = np.flatnonzero(~result.changed)
+    if unchanged.size:
+        by_joint = ", ".join(
+            f"{names[j]} (+- {100 * calibration.ratio_sd[j]:.0f} %)" for j in unchanged
         )
-    for (name, load), entry, sd in zip(
-        result.loads.items(), outcome.loads, outcome.load_sd, strict=True
+        warnings.append(
+            f"the motion does not determine the torque per ampere of {by_joint}: kept as stated; "
+            "move these joints faster, or turn the load so that it pulls on them"
+        )
+    for (name, load), parameters, sd in zip(
+        result.loads.items(), calibration.loads, calibration.load_sd, strict=True
     ):
-        wide = [axis for axis, s in zip("xyz", sd[1:4] / load.mass, strict=True) if s > COM_TOLD]
-        if wide:
+        com_sd = sd[1:4] / load.mass
+        axes = [
+            f"{axis} (+- {s:.2g} m)"
+            for axis, s in zip("xyz", com_sd, strict=True)
+            if s > LARGEST_COM_SD
+        ]
+        if axes:
             warnings.append(
-                f"{name}: the motion does not tell the centre of mass along {', '.join(wide)} of "
-                "the flange"
+                f"{name}: the motion does not determine the centre of mass along "
+                f"{', '.join(axes)} of the flange; turn the load in other directions"
             )
-        reach = float(np.linalg.norm(entry[1:4])) / load.mass
-        if reach > 1.0:
+        distance = float(np.linalg.norm(parameters[1:4])) / load.mass
+        if distance > 1.0:
             warnings.append(
-                f"{name}: the load would sit {reach:.2g} m off the flange; is it weighed?"
+                f"{name}: centre of mass {distance:.2g} m off the flange; check the stated mass, "
+                f"{load.mass:g} kg"
             )
-    value, sd = outcome.load_dependence
+    value, sd = calibration.load_dependence
     if np.isnan(value).all():
         warnings.append(
-            "the friction law has no dependence on the load; give --friction load-dependent, "
-            "presliding or best to find it"
+            "the friction law has no dependence on the load; find it with --friction "
+            "load-dependent, presliding or best"
         )
     else:
         vague = [names[j] for j in np.flatnonzero(np.abs(value) < SURE * sd)]
         if vague:
-            warnings.append(f"the load dependence of friction is unclear on {', '.join(vague)}")
+            warnings.append(
+                f"load dependence of friction within {SURE:g} standard errors of zero on "
+                f"{', '.join(vague)}; log a heavier load to find it"
+            )
     return warnings

@@ -1,12 +1,13 @@
-"""What a known model leaves unexplained of a log: the rows that a refresh and a payload start from.
+"""Residual of a known model on a log: the rows that a refresh and a payload start from.
 
-Like an identification, of low-passed signals, with the filter that the model was identified with,
-and what is computed from them through the same filter. About two rows a period of the cutoff: there
-is no more in the signals.
+Signals are low-passed with the filter that the model was identified with. Torques computed from
+them go through the same filter. About two rows a period of the cutoff carry all that the signals
+hold.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +39,21 @@ FEWEST = 13  # rows of all logs together: 1.3 s at 5 Hz beside the transients
 EDGE = 1.0  # periods within a stretch, into which the filter carries what is outside
 
 
+class _UncertainParameters(NamedTuple):
+    """The c base parameters of the links that may be wrong.
+
+    Attributes:
+        regressor: (N, n, c) N m per parameter.
+        sd: (c,) standard deviation of each parameter.
+    """
+
+    regressor: Array
+    sd: Array
+
+
 @dataclass(frozen=True, eq=False)
 class ModelResidual:
-    """A low-passed log beside a model of its robot."""
+    """The residual of a robot's model on one low-passed log."""
 
     log: LowPassedLog
     robot: Robot
@@ -116,20 +129,20 @@ class ModelResidual:
         log, law = self.log, self.model.friction
         carried = self._rigid if load is None else self._rigid + self._load @ load
         predicted = self._rigid + law.torque_along(log.q, log.v, carried)
-        at = self._chosen
-        residual = log.tau[at] - log.match(predicted)[at]
+        rows = self._chosen
+        residual = log.tau[rows] - log.match(predicted)[rows]
         signals = log.t, log.q, log.v, carried
-        return ResidualRows.of_law(law, signals, residual, self.residual_sd, at, log.match)
+        return ResidualRows.of_law(law, signals, residual, self.residual_sd, rows, log.match)
 
     def load_rows(self, load: Array | None = None) -> LoadRows:
-        """As `rows`, with what a load's and the model's own parameters add."""
-        at = self._chosen
-        columns, sd = self._uncertain
+        """As `rows`, with the columns of a load's and of the model's uncertain parameters."""
+        rows = self._chosen
+        uncertain = self._uncertain
         return LoadRows(
             rows=self.rows(load),
-            load=self.log.match(self._load)[at],
-            model=self.log.match(columns)[at],
-            model_sd=sd,
+            load=self.log.match(self._load)[rows],
+            model=self.log.match(uncertain.regressor)[rows],
+            model_sd=uncertain.sd,
         )
 
     def torque_of(self, load: Array) -> Array:
@@ -137,24 +150,23 @@ class ModelResidual:
         return np.asarray(self.log.match(self._load @ load)[self._chosen])
 
     @cached_property
-    def _uncertain(self) -> tuple[Array, Array]:
-        """Regressor (N, n, c) of the links' base parameters, and how far each may be off (c,)."""
+    def _uncertain(self) -> "_UncertainParameters":
         places, sd = uncertain_parameters(self.model)
         log = self.log
         Y = np.asarray(self.robot.chain.regressor(log.q, log.v, log.vdot))
-        return Y[:, :, places], sd
+        return _UncertainParameters(Y[:, :, places], sd)
 
 
 def residuals_of(logs: Logs, robot: Robot, model: IdentifiedModel) -> list["ModelResidual"]:
-    """One a log.
+    """The residual of a model on each log.
 
     Raises:
         InputError: as `ModelResidual.of`; all together leave too few rows.
     """
-    found = [ModelResidual.of(log, robot, model, where) for log, where in as_logs(logs)]
-    count = sum(len(own.rows().t) for own in found)
-    require_rows(count, ", ".join(own.log.log.name for own in found))
-    return found
+    residuals = [ModelResidual.of(log, robot, model, where) for log, where in as_logs(logs)]
+    count = sum(len(residual.rows().t) for residual in residuals)
+    require_rows(count, ", ".join(residual.log.log.name for residual in residuals))
+    return residuals
 
 
 def require_rows(count: int, names: str) -> None:

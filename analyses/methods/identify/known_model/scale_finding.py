@@ -1,6 +1,6 @@
-"""In which unit is a robot's effort, and with which sign? Torque per unit from known weights."""
+"""Unit and sign of a robot's effort: logs and known weights in, torque per unit out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,15 @@ ProgressCallback = Callable[[float, str], None]
 
 @dataclass(frozen=True, eq=False)
 class ScaleResult:
-    """What was found, and the robot with it.
+    """The scale of the joints' efforts, and the robot with it.
 
     Attributes:
+        scale: torque per unit of effort, by joint, with its standard error.
         robot: with the torques per unit of the joints that gravity shows; the others' as stated.
-        of_torque: whether the logs state torques (tau1..): then the scale is a factor of these,
-            which a description takes as `gain`, and the robot stays as it is.
+        stated: (n,) torque per unit before, with its sign.
+        of_torque: whether the logs state torques (tau1..). Then the scale is a factor of these,
+            which a log description takes as `gain`, and the robot stays as it is.
+        notices: what reading the logs involved, one sentence each.
     """
 
     scale: EffortScale
@@ -46,20 +49,20 @@ class ScaleResult:
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""
-        found = self.scale
+        scale = self.scale
         return {
-            "torque_per_unit_nm": found.torque_per_unit,
-            "standard_error_nm": found.standard_error,
+            "torque_per_unit_nm": scale.torque_per_unit,
+            "standard_error_nm": scale.standard_error,
             "stated_nm": self.stated,
-            "known_torque_sd_nm": found.gravity,
-            "seen": found.seen,
-            "rows": found.count,
+            "known_torque_sd_nm": scale.gravity,
+            "seen": scale.seen,
+            "rows": scale.count,
             "of_torque": self.of_torque,
         }
 
 
 def find_scale(
-    settings: IdentifySettings, out: Path, progress: ProgressCallback = lambda share, what: None
+    settings: IdentifySettings, out: Path, progress: ProgressCallback = lambda share, message: None
 ) -> ScaleResult:
     """The command `identify --scale`: writes robot.yaml and metrics.json into `out`.
 
@@ -81,59 +84,67 @@ def find_scale(
             com = np.zeros(3) if load.com is None else np.array(load.com)
             parameters = body_parameters(load.mass, com, np.zeros((3, 3)))
             laden += _read([path], settings, robot)
-        of_torque = {one.tau_J is not None for one in (*recordings, *laden)}
-        if len(of_torque) > 1:
-            problem = "some logs hold currents and some torques"
-            raise InputError("identify", "--scale", problem, "give logs of one kind")
+        all_logs = (*recordings, *laden)
+        of_torque = _hold_torque(all_logs)
         progress(0.5, "comparing with gravity")
         if len(settings.load) > 1:
             raise InputError("identify", "--load", "one weight is enough", "give one with --scale")
-        scale = (
-            scale_from_weight(recordings, laden, robot, parameters)
-            if laden
-            else scale_from_gravity(recordings, robot)
-        )
-        torque = of_torque == {True}
-        stated = np.ones(robot.num_joints) if torque else robot.torque_per_ampere
-        stated = stated * (1.0 if torque else robot.current_sign)
-        result = ScaleResult(
-            scale,
-            robot if torque else _with_scale(robot, scale),
-            np.asarray(stated),
-            torque,
-            tuple(dict.fromkeys(text for one in (*recordings, *laden) for text in one.notices)),
-        )
+        if laden:
+            scale = scale_from_weight(recordings, laden, robot, parameters)
+        else:
+            scale = scale_from_gravity(recordings, robot)
+        if of_torque:
+            scaled_robot, stated = robot, np.ones(robot.num_joints)
+        else:
+            scaled_robot = _with_scale(robot, scale)
+            stated = robot.torque_per_ampere * robot.current_sign
+        notices = dict.fromkeys(notice for log in all_logs for notice in log.notices)
+        result = ScaleResult(scale, scaled_robot, np.asarray(stated), of_torque, tuple(notices))
         result.robot.save(folder / "robot.yaml")
         folder.write_settings("config.yaml", settings)
         folder.write_json("metrics.json", result.metrics())
     return result
 
 
+def _hold_torque(recordings: Sequence[Recording]) -> bool:
+    """Whether the logs hold torques, not currents.
+
+    Raises:
+        InputError: some hold torques and some currents.
+    """
+    of_torque = {recording.tau_J is not None for recording in recordings}
+    if len(of_torque) > 1:
+        problem = "some logs hold currents and some torques"
+        raise InputError("identify", "--scale", problem, "give logs of one kind")
+    return of_torque == {True}
+
+
 def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
-    """What a person should know of the result, one sentence each."""
+    """Notes on the result for the user, one sentence each."""
     names = np.array(result.robot.joint_names)
     hidden = ", ".join(names[~result.scale.seen])
-    said = []
+    notes = []
     if hidden:
-        what = "the weight" if by_weight else "gravity"
-        said.append(
-            f"{what} does not show {hidden} to {100 * SEEN:.0f} %: kept as stated; the drive's "
-            "data sheet has it, or a weight on a lever across that axis: --load LOG=KG,X,Y,Z"
+        cause = "the weight" if by_weight else "gravity"
+        notes.append(
+            f"{cause} does not show {hidden} to {100 * SEEN:.0f} %: kept as stated; take it from "
+            "the drive's data sheet, or put a weight on a lever across that axis: "
+            "--load LOG=KG,X,Y,Z"
         )
     if by_weight:
-        said.append(
-            "a joint at rest may hold part of the weight by stiction, which the standard error of "
-            "few postures does not show: come to each posture from both sides"
+        notes.append(
+            "the standard error of few postures does not show stiction, which may hold part of the "
+            "weight of a joint at rest: come to each posture from both sides"
         )
     else:
-        said.append(
+        notes.append(
             "the standard errors hold for the masses of the URDF: where these are 10 % off, so is "
-            "the scale; one known weight tells: --scale --load LOG=KG"
+            "the scale; check it with one known weight: --scale --load LOG=KG"
         )
     if result.of_torque:
         gains = ", ".join(f"{value:.4g}" for value in _or_stated(result))
-        said.append(f"the logs hold torques: describe them with motor_torque: {{gain: [{gains}]}}")
-    return said
+        notes.append(f"the logs hold torques: describe them with motor_torque: {{gain: [{gains}]}}")
+    return notes
 
 
 def _or_stated(result: ScaleResult) -> Array:
@@ -141,30 +152,32 @@ def _or_stated(result: ScaleResult) -> Array:
 
 
 def _with_scale(robot: Robot, scale: EffortScale) -> Robot:
-    found = dict(zip(robot.joint_names, scale.torque_per_unit, strict=True))
-    seen = dict(zip(robot.joint_names, scale.seen, strict=True))
-    drives = [
-        replace(
-            drive,
-            torque_per_ampere=abs(float(found[drive.joint])),
-            torque_constant=None,
-            current_sign=1 if found[drive.joint] > 0.0 else -1,
-        )
-        if seen[drive.joint]
-        else drive
-        for drive in robot.config.drives
-    ]
+    """The robot with torque per ampere and sign of the drives that the logs show."""
+    by_joint = zip(robot.joint_names, scale.torque_per_unit, scale.seen, strict=True)
+    measured = {name: float(value) for name, value, is_shown in by_joint if is_shown}
+    drives = []
+    for drive in robot.config.drives:
+        if drive.joint in measured:
+            torque_per_unit = measured[drive.joint]
+            drive = replace(
+                drive,
+                torque_per_ampere=abs(torque_per_unit),
+                torque_constant=None,
+                current_sign=1 if torque_per_unit > 0.0 else -1,
+            )
+        drives.append(drive)
     return robot.with_drives(drives)
 
 
 def _read(paths: list[Path], settings: IdentifySettings, robot: Robot) -> list[Recording]:
-    """Logs as they are: what their numbers mean is the question, so that none is refused for it."""
-    found = []
-    for path in (episode for one in paths for episode in episode_paths(one)):
+    """Reads logs without a check: the meaning of their numbers is the question."""
+    recordings = []
+    for path in (episode for log in paths for episode in episode_paths(log)):
         form = settings.log_format
         if form is None or log_words(form) is not None:
-            words = [IN_AMPERES, *(log_words(form).angle_words() if form else ())]  # type: ignore[union-attr]
-            form = ",".join(words)
+            stated_words = None if form is None else log_words(form)
+            angle_words = () if stated_words is None else stated_words.angle_words()
+            form = ",".join([IN_AMPERES, *angle_words])
         RecordingReader(path, form, robot, False).require_joint_signals()
-        found.append(read_recording(path, form, robot, check=False))
-    return found
+        recordings.append(read_recording(path, form, robot, check=False))
+    return recordings

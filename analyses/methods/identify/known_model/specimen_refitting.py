@@ -2,19 +2,20 @@
 
 The command `identify --refresh MODEL --other-specimen`. Two robots of one make share kinematics,
 masses and the shape of their friction, not its level (`models.calibration.specimen_friction`).
-Stretches of a second, of several logs, tell the level of the joints that move in them; the others
-keep the known robot's.
+Stretches of a second, of several logs, determine the level of the joints that move in them. The
+others keep the known robot's.
 
 What acts only at a crawl is not carried over: of two UR10e, one shows at joint 2 a Stribeck part
 below .05 rad/s of half its Coulomb friction, the other none.
 
 With a force sensor in the logs (`--reference`) stretches in contact count, too. They determine the
-level of joints that hardly move in the air, by what share the torque constants are too small, and
-the law's residual along the paths of the logs (`models.friction.path_friction`). The torque
-constants are those of the robot.yaml that is then written; masses, rotors and friction grow with
-them, so that free motion is read as before. That share was seen in sliding, where it cannot be told
-from friction that grows with the load: at rest the earlier constants hold (on a UR10e, 44 runs:
-forces at rest err by 3.2 N with these, by 3.8 N with those of the slides).
+level of joints that hardly move in the air, and by what share the torque constants are too small.
+They also give the law's residual along the paths of the logs (`models.friction.path_friction`). The
+torque constants are those of the robot.yaml that is then written. Masses, rotors and friction grow
+with them, so that free motion is read as before.
+That share is seen in sliding, where it cannot be told from friction that grows with the load. At
+rest the earlier torque constants hold: on a UR10e (44 runs) forces at rest err by 3.2 N with them,
+by 3.8 N with those of the slides.
 """
 
 from collections.abc import Callable, Sequence
@@ -62,7 +63,7 @@ _SENSOR_PRIOR = SpecimenPrior(dependence=3.0, offset=1.0)
 
 @dataclass(frozen=True, eq=False)
 class JointTorques:
-    """What a log says of the joints without a friction law; N samples.
+    """Torques of a log's joints without a friction law; N samples.
 
     Attributes:
         q: (N, n) rad, as v in rad/s; zero where they are not known.
@@ -92,13 +93,13 @@ def joint_torques(recording: Recording, robot: Robot, model: IdentifiedModel) ->
     step = recording.time_step
     config = WrenchEstimatorConfig(MomentumObserverConfig([K_0], step, "trapezoidal"))
     estimator = WrenchEstimator(robot, replace(model, friction=bare, torque_error=None), config)
-    seen = estimator.observe(recording.q, recording.v, recording.current)
-    finite = np.asarray(np.isfinite(recording.q + recording.v + seen.tau_J).all(axis=1))
+    reading = estimator.observe(recording.q, recording.v, recording.current)
+    finite = np.asarray(np.isfinite(recording.q + recording.v + reading.tau_J).all(axis=1))
     pole = np.full(robot.num_joints, np.exp(-K_0 * step))
-    excess, known = undone_low_pass(seen.tau_ext, pole, finite)
-    there = known[:, None]
-    q, v, tau_J = (np.where(there, x, 0.0) for x in (recording.q, recording.v, seen.tau_J))
-    return JointTorques(q, v, tau_J, excess + tau_J, known, step)
+    excess, is_known = undone_low_pass(reading.tau_ext, pole, finite)
+    rows = is_known[:, None]
+    q, v, tau_J = (np.where(rows, x, 0.0) for x in (recording.q, recording.v, reading.tau_J))
+    return JointTorques(q, v, tau_J, excess + tau_J, is_known, step)
 
 
 class Rows(NamedTuple):
@@ -124,14 +125,19 @@ class Rows(NamedTuple):
     def of_joint(self, j: int) -> SlidingRows:
         """Those in which the joint slides."""
         where = self.slides[:, j]
-        own = self.side, self.v, self.load, self.torque, self.external
-        return SlidingRows(*(x[where, j] for x in own))
+        return SlidingRows(
+            self.side[where, j],
+            self.v[where, j],
+            self.load[where, j],
+            self.torque[where, j],
+            self.external[where, j],
+        )
 
     def residual(self, law: PreslidingFriction, gain: float) -> Array:
         """(R, n) N m, of the law and the gain."""
         level = sliding_level(law, self.v, self.load)
-        own = sliding_torque(law, self.v, level, self.side)
-        return np.asarray(self.torque - own - gain * self.external)
+        friction = sliding_torque(law, self.v, level, self.side)
+        return np.asarray(self.torque - friction - gain * self.external)
 
 
 def rows_of(
@@ -164,21 +170,30 @@ def rows_of(
     ]
     index = np.array(starts, int)[:, None] + np.arange(size)
     load = terms.rigid - external
-    signals = (terms.q, terms.v, side, load, terms.tau_J - load, external)
-    q, v, own, carried, torque, outside = (x[index].mean(axis=1) for x in signals)
-    slides = np.asarray(sliding[index].all(axis=1))
-    return Rows(q, v, own, carried, torque, outside, slides)
+
+    def means(signal: Array) -> Array:
+        return np.asarray(signal[index].mean(axis=1))
+
+    return Rows(
+        q=means(terms.q),
+        v=means(terms.v),
+        side=means(side),
+        load=means(load),
+        torque=means(terms.tau_J - load),
+        external=means(external),
+        slides=np.asarray(sliding[index].all(axis=1)),
+    )
 
 
 def carried_over(law: PreslidingFriction) -> PreslidingFriction:
-    """What of a law holds for another specimen, before its level is found."""
+    """The parts of a law that hold for another specimen, before its level is fitted."""
     crawl = law.stribeck_velocity < CRAWL
     return replace(law, stribeck=np.where(crawl, 0.0, law.stribeck))
 
 
 @dataclass(frozen=True, eq=False)
 class LogRows:
-    """What one log says of the joints' friction.
+    """Rows of one log, from which friction is fitted.
 
     Attributes:
         level: means over ROW, from which the law's level is fitted.
@@ -209,10 +224,10 @@ class LogRows:
         Raises:
             InputError: another friction law.
         """
-        terms, known = joint_torques(recording, robot, model), carried_over(presliding_of(model))
-        level = rows_of(terms, where, external, known)
-        fine = None if external is None else rows_of(terms, where, external, known, PERIOD)
-        return cls(level, fine)
+        terms, law = joint_torques(recording, robot, model), carried_over(presliding_of(model))
+        level = rows_of(terms, where, external, law)
+        places = None if external is None else rows_of(terms, where, external, law, PERIOD)
+        return cls(level, places)
 
 
 def presliding_of(model: IdentifiedModel) -> PreslidingFriction:
@@ -234,10 +249,11 @@ def fit_rows(
     rows: Sequence[Rows], known: PreslidingFriction, prior: SpecimenPrior | None = None
 ) -> SpecimenFit:
     """The law that the rows of several logs give together, by joint, with a known one as prior."""
-    joints = range(known.num_joints)
-    return fit_specimen(
-        known, [SlidingRows.joined([own.of_joint(j) for own in rows]) for j in joints], prior
-    )
+    by_joint = [
+        SlidingRows.joined([log_rows.of_joint(j) for log_rows in rows])
+        for j in range(known.num_joints)
+    ]
+    return fit_specimen(known, by_joint, prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +263,7 @@ class SpecimenRefit:
     Attributes:
         model: the new one.
         before: the law that was carried over.
-        fit: what the logs say.
+        fit: of the friction to the logs.
         robot: with the torque constants that a force sensor gives; None: there was none.
     """
 
@@ -283,7 +299,7 @@ class SpecimenRefit:
 def refit_logs(
     settings: IdentifySettings,
     out: Path,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, message: None,
 ) -> SpecimenRefit:
     """Reads model and logs, and writes model.yaml, metrics.json and config.yaml into `out`.
 
@@ -302,13 +318,13 @@ def refit_logs(
         robot = Robot.load(settings.robot)
         model = IdentifiedModel.load(Path(str(settings.refresh)), robot)
         progress(0.0, "reading")
-        given = logs_of(
+        requested = logs_of(
             settings.logs,
             "identify",
             "--other-specimen",
             lambda path: read_log(path, settings, robot),
         )
-        logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in given]
+        logs = [(log, np.ones(len(log.t), bool) if at is None else at) for log, at in requested]
         external = [
             sensor_torque(log, robot, sensor) if sensor.columns else None for log, _ in logs
         ]
@@ -343,39 +359,42 @@ def refit_specimen(
     tooled = with_tool_of(model, robot)
     external = [None] * len(recordings) if external is None else external
     rows = [
-        LogRows.of(log, where, robot, tooled, own)
-        for (log, where), own in zip(recordings, external, strict=True)
+        LogRows.of(log, where, robot, tooled, torque)
+        for (log, where), torque in zip(recordings, external, strict=True)
     ]
     return refit_rows(rows, robot, model)
 
 
 def refit_rows(rows: Sequence[LogRows], robot: Robot, model: IdentifiedModel) -> SpecimenRefit:
     """As `refit_specimen`, from the rows of the logs."""
-    before = carried_over(presliding_of(model))
-    fine = [own.places for own in rows if own.places is not None]
-    fit = fit_rows([own.level for own in rows], before, _SENSOR_PRIOR if fine else None)
+    prior_law = carried_over(presliding_of(model))
+    places = [log.places for log in rows if log.places is not None]
+    prior = _SENSOR_PRIOR if places else None
+    fit = fit_rows([log.level for log in rows], prior_law, prior)
     if not fit.rows.any():
         problem = f"no joint moves faster than {SLIDING_SPEED:g} rad/s for {ROW:g} s"
         raise InputError("--other-specimen", "", problem, "give stretches of free motion")
-    if not fine:
-        return SpecimenRefit(replace(model, friction=fit.law), before, fit)
+    if not places:
+        return SpecimenRefit(replace(model, friction=fit.law), prior_law, fit)
     scale = 1.0 + fit.gain
-    residual = np.concatenate([own.residual(fit.law, fit.gain) for own in fine])
-    q, v, slides = (np.concatenate([getattr(x, k) for x in fine]) for k in ("q", "v", "slides"))
+    residual = np.concatenate([log.residual(fit.law, fit.gain) for log in places])
+    q = np.concatenate([log.q for log in places])
+    v = np.concatenate([log.v for log in places])
+    slides = np.concatenate([log.slides for log in places])
     friction = PathFriction(_scaled(fit.law, scale), PathPlaces.of(q, v, scale * residual, slides))
     renewed = robot.with_torque_per_ampere(
         (scale * robot.torque_per_ampere).tolist(), at_rest=robot.rest_torque_per_ampere.tolist()
     )
     tooled = with_tool_of(model, robot)
-    own = replace(tooled.fitted_robot, torque_per_ampere=renewed.torque_per_ampere.tolist())
+    torque_per_ampere = renewed.torque_per_ampere.tolist()
     calibrated = replace(
         tooled,
         inertial_parameters=scale * tooled.inertial_parameters,
         reflected_inertia=scale * tooled.reflected_inertia,
         friction=friction,
-        fitted_robot=own,
+        fitted_robot=replace(tooled.fitted_robot, torque_per_ampere=torque_per_ampere),
     )
-    return SpecimenRefit(calibrated, before, fit, renewed)
+    return SpecimenRefit(calibrated, prior_law, fit, renewed)
 
 
 def _scaled(law: PreslidingFriction, scale: float) -> PreslidingFriction:

@@ -1,4 +1,4 @@
-"""Logs with the stretches of them that are meant: LOG or LOG=BEGIN,END[,BEGIN,END...]."""
+"""Logs, whole or in stretches: LOG or LOG=BEGIN,END[,BEGIN,END...]."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,28 +21,31 @@ def as_logs(logs: Logs) -> Sequence[tuple[Recording, Flags | None]]:
 def logs_of(
     texts: Sequence[str], command: str, option: str, read: Callable[[Path], Recording]
 ) -> list[tuple[Recording, Flags | None]]:
-    """Logs that were given with their stretches, read; None where a whole log counts.
+    """Reads logs that are named with their stretches.
 
     Args:
         texts, command, option: as `stretches_of`.
 
+    Returns:
+        Each log with the samples (N,) that count; None: all.
+
     Raises:
         InputError: as `stretches_of`, `inside` and `read`.
     """
-    given: list[tuple[Recording, Flags | None]] = []
+    logs: list[tuple[Recording, Flags | None]] = []
     for text in texts:
         path, stretches = stretches_of(text, command, option)
         log = read(path)
-        given.append((log, inside(log, stretches) if stretches else None))
-    return given
+        logs.append((log, inside(log, stretches) if stretches else None))
+    return logs
 
 
 def stretches_of(text: str, command: str, option: str) -> tuple[Path, list[tuple[float, float]]]:
     """Path and stretches, s from the log's start; none: the whole log.
 
     Args:
-        text: as it was given; a file of that very name is a log.
-        command, option: that a problem names.
+        text: of the command line; a file of that very name is a whole log.
+        command, option: that an error message names.
 
     Raises:
         InputError: stretches that are none.
@@ -62,7 +65,7 @@ def stretches_of(text: str, command: str, option: str) -> tuple[Path, list[tuple
 
 
 def inside(log: Recording, stretches: Sequence[tuple[float, float]]) -> Flags:
-    """(N,) which samples lie in the stretches; all where there are none.
+    """(N,) whether samples lie in the stretches; without stretches all do.
 
     Raises:
         InputError: no sample does.

@@ -128,5 +128,5 @@ def test_a_limit_that_cannot_be_kept_is_refused(tmp_path, option, value):
 
 def test_pairs_that_keep_less_than_asked_are_named(sts):
     near = dict(Clearance(sts, 0.1).near_at_home)
-    assert all(0.0 < kept < 0.1 for kept in near.values())
+    assert all(0.0 < selected < 0.1 for selected in near.values())
     assert len(near) >= len(Clearance(sts, 0.02).near_at_home)

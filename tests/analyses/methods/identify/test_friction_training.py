@@ -35,9 +35,9 @@ def trained():
 
 def test_the_band_ends_where_the_law_meets_the_data():
     expected = STRIBECK * np.sqrt(np.log(EXTRA / DROP))  # where the bump is down to the drop
-    found = critical_velocity(*samples(), LAW)
+    result = critical_velocity(*samples(), LAW)
     # 40 ranges of |v| with as many samples each resolve it to some 10 %.
-    np.testing.assert_allclose(found, expected, rtol=0.15)
+    np.testing.assert_allclose(result, expected, rtol=0.15)
 
 
 def test_the_band_holds_the_fewest_samples_that_training_needs():
@@ -46,8 +46,8 @@ def test_the_band_holds_the_fewest_samples_that_training_needs():
     v = rng.uniform(0.2, 1.0, (300, 2)) * rng.choice([-1.0, 1.0], (300, 2))
     v[:30] *= 0.1
     torque = LAW.torque(v) + np.sign(v) * np.where(np.abs(v) < 0.08, 1.0, -1.0)
-    found = critical_velocity(v, torque, LAW)
-    np.testing.assert_array_equal((np.abs(v) <= found).sum(axis=0), 40)
+    result = critical_velocity(v, torque, LAW)
+    np.testing.assert_array_equal((np.abs(v) <= result).sum(axis=0), 40)
     train_networks(v, torque, LAW, config=TrainingConfig(steps=2))
 
 

@@ -87,12 +87,12 @@ def test_known_parameters_come_back_from_clean_logs(sts, truth):
     result = identify([recording(sts, truth, seed) for seed in (1, 2)], sts)
     n = sts.num_joints
     inertial = np.array([truth.inertias[i + 1].toDynamicParameters() for i in range(n)])
-    own = np.stack([truth.armature, COULOMB, VISCOUS, OFFSET], axis=1)
-    expected = result.base.combination @ np.concatenate([inertial.ravel(), own.ravel()])
-    found = np.array(result.model.base_parameters.values)
+    item = np.stack([truth.armature, COULOMB, VISCOUS, OFFSET], axis=1)
+    expected = result.base.combination @ np.concatenate([inertial.ravel(), item.ravel()])
+    outcome = np.array(result.model.base_parameters.values)
     # What remains is sgn(v) on a grid: the instant of a reversal is known to 10 ms, so that a
     # reversal leaves an error of one sample's Coulomb torque. 0.2 % of the largest parameter.
-    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(outcome, expected, atol=2e-3 * np.abs(expected).max())
     law = result.model.friction.coulomb_viscous
     np.testing.assert_allclose(law.coulomb, COULOMB, rtol=0.01)
     np.testing.assert_allclose(law.viscous, VISCOUS, rtol=0.02)
@@ -234,16 +234,16 @@ def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
     for k, log in enumerate(noisy):
         logs.append(tmp_path / f"log_{k}.csv")
         write_recording(log, logs[-1])
-    told = []
+    reports = []
     result = identify_logs(
         logs[:3],
         "sts_sre4_600",
         tmp_path / "out",
         logs[3:],
-        progress=lambda share, what: told.append(share),
+        progress=lambda share, what: reports.append(share),
     )
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    assert reports == sorted(reports)
+    assert reports[-1] == 1.0
     out = tmp_path / "out"
     assert (out / "figures" / "torque_log_3.png").stat().st_size > 10_000
     metrics = json.loads((out / "metrics.json").read_text())
@@ -254,9 +254,9 @@ def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
     np.testing.assert_array_equal(loaded.inertial_parameters, result.model.inertial_parameters)
     assert len(loaded.provenance.logs[0].sha256) == 64
     # The same logs give the same bytes.
-    before = {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
+    previous = {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
     identify_logs(logs[:3], "sts_sre4_600", out, logs[3:])
-    assert before == {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
+    assert previous == {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
 
 
 # ---------------------------------------------------------------------------------- bad input
@@ -398,25 +398,25 @@ def test_spikes_in_the_current_hardly_move_the_model(sts, noisy):
 def test_each_law_predicts_what_coulomb_and_viscous_friction_made(sts, noisy, law):
     """All of them contain it; the richer ones must not lose by it."""
     logs = [replace(log, current=log.current - sts.motor_current(OFFSET)) for log in noisy]
-    found = identify(logs[:3], sts, config=IdentificationConfig(friction=law))
-    assert found.law == law
+    outcome = identify(logs[:3], sts, config=IdentificationConfig(friction=law))
+    assert outcome.law == law
     plain = identify(logs[:3], sts)
     # Up to 30 % for what ten more parameters and a displacement of at least 0.03 mrad cost.
-    assert (found.held_out[law] < 1.3 * plain.held_out[plain.law]).all()
+    assert (outcome.held_out[law] < 1.3 * plain.held_out[plain.law]).all()
 
 
 def test_cross_validation_chooses_a_law_and_states_all(sts, noisy):
-    found = identify(noisy[:2], sts, config=IdentificationConfig(friction="best"))
-    assert set(STRUCTURES) <= set(found.held_out) <= set(LAWS)
-    assert found.law == best_law(found.held_out, found.extrapolated)
-    assert set(STRUCTURES) <= set(found.extrapolated)
-    chosen = found.metrics()["law_cross_validation"][found.law]
+    outcome = identify(noisy[:2], sts, config=IdentificationConfig(friction="best"))
+    assert set(STRUCTURES) <= set(outcome.held_out) <= set(LAWS)
+    assert outcome.law == best_law(outcome.held_out, outcome.extrapolated)
+    assert set(STRUCTURES) <= set(outcome.extrapolated)
+    chosen = outcome.metrics()["law_cross_validation"][outcome.law]
     assert all(len(chosen[f"{part}_rmse_nm"]) == 6 for part in ("fastest", "slowest"))
-    assert found.metrics()["friction"]["law"] == found.law
+    assert outcome.metrics()["friction"]["law"] == outcome.law
     # No fit depends on those made before it: to the last bit what the law gives alone.
     alone = identify(noisy[:2], sts, config=IdentificationConfig(friction="load-dependent"))
     np.testing.assert_array_equal(
-        found.held_out["load-dependent"], alone.held_out["load-dependent"]
+        outcome.held_out["load-dependent"], alone.held_out["load-dependent"]
     )
 
 
@@ -442,24 +442,24 @@ def test_the_fastest_samples_are_predicted_without_them(sts, truth):
     fast = np.quantile(np.abs(np.vstack([log.v for log in logs])), 0.8, axis=0)
     less = [8.0 * (np.abs(log.v) > fast) * np.sign(log.v) for log in logs]
     bent = [
-        replace(log, current=log.current - sts.motor_current(own))
-        for log, own in zip(logs, less, strict=True)
+        replace(log, current=log.current - sts.motor_current(item))
+        for log, item in zip(logs, less, strict=True)
     ]
     config = IdentificationConfig(friction="best")
-    straight, found = (identify(own, sts, config=config).extrapolated for own in (logs, bent))
+    straight, outcome = (identify(item, sts, config=config).extrapolated for item in (logs, bent))
     law = "coulomb-viscous-offset"
-    assert (found[law][0] > 3.0 * straight[law][0]).all()
-    assert (found[law][0] > 5.0).all()  # of the 8 N m that nothing slower shows
+    assert (outcome[law][0] > 3.0 * straight[law][0]).all()
+    assert (outcome[law][0] > 5.0).all()  # of the 8 N m that nothing slower shows
 
 
 def test_logs_of_one_motion_are_held_out_together(sts, truth, noisy):
     again = replace(recording(sts, truth, 1, noise=1.0), source="again.csv")
     shifted = replace(again, t=again.t + 3.0)
-    found = identify([noisy[0], shifted, noisy[1]], sts)
-    (note,) = [line for line in found.warnings if "repeat one motion" in line]
+    outcome = identify([noisy[0], shifted, noisy[1]], sts)
+    (note,) = [line for line in outcome.warnings if "repeat one motion" in line]
     assert note.startswith("run_1, again repeat one motion: they are held out together")
     # Each is predicted from the third log alone, so that both err alike.
-    first, second, _ = (fit.residual for fit in found.cross_validation)
+    first, second, _ = (fit.residual for fit in outcome.cross_validation)
     alone = identify([noisy[0], noisy[1]], sts).cross_validation[0].residual
     np.testing.assert_allclose(
         np.sqrt(np.mean(first**2, axis=0)), np.sqrt(np.mean(alone**2, axis=0)), rtol=0.05
@@ -469,32 +469,32 @@ def test_logs_of_one_motion_are_held_out_together(sts, truth, noisy):
 
 def test_a_single_motion_is_cut_into_thirds(sts, truth, noisy):
     again = replace(recording(sts, truth, 1, noise=1.0), source="again.csv")
-    found = identify([noisy[0], again], sts)
-    (note,) = [line for line in found.warnings if "repeat one motion" in line]
+    outcome = identify([noisy[0], again], sts)
+    (note,) = [line for line in outcome.warnings if "repeat one motion" in line]
     assert "there is no other motion" in note
-    assert found.cross_validation == ()
-    assert found.model.torque_error is not None
+    assert outcome.cross_validation == ()
+    assert outcome.model.torque_error is not None
 
 
 def test_the_model_knows_what_the_observer_errs_by(sts, result, noisy):
     """The band of the stated sds holds 95 % of what is read of a log that no fit had seen."""
     error, log = result.model.torque_error, noisy[3]
     config = WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=STEP))
-    seen = WrenchEstimator(sts, result.model, config).observe(log.q, log.v, log.current)
+    reports = WrenchEstimator(sts, result.model, config).observe(log.q, log.v, log.current)
     sd, stiction = torque_sds(
         replace(error, drift=0.0),
         result.model.friction,
         log.q,
         log.v,
-        seen.tau_J - seen.tau_f,
+        reports.tau_J - reports.tau_f,
         STEP,
     )
-    kept = slice(50, None)
-    inside = np.mean(np.abs(seen.tau_ext[kept]) < 1.96 * sd[kept])
+    selected = slice(50, None)
+    inside = np.mean(np.abs(reports.tau_ext[selected]) < 1.96 * sd[selected])
     # The law has the true form, so that stiction is overstated at each reversal: above 95 %.
     assert 0.93 < inside < 0.995
-    sliding = (stiction < 0.3 * error.constant)[kept]
-    share = np.mean((np.abs(seen.tau_ext[kept]) < 1.96 * sd[kept])[sliding])
+    sliding = (stiction < 0.3 * error.constant)[selected]
+    share = np.mean((np.abs(reports.tau_ext[selected]) < 1.96 * sd[selected])[sliding])
     assert share == pytest.approx(0.95, abs=0.02)
     np.testing.assert_array_equal(error.resolution, 0.0)
 
@@ -507,14 +507,14 @@ def test_without_cross_validation_nothing_is_known_of_the_error(sts, noisy):
 def test_the_consistent_fit_is_a_robot_and_hardly_worse(sts, noisy, tmp_path):
     config = IdentificationConfig(consistent=True)
     plain = identify(noisy[:3], sts, noisy[3:])
-    found = identify(noisy[:3], sts, noisy[3:], config)
-    assert found.metrics()["inconsistent_links"] == []
-    assert (found.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
-    found.write(OutputFolder(tmp_path), IdentifySettings())
+    outcome = identify(noisy[:3], sts, noisy[3:], config)
+    assert outcome.metrics()["inconsistent_links"] == []
+    assert (outcome.validation[0].rmse < 1.05 * plain.validation[0].rmse).all()
+    outcome.write(OutputFolder(tmp_path), IdentifySettings())
     model = pin.buildModelFromXML((tmp_path / "robot.urdf").read_text())
     found_inertias = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(6)])
     np.testing.assert_allclose(
-        found_inertias, found.model.inertial_parameters, rtol=1e-9, atol=1e-12
+        found_inertias, outcome.model.inertial_parameters, rtol=1e-9, atol=1e-12
     )
 
 
@@ -530,34 +530,34 @@ def coupled_logs(robot, truth, seeds):
     """As `recording`, the torques of the motors that move several joints."""
     logs = []
     D = robot.motor_rates
-    more = D.T @ (truth.armature[:, None] * D) - np.diag(truth.armature)
+    larger = D.T @ (truth.armature[:, None] * D) - np.diag(truth.armature)
     for seed in seeds:
         log = recording(robot, truth, seed)
         v_motor = log.v @ D.T
         friction = COULOMB * np.sign(v_motor) + VISCOUS * v_motor + OFFSET
-        own = COULOMB * np.sign(log.v) + VISCOUS * log.v + OFFSET
-        tau_J = robot.joint_torque(log.current) - own + friction @ D
-        tau_J += np.gradient(log.v, STEP, axis=0) @ more  # .5 Hz at most, known to 1e-4
+        item = COULOMB * np.sign(log.v) + VISCOUS * log.v + OFFSET
+        tau_J = robot.joint_torque(log.current) - item + friction @ D
+        tau_J += np.gradient(log.v, STEP, axis=0) @ larger  # .5 Hz at most, known to 1e-4
         logs.append(replace(log, current=robot.motor_current(tau_J)))
     return logs
 
 
 def test_friction_of_coupled_motors_comes_back(coupled_wrist, truth, tmp_path):
-    found = identify(coupled_logs(coupled_wrist, truth, (1, 2, 3)), coupled_wrist)
-    law = found.model.friction.coulomb_viscous
+    outcome = identify(coupled_logs(coupled_wrist, truth, (1, 2, 3)), coupled_wrist)
+    law = outcome.model.friction.coulomb_viscous
     # As without coupling: the instant of a reversal is known to 10 ms.
     np.testing.assert_allclose(law.coulomb, COULOMB, rtol=0.015)
     np.testing.assert_allclose(law.viscous, VISCOUS, rtol=0.03)
     # Alone determined only for the last three joints: others' rotors stand with a link's inertia.
-    np.testing.assert_allclose(found.solution.parts()[1][3:], truth.armature[3:], rtol=0.02)
-    for fit in found.cross_validation:
+    np.testing.assert_allclose(outcome.solution.parts()[1][3:], truth.armature[3:], rtol=0.02)
+    for fit in outcome.cross_validation:
         assert (fit.relative < 0.015).all()
-    np.testing.assert_array_equal(found.metrics()["coupling"], coupled_wrist.coupling)
-    found.model.save(tmp_path / "model.yaml")
+    np.testing.assert_array_equal(outcome.metrics()["coupling"], coupled_wrist.coupling)
+    outcome.model.save(tmp_path / "model.yaml")
     read = IdentifiedModel.load(tmp_path / "model.yaml", coupled_wrist)
     v = np.random.default_rng(0).normal(size=(5, 6))
     np.testing.assert_array_equal(
-        read.friction.torque_along(v, v, v), found.model.friction.torque_along(v, v, v)
+        read.friction.torque_along(v, v, v), outcome.model.friction.torque_along(v, v, v)
     )
 
 
@@ -582,6 +582,6 @@ def test_the_coupled_wrist_of_a_real_arm(data, tmp_path):
     (tmp_path / "log.yaml").write_text(yaml.safe_dump(layout), encoding="utf-8")
     robot = Robot.load(tmp_path / "robot.yaml")
     log = read_recording(source / "excitation.csv", tmp_path / "log.yaml", robot)
-    found = identify([log], robot, config=IdentificationConfig(cutoff=10.0, cross_validate=False))
+    outcome = identify([log], robot, config=IdentificationConfig(cutoff=10.0, cross_validate=False))
     # What was asked of joint 5; the others as they are without coupling, to the digit stated.
-    assert (found.fit[0].rmse < [2.55, 2.85, 1.7, 0.9, 1.3, 1.6]).all()
+    assert (outcome.fit[0].rmse < [2.55, 2.85, 1.7, 0.9, 1.3, 1.6]).all()

@@ -72,10 +72,10 @@ def test_the_residual_is_a_mean_and_an_sd() -> None:
             zip(np.split(measured, 2), np.split(rng.normal(size=(400, 2)), 2), strict=True)
         )
     ]
-    both = joined_fits(fits, "held out")
-    np.testing.assert_allclose(both.bias, [0.5, -0.25], atol=0.02)  # 400 samples of sd .1: .005
-    np.testing.assert_allclose(both.residual_sd, 0.1, rtol=0.1)
-    np.testing.assert_allclose(both.rmse**2, both.bias**2 + both.residual_sd**2)
+    pair = joined_fits(fits, "held out")
+    np.testing.assert_allclose(pair.bias, [0.5, -0.25], atol=0.02)  # 400 samples of sd .1: .005
+    np.testing.assert_allclose(pair.residual_sd, 0.1, rtol=0.1)
+    np.testing.assert_allclose(pair.rmse**2, pair.bias**2 + pair.residual_sd**2)
     assert residual_text(np.array([0.5, -0.25]), np.array([0.1, 0.2])) == (
         "+0.50 ± 0.1, -0.25 ± 0.2"
     )

@@ -68,9 +68,9 @@ def test_what_is_said_is_enough_and_never_looks_equal(
     assert (line is None) == (missing_time(recording, needed) == 0.0)
     if line is None:
         return
-    found = LINE.search(line)
-    assert found is not None
-    length, _, least, short = (float(x) for x in found.groups()[:4])
+    result = LINE.search(line)
+    assert result is not None
+    length, _, least, short = (float(x) for x in result.groups()[:4])
     assert length < least
     assert short == pytest.approx(least - length, rel=1e-9, abs=1e-12)
     assert length <= recording.duration + 2e-8  # a millionth of its last digit
@@ -80,8 +80,8 @@ def test_what_is_said_is_enough_and_never_looks_equal(
     longer = replace(recording, t=recording.t.copy())
     longer.t[-1] += short
     assert missing_time(longer, needed) == 0.0
-    if found[5] is not None:
-        higher = float(found[5])
+    if result[5] is not None:
+        higher = float(result[5])
         assert higher > cutoff
         assert refusal(recording, ur10e, replace(config, cutoff=higher)) is None
     else:

@@ -38,14 +38,14 @@ def test_the_encoders_step_through_gravity(ur10e: Robot) -> None:
     reading, step = _reading(ur10e, 1e-3), 1e-3
     plain = resolution_floor([_reading(ur10e, 0.0)], ur10e)
     floor = resolution_floor([reading], ur10e)
-    own = np.sqrt(12.0 * (floor**2 - plain**2))
+    item = np.sqrt(12.0 * (floor**2 - plain**2))
     moved = np.abs(
         [ur10e.chain.gravity_torque(reading.q + step * np.eye(6)[j])
          - ur10e.chain.gravity_torque(reading.q) for j in range(6)]
     )  # fmt: skip
-    np.testing.assert_allclose(own, moved.max(axis=(0, 1)), atol=1e-6)
-    assert own[0] == pytest.approx(0.0, abs=1e-6)
-    assert own[1] > 0.05
+    np.testing.assert_allclose(item, moved.max(axis=(0, 1)), atol=1e-6)
+    assert item[0] == pytest.approx(0.0, abs=1e-6)
+    assert item[1] > 0.05
 
 
 def test_fits_that_disagree_on_a_mass_leave_gravity_open(ur10e: Robot) -> None:
@@ -53,11 +53,11 @@ def test_fits_that_disagree_on_a_mass_leave_gravity_open(ur10e: Robot) -> None:
     model: IdentifiedModel = knowing_model(ur10e, 5.0, 4.0)
     assert model.torque_error is not None
     reading, parameters, torques = _reading(ur10e, 0.0), [], []
-    for more in (-0.2, 0.0, 0.2):
+    for larger in (-0.2, 0.0, 0.2):
         inertial = ur10e.chain.inertial_parameters.copy()
-        inertial[3, 0] += more
+        inertial[3, 0] += larger
         chain = ur10e.chain.with_inertial_parameters(inertial, ur10e.chain.reflected_inertia)
-        offset = 10.0 * more * np.eye(6)[0]
+        offset = 10.0 * larger * np.eye(6)[0]
         parameters.append(np.hstack([inertial[:, :4], offset[:, None]]))
         torques.append(chain.gravity_torque(reading.q) + offset)
     error = gravity_spread(np.stack(parameters), ur10e, model.torque_error, [reading])

@@ -1,4 +1,4 @@
-"""What an arm carries: of a simulated log, of the UR10e's two weighed ones, and bad input."""
+"""Payloads of a simulated log and of the UR10e's two weighed ones, and bad input."""
 
 import json
 from dataclasses import replace
@@ -34,21 +34,21 @@ def recording(robot, seed, load=BODY, duration=12.0):
 
 
 def test_a_load_is_found(ur10e, model):
-    found = identify_payload(recording(ur10e, 1), ur10e, model, PayloadConfig(gain_sd=0.0))
-    load = found.load
+    result = identify_payload(recording(ur10e, 1), ur10e, model, PayloadConfig(gain_sd=0.0))
+    load = result.load
     # The log's noise is far below what the model states: well inside its errors.
     assert load.mass == pytest.approx(2.0, abs=load.standard_deviation[0])
     np.testing.assert_allclose(load.com, COM, atol=float(load.standard_deviation[1:4].max()))
-    assert found.com_observable.all()
+    assert result.com_observable.all()
 
 
 def test_the_model_with_the_load_explains_the_log(ur10e, model):
-    found = identify_payload(recording(ur10e, 1), ur10e, model)
-    laden = found.model.inertial_parameters - model.inertial_parameters
+    result = identify_payload(recording(ur10e, 1), ur10e, model)
+    laden = result.model.inertial_parameters - model.inertial_parameters
     np.testing.assert_allclose(laden[:-1], 0.0)
-    own = body_parameters(found.load.mass, found.load.com, found.load.realisable)
-    np.testing.assert_allclose(laden[-1], flange_map(ur10e) @ own, atol=1e-12)
-    again = identify_payload(recording(ur10e, 2), ur10e, found.model)
+    body = body_parameters(result.load.mass, result.load.com, result.load.realisable)
+    np.testing.assert_allclose(laden[-1], flange_map(ur10e) @ body, atol=1e-12)
+    again = identify_payload(recording(ur10e, 2), ur10e, result.model)
     assert not again.load.is_there
 
 
@@ -60,7 +60,7 @@ def test_command_writes_a_tool_that_a_robot_takes(ur10e, model, tmp_path):
     log = tmp_path / "laden.csv"
     write_recording(recording(ur10e, 1), log)
     model.save(tmp_path / "model.yaml")
-    found = payload_log(settings(tmp_path, str(log)), tmp_path / "out")
+    result = payload_log(settings(tmp_path, str(log)), tmp_path / "out")
     config = yaml.safe_load(ur10e.source.read_text(encoding="utf-8"))
     config |= yaml.safe_load((tmp_path / "out" / "tool.yaml").read_text(encoding="utf-8"))
     config["urdf"] = str(ur10e.source.with_name(config["urdf"]))
@@ -69,20 +69,20 @@ def test_command_writes_a_tool_that_a_robot_takes(ur10e, model, tmp_path):
     added = robot.chain.inertial_parameters - ur10e.chain.inertial_parameters
     # Six digits in the block.
     np.testing.assert_allclose(
-        added[-1], (found.model.inertial_parameters - model.inertial_parameters)[-1], atol=1e-5
+        added[-1], (result.model.inertial_parameters - model.inertial_parameters)[-1], atol=1e-5
     )
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
-    assert metrics["mass_kg"] == pytest.approx(found.load.mass)
+    assert metrics["mass_kg"] == pytest.approx(result.load.mass)
     assert metrics["mass_sd_kg"] >= metrics["mass_sd_of_gains_kg"]
     assert (tmp_path / "out" / "figures" / "load.png").is_file()
     IdentifiedModel.load(tmp_path / "out" / "model.yaml", robot)
 
 
-def test_two_short_logs_tell_what_one_long_one_does(ur10e, model):
+def test_two_short_logs_determine_the_load_as_one_long_log_does(ur10e, model):
     long = recording(ur10e, 1)
     halves = [(long[:600], None), (long[600:], None)]
     whole, apart = (
-        identify_payload(own, ur10e, model, PayloadConfig(gain_sd=0.0)) for own in (long, halves)
+        identify_payload(logs, ur10e, model, PayloadConfig(gain_sd=0.0)) for logs in (long, halves)
     )
     # A second of each is the filter's: 9 of 10 rows are left.
     assert len(apart.rows.t) == pytest.approx(0.91 * len(whole.rows.t), rel=0.03)
@@ -92,25 +92,25 @@ def test_two_short_logs_tell_what_one_long_one_does(ur10e, model):
     assert (np.diff(apart.rows.t) > 0.0).all()
 
 
-def test_stretches_of_a_log_leave_out_what_touched_it(ur10e, model, tmp_path):
+def test_stretches_of_a_log_leave_out_contact(ur10e, model, tmp_path):
     log = recording(ur10e, 1)
     touched = log.current.copy()
     t = log.t - log.t[0]
     touched[(t > 4.0) & (t < 7.0), :3] += 3.0  # A, some 30 N m
     write_recording(replace(log, current=touched), tmp_path / "a.csv")
     model.save(tmp_path / "model.yaml")
-    given = f"{tmp_path / 'a.csv'}=0,4,7,12"
-    found = payload_log(settings(tmp_path, given), tmp_path / "out")
-    assert found.load.mass == pytest.approx(2.0, abs=0.05)
+    stretches = f"{tmp_path / 'a.csv'}=0,4,7,12"
+    result = payload_log(settings(tmp_path, stretches), tmp_path / "out")
+    assert result.load.mass == pytest.approx(2.0, abs=0.05)
     spoilt = payload_log(settings(tmp_path, str(tmp_path / "a.csv")), tmp_path / "all")
-    assert found.load.scale[:3].max() < 0.5 * spoilt.load.scale[:3].max()
-    for words, what in (("5,4", "LOG=BEGIN,END"), ("90,99", "holds no samples from 90 to 99 s")):
-        given = f"{tmp_path / 'a.csv'}={words}"
-        with pytest.raises(InputError, match=what):
-            payload_log(settings(tmp_path, given), tmp_path / "no")
+    assert result.load.scale[:3].max() < 0.5 * spoilt.load.scale[:3].max()
+    for words, message in (("5,4", "LOG=BEGIN,END"), ("90,99", "holds no samples from 90 to 99 s")):
+        stretches = f"{tmp_path / 'a.csv'}={words}"
+        with pytest.raises(InputError, match=message):
+            payload_log(settings(tmp_path, stretches), tmp_path / "no")
 
 
-def test_what_the_motion_does_not_tell_is_not_written_as_known(ur10e, model):
+def test_an_undetermined_centre_of_mass_is_named_and_not_written(ur10e, model):
     """The first joint alone turns, about the vertical: no weight's place shows."""
     log = recording(ur10e, 1)
     q = np.tile(ur10e.home, (log.num_samples, 1))
@@ -119,32 +119,35 @@ def test_what_the_motion_does_not_tell_is_not_written_as_known(ur10e, model):
     tau = ur10e.chain.inverse_dynamics(q, v, vdot) + COULOMB * np.sign(v) + VISCOUS * v
     tau = tau + load_columns(ur10e, q, v, vdot) @ BODY
     current = tau / (ur10e.torque_per_ampere * ur10e.current_sign)
-    found = identify_payload(replace(log, q=q, v=v, current=current), ur10e, model)
-    assert found.load.is_there
-    unknown = ~found.com_observable
+    result = identify_payload(replace(log, q=q, v=v, current=current), ur10e, model)
+    assert result.load.is_there
+    unknown = ~result.com_observable
     assert unknown.any()
-    np.testing.assert_allclose(np.array(found.tool.com)[unknown], 0.0, atol=1e-9)
-    axes = ", ".join(axis for axis, own in zip("xyz", unknown, strict=True) if own)
-    assert f"not told along {axes}, where it is taken to lie at the flange" in found.tool_block()
-    assert any("taken to lie at the flange" in line for line in found.warnings)
+    np.testing.assert_allclose(np.array(result.tool.com)[unknown], 0.0, atol=1e-9)
+    axes = ", ".join(axis for axis, is_unknown in zip("xyz", unknown, strict=True) if is_unknown)
+    assert (
+        f"not determined along {axes}, where it is taken to lie at the flange"
+        in result.tool_block()
+    )
+    assert any("taken to lie at the flange" in line for line in result.warnings)
 
 
 def test_without_a_load_nothing_is_written_for_the_robot(ur10e, model, tmp_path):
     log = tmp_path / "empty.csv"
     write_recording(recording(ur10e, 1, load=np.zeros(10)), log)
     model.save(tmp_path / "model.yaml")
-    found = payload_log(settings(tmp_path, str(log)), tmp_path / "out")
-    assert "no load" in found.warnings[0]
+    result = payload_log(settings(tmp_path, str(log)), tmp_path / "out")
+    assert "no load" in result.warnings[0]
     assert not (tmp_path / "out" / "tool.yaml").exists()
     assert (tmp_path / "out" / "metrics.json").is_file()
 
 
 @pytest.mark.parametrize(
-    ("config", "what"),
+    ("config", "message"),
     [(PayloadConfig(gain_sd=-1.0), "gain_sd"), (PayloadConfig(name="my tool"), "link's name")],
 )
-def test_bad_settings_are_one_line(ur10e, model, config, what):
-    with pytest.raises(InputError, match=what):
+def test_bad_settings_are_one_line(ur10e, model, config, message):
+    with pytest.raises(InputError, match=message):
         identify_payload(recording(ur10e, 1), ur10e, model, config)
 
 

@@ -35,15 +35,15 @@ def test_a_particle_costs_its_best_branch(sts: Robot, task: PlacementTask) -> No
     initial = np.concatenate([[0.0, 0.5, 0.0], [0.5, 0.0, 0.45], [np.pi], axis])
     nowhere = np.concatenate([[1.0, 0.0, 0.0], [0.6, 0.0, 0.9], [np.pi], axis])
     costs, placement = cost(np.array([initial, nowhere]))
-    found = placement(0)
-    values = ConditionNumber(sts.chain).values(found.q)
+    result = placement(0)
+    values = ConditionNumber(sts.chain).values(result.q)
     assert costs[0] == pytest.approx(np.mean(values), rel=1e-12)
     # Of its two elbows the other one has 17.21.
     assert costs[0] == pytest.approx(17.0973, abs=1e-3)
     assert costs[1] == UNREACHED
-    q, reached = track_paths(sts.chain, found.q[10:11], found.n_W[np.newaxis], 1.0, 20)
+    q, reached = track_paths(sts.chain, result.q[10:11], result.n_W[np.newaxis], 1.0, 20)
     assert reached.all()
-    np.testing.assert_allclose(q[0], found.q, atol=1e-9)
+    np.testing.assert_allclose(q[0], result.q, atol=1e-9)
 
 
 def test_the_swarm_gets_better_and_repeats_itself(sts: Robot, task: PlacementTask) -> None:

@@ -92,16 +92,16 @@ def test_force_sd_is_what_force_sd_makes_small(sts: Robot) -> None:
     task, source = load_task("linear_path")
     Sigma = np.diag([3.3, 3.6, 2.3, 0.53, 0.78, 0.36]) ** 2  # the article's residuals
     model = dataclasses.replace(IdentifiedModel.nominal(sts), residual_covariance=Sigma)
-    found = place(task, source, sts, objective="force-sd", model=model, effort=SMALL)
+    result = place(task, source, sts, objective="force-sd", model=model, effort=SMALL)
     by_jcn = place(task, source, sts, effort=SMALL)
     config = WrenchReconstructionConfig().with_prior(*live_prior(sts.payload))
     force_sd = ForceSd(sts.chain, Sigma, config)
-    sd = float(np.mean(force_sd.values(found.best.placement.q)))
-    metrics = found.metrics()
+    sd = float(np.mean(force_sd.values(result.best.placement.q)))
+    metrics = result.metrics()
     assert metrics["optimised"]["mean_force_sd_n"] == pytest.approx(sd, rel=1e-12)
     assert sd < float(np.mean(force_sd.values(by_jcn.best.placement.q))) - 0.05
     assert sd < metrics["initial"]["mean_force_sd_n"] - 0.3
-    jcn = ConditionNumber(sts.chain).values(found.best.placement.q)
+    jcn = ConditionNumber(sts.chain).values(result.best.placement.q)
     assert metrics["optimised"]["mean_jcn"] == pytest.approx(np.mean(jcn), rel=1e-9)
 
 
@@ -217,14 +217,14 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
     sts: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[tuple[int, ClearanceConfig | None]] = []
-    found: list[PlacementResult] = []
+    outcome: list[PlacementResult] = []
 
     def quickly(task: PlacementTask, *args: Any, **options: Any) -> PlacementResult:
         asked.append((options["seed"], task.clearance))
         if task.clearance is not None:  # what is found then is the search's own matter
-            return found[0]
-        found.append(place(task, *args, **{**options, "effort": SMALL}))
-        return found[-1]
+            return outcome[0]
+        outcome.append(place(task, *args, **{**options, "effort": SMALL}))
+        return outcome[-1]
 
     monkeypatch.setattr("wrenchsight.analyses.methods.place.placement.place", quickly)
     plain = place_task("linear_path", tmp_path / "plain")
@@ -249,7 +249,7 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
         assert clearance is not None
         (slab,) = clearance.obstacles
         assert slab.pose.xyz[2] + 0.5 * slab.size[2] == pytest.approx(floor)
-    assert result.free is found[0].best
+    assert result.free is outcome[0].best
     assert any("coming or going" in notice for notice in result.notices)
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert "free" in metrics

@@ -59,7 +59,7 @@ def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> Non
     out = tmp_path / "robot.yaml"
     robot, _ = draft_robot(urdf, out, base="link01", flange="gripperMover")
     assert robot.joint_names == ("joint2", "joint3", "joint4", "joint5", "joint6", "jointGripper")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         draft_robot(urdf, out)
     other = tmp_path / "other.yaml"
     with pytest.raises(InputError, match="linc: is no link of it; links: gripperMover"):
@@ -133,9 +133,9 @@ def test_a_joint_that_carries_the_gripper_is_the_arms(tmp_path: Path) -> None:
 def test_no_joint_is_held_still_without_a_line(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
-    said = " ".join(result.output.split())
-    assert "joints held still, rad or m: gripper at 0." in said
-    assert "--flange LINK" in said
+    message = " ".join(result.output.split())
+    assert "joints held still, rad or m: gripper at 0." in message
+    assert "--flange LINK" in message
 
 
 def test_a_xacro_files_arguments_are_given_and_kept(tmp_path: Path) -> None:
@@ -161,8 +161,8 @@ def test_a_xacro_files_arguments_are_given_and_kept(tmp_path: Path) -> None:
 def test_a_drafted_arm_has_friction_noise_and_steps_and_says_so(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
-    said = " ".join(result.output.split())
-    assert "friction, noise and resolution of the simulated arm are assumed" in said
+    message = " ".join(result.output.split())
+    assert "friction, noise and resolution of the simulated arm are assumed" in message
     robot = Robot.load(tmp_path / "robot.yaml")
     # Shoulder and lift carry .3 kg links .1 m apart: at most sum m g r, and no less than half.
     truth = robot.config.simulated_truth.friction

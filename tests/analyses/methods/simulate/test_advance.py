@@ -27,18 +27,18 @@ def test_stretches_are_even_and_end_at_the_end(duration, stretch, expected):
     assert even_stretches(duration, stretch) == expected
 
 
-def test_it_goes_to_each_time_and_says_so(simulator):
-    seen = []
+def test_progress_is_reported_at_each_time(simulator):
+    reports = []
     advance(
         simulator,
         [0.5, 1.0, 2.0],
-        lambda share: seen.append((share, simulator.get_context().get_time(), gc.isenabled())),
+        lambda share: reports.append((share, simulator.get_context().get_time(), gc.isenabled())),
     )
-    assert seen == [(1 / 3, 0.5, False), (2 / 3, 1.0, False), (1.0, 2.0, False)]
+    assert reports == [(1 / 3, 0.5, False), (2 / 3, 1.0, False), (1.0, 2.0, False)]
     assert gc.isenabled()
 
 
-def test_what_its_watcher_raises_ends_it_there_and_wakes_the_collector(simulator):
+def test_an_exception_of_the_report_ends_the_simulation_and_restores_the_collector(simulator):
     def stop(share):
         raise KeyboardInterrupt
 
@@ -48,7 +48,7 @@ def test_what_its_watcher_raises_ends_it_there_and_wakes_the_collector(simulator
     assert gc.isenabled()
 
 
-def test_a_collector_at_rest_stays_at_rest(simulator):
+def test_a_disabled_collector_stays_disabled(simulator):
     gc.disable()
     try:
         advance(simulator, [0.1])

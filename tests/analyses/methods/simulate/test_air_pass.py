@@ -1,4 +1,4 @@
-"""What one pass through the air teaches about another."""
+"""Correction and stated error that one air pass gives for another."""
 
 from dataclasses import replace
 
@@ -44,11 +44,15 @@ def passes(request, sts_reversed):
     flown = {}
     for seed, height in enumerate((LOW, HIGH)):
         motion = raised_motion(sts_reversed, plan.trajectory, height)
-        told = []
+        shares = []
         recording = record_air_pass(
-            scenario, sts_reversed, motion, seed, lambda share, what, told=told: told.append(share)
+            scenario,
+            sts_reversed,
+            motion,
+            seed,
+            lambda share, message, shares=shares: shares.append(share),
         )
-        assert told[-1] == 1.0 and np.all(np.diff(told) > 0.0)
+        assert shares[-1] == 1.0 and np.all(np.diff(shares) > 0.0)
         flown[height] = motion, recording
     return scenario, plan, flown
 
@@ -57,7 +61,7 @@ def rms(x):
     return np.sqrt(np.mean(np.sum(x**2, axis=1)))
 
 
-def test_the_arm_does_the_motion_and_touches_nothing(sts_reversed, passes):
+def test_the_arm_follows_the_motion_above_the_surface(sts_reversed, passes):
     scenario, plan, flown = passes
     for height, (motion, recording) in flown.items():
         assert recording.t[-1] == pytest.approx(motion.duration)
@@ -77,7 +81,7 @@ def test_the_arm_does_the_motion_and_touches_nothing(sts_reversed, passes):
         assert np.abs(above - height).max() < 5e-4
 
 
-def test_what_is_read_on_a_second_pass_is_mostly_known(sts_reversed, model, passes):
+def test_a_first_pass_predicts_most_of_the_second_ones_reading(sts_reversed, model, passes):
     """Another height, other noise: ripple, gravity and all that a place has to itself come back."""
     scenario, plan, flown = passes
     low, high = (
@@ -88,42 +92,48 @@ def test_what_is_read_on_a_second_pass_is_mostly_known(sts_reversed, model, pass
     # It counts where the plan says that the feed is steady: from .65 s on, to .25 s before the end.
     counts = np.array([low.counts_at(t) for t in (0.5, 0.7, 1.7, 1.8, 2.5, 2.7, 3.7, 3.8)])
     np.testing.assert_array_equal(counts, [0, 1, 1, 0, 0, 1, 1, 0])
-    left = high.tau_ext - low.at(high.t)
+    remainder = high.tau_ext - low.at(high.t)
     # 8 % on the plate, 2 % on the blade: joints move by up to 10 mrad from one height to the other.
-    assert rms(left) < 0.2 * rms(high.tau_ext)
+    assert rms(remainder) < 0.2 * rms(high.tau_ext)
     assert rms(high.tau_ext) > 1.0
     # Feed time is what it hangs on: a tenth of a second later much of it is lost at the turn.
     late = high.tau_ext - low.at(np.maximum(high.t - 0.1, 0.0))
-    assert rms(late) > 2.0 * rms(left)
+    assert rms(late) > 2.0 * rms(remainder)
 
 
-def test_what_is_left_on_a_second_pass_is_stated(sts_reversed, model, passes):
+def test_the_error_that_a_correction_leaves_is_stated(sts_reversed, model, passes):
     """Learnt from the passes the one way round, it holds what is left the other way round."""
     scenario, _, flown = passes
     low, high = (AirPass(motion, recording) for motion, recording in flown.values())
     error = learn_error(high, low, sts_reversed, model, scenario.estimator)
     assert (error.rest_time, error.reach, error.resting_only) == REST
     assert error.read_load == BEYOND_LOAD
-    left = {}
-    for name, own in (("low", low), ("high", high)):
-        observer = replace(scenario.estimator.observer, time_step=own.log.time_step)
+    readings = {}
+    for name, flight in (("low", low), ("high", high)):
+        observer = replace(scenario.estimator.observer, time_step=flight.log.time_step)
         config = replace(scenario.estimator, observer=observer)
         estimator = WrenchEstimator(sts_reversed, model, config)
-        _, v, _ = own.motion.sample(own.log.t)
-        none = Taught(np.zeros_like(v), v, np.ones(len(v)))
+        _, v, _ = flight.motion.sample(flight.log.t)
+        no_correction = Taught(np.zeros_like(v), v, np.ones(len(v)))
         batch = estimator.run(
-            estimator.initial_state(), own.log.q, own.log.v, own.log.current, taught=none
+            estimator.initial_state(),
+            flight.log.q,
+            flight.log.v,
+            flight.log.current,
+            taught=no_correction,
         )
-        left[name] = batch.tau_ext
+        readings[name] = batch.tau_ext
     log = high.log
     sd, _ = torque_sds(
         error, estimator.friction, log.q, log.v, batch.transmitted, log.time_step, resolution=0.0
     )
     work = log.t >= LEAD
-    inside = np.abs(left["high"] - left["low"])[work] <= 1.96 * sd[work]
+    inside = np.abs(readings["high"] - readings["low"])[work] <= 1.96 * sd[work]
     # 90 to 99 % of each joint's samples; of a constant sd as small at steady feed a third.
     assert np.all(inside.mean(axis=0) > 0.85)
-    assert np.all(np.median(sd[work], axis=0) < np.sqrt(np.mean(left["high"][work] ** 2, axis=0)))
+    assert np.all(
+        np.median(sd[work], axis=0) < np.sqrt(np.mean(readings["high"][work] ** 2, axis=0))
+    )
 
 
 def test_the_second_pass_is_as_high_again_and_of_other_noise(
@@ -148,22 +158,24 @@ def test_the_second_pass_is_as_high_again_and_of_other_noise(
     assert heights == [height, 2.0 * height]
 
 
-def test_friction_that_remembers_counts_through_the_turn(sts_reversed, model, passes):
+def test_friction_with_memory_counts_through_the_turn(sts_reversed, model, passes):
     scenario, plan, flown = passes
     motion, recording = flown[LOW]
-    zero, one = np.zeros(6), np.ones(6)
+    zero, item = np.zeros(6), np.ones(6)
     law = model.friction.velocity_law.coulomb_viscous
     viscous = SemiParametricFriction(CoulombViscous(zero, law.viscous, zero))
     remembers = PreslidingFriction(
-        viscous, law.coulomb, zero, one, zero, zero, np.ones((6, 1)), np.full((6, 1), 2e-5)
+        viscous, law.coulomb, zero, item, zero, zero, np.ones((6, 1)), np.full((6, 1), 2e-5)
     )
-    own = replace(model, friction=remembers)
-    taught = teach(recording, motion, plan, sts_reversed, own, scenario.estimator)
+    model_with_memory = replace(model, friction=remembers)
+    taught = teach(recording, motion, plan, sts_reversed, model_with_memory, scenario.estimator)
     counts = np.array([taught.counts_at(t) for t in (0.5, 0.7, 1.7, 2.0, 2.5, 3.7, 3.8)])
     np.testing.assert_array_equal(counts, [0, 1, 1, 1, 1, 1, 0])
 
 
-def test_it_is_the_observers_output_with_friction_at_planned_speeds(sts_reversed, model, passes):
+def test_the_correction_is_the_observers_output_with_friction_at_planned_speeds(
+    sts_reversed, model, passes
+):
     """Fed by hand, tick by tick: a simulated estimator reads with just that friction."""
     scenario, plan, flown = passes
     motion, recording = flown[LOW]

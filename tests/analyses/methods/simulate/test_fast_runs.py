@@ -38,7 +38,7 @@ def test_it_is_the_closed_loop_tick_by_tick(robot):
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)
     t, signals = loop.logged(simulator.get_context())
-    found_t, found = run_free(scenario, robot, model)
+    found_t, result = run_free(scenario, robot, model)
     np.testing.assert_allclose(found_t, t, atol=1e-12)
     assert np.abs(signals["wrench_true"][:, 3:]).max() > 5.0
     # Encoders and currents are rounded: a step of theirs may fall the other way now and then.
@@ -51,7 +51,7 @@ def test_it_is_the_closed_loop_tick_by_tick(robot):
         # The sensor's, which Drake finds from the reaction at the tool's mount.
         ("ft_wrench", 1e-3),
     ):
-        np.testing.assert_allclose(found[name], signals[name], atol=size, err_msg=name)
+        np.testing.assert_allclose(result[name], signals[name], atol=size, err_msg=name)
 
 
 def test_an_air_pass_is_the_closed_loops(robot, monkeypatch):

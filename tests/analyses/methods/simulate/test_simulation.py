@@ -38,11 +38,11 @@ def written(tmp_path_factory):
     out = tmp_path_factory.mktemp("simulation") / "out"
     steps = []
     settings = SimulateSettings(duration_s=0.5, graph=True)
-    result = simulate_scenario(settings, out, lambda f, what: steps.append((f, what)))
+    result = simulate_scenario(settings, out, lambda share, message: steps.append((share, message)))
     return result, out, steps
 
 
-def test_writes_all_that_it_says(written):
+def test_the_command_writes_all_its_files(written):
     result, out, steps = written
     names = {name for name, _ in visible_files(out)}
     drawing = "diagram.svg" if "diagram.svg" in names else "diagram.dot"
@@ -78,7 +78,7 @@ def test_metrics_file_is_the_result(written):
     assert not any("time" in key for key in metrics)  # nothing of the machine's speed
 
 
-def test_what_was_simulated_can_be_estimated_from_its_log(written):
+def test_the_written_log_can_be_estimated(written):
     result, out, _ = written
     sts = Robot.load("sts_sre4_600")
     log = read_recording(out / "log.csv", robot=sts)
@@ -112,7 +112,7 @@ def test_figure_shows_truth_estimate_band_and_sensor(written):
     figure.clear()
 
 
-def test_reads_back_what_is_applied(sts):
+def test_the_estimate_follows_the_applied_wrench(sts):
     """Noise-free, with the true model: within 0.1 N and 0.02 N m."""
     result = simulate(replace(load_scenario("ConstantWrench"), duration=1.0), sts)
     error = np.abs(result.wrench[-1] - result.wrench_true[-1])
@@ -133,7 +133,7 @@ def test_impedance_run_has_its_signals(sts):
     assert {"pose_rmse_m", "force_control_rmse_n"} <= result.metrics().keys()
 
 
-def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
+def test_another_robot_with_a_model_from_a_file(ur10e, tmp_path):
     model = replace(IdentifiedModel.nominal(ur10e), residual_covariance=np.diag(np.full(6, 0.01)))
     model.save(tmp_path / "model.yaml")
     model = str(tmp_path / "model.yaml")
@@ -145,7 +145,7 @@ def test_any_robot_and_a_model_of_ones_own(ur10e, tmp_path):
     np.testing.assert_allclose(result.wrench[-1], result.wrench_true[-1], atol=0.1)
 
 
-def test_a_robot_without_a_tool_does_without_the_sensor(tmp_path):
+def test_a_robot_without_a_tool_runs_without_the_sensor(tmp_path):
     result = run(tmp_path, robot="ur10e", duration_s=0.1)
     assert result.ft_wrench is None
     assert any("no tool" in notice for notice in result.notices)
@@ -214,7 +214,7 @@ def test_unknown_scenario_leaves_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(sts):
+def test_machining_without_a_sensor_uses_the_correction_of_an_air_pass(sts):
     scenario = load_scenario("PolishingSensorless")
     machining = replace(scenario.machining, one_way=4.0)
     scenario = replace(scenario, machining=machining)
@@ -236,16 +236,16 @@ def test_machining_without_a_sensor_reads_with_what_an_air_pass_taught(sts):
     assert untaught.valid.mean() > 0.9  # it does not know what it does not know
 
 
-def test_a_pass_after_an_air_pass_says_how_the_tool_vibrates(sts):
+def test_a_pass_after_an_air_pass_states_the_vibration_of_the_tool(sts):
     scenario = load_scenario("Grinding")
     machining = replace(scenario.machining, one_way=1.0, passes=1)
     result = simulate(replace(scenario, machining=machining), sts)
-    found = result.metrics()["machining"]["tool_vibration_m_per_s"]
-    assert 0.0 < found < 0.1
-    assert found == np.median(result.tool_vibration[result.phase == Phase.WORK])
+    vibration = result.metrics()["machining"]["tool_vibration_m_per_s"]
+    assert 0.0 < vibration < 0.1
+    assert vibration == np.median(result.tool_vibration[result.phase == Phase.WORK])
 
 
-def test_what_a_pass_would_hit_is_said(sts, monkeypatch):
+def test_a_collision_of_the_planned_pass_is_noted(sts, monkeypatch):
     scenario = load_scenario("Polishing")
     machining = replace(scenario.machining, one_way=2.0, ramp=0.5, air_pass=0.0)
     scenario = replace(scenario, machining=machining, duration=0.02)
@@ -255,8 +255,8 @@ def test_what_a_pass_would_hit_is_said(sts, monkeypatch):
         return (Overlap("lift", ClosestPair("link_3", "workpiece", -0.012, -0.012, 0.0)),)
 
     monkeypatch.setattr("wrenchsight.analyses.methods.simulate.simulation.overlaps", at_the_lift)
-    (said,) = [text for text in simulate(scenario, sts).notices if "overlaps" in text]
-    assert said.startswith("the lift overlaps: link_3 and workpiece by 12 mm")
+    (notice,) = [text for text in simulate(scenario, sts).notices if "overlaps" in text]
+    assert notice.startswith("the lift overlaps: link_3 and workpiece by 12 mm")
 
 
 def test_the_motion_that_excite_found_is_run_and_nothing_touches_the_arm(sts, tmp_path):

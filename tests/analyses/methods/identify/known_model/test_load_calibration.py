@@ -46,13 +46,13 @@ def result(ur10e, logs):
 
 
 def test_torque_constants_and_centre_of_mass_come_back(ur10e, result):
-    found = result.calibration
+    outcome = result.calibration
     # 1.5 %: noise of 0.03 A on joints whose load gives a few newton metres.
-    np.testing.assert_allclose(found.ratio, RATIO, rtol=0.015)
-    np.testing.assert_array_less(np.abs(found.ratio - RATIO), 3.0 * found.ratio_sd)
-    np.testing.assert_allclose(found.loads[0, 1:4] / 3.0, COM, atol=5e-3)
+    np.testing.assert_allclose(outcome.ratio, RATIO, rtol=0.015)
+    np.testing.assert_array_less(np.abs(outcome.ratio - RATIO), 3.0 * outcome.ratio_sd)
+    np.testing.assert_allclose(outcome.loads[0, 1:4] / 3.0, COM, atol=5e-3)
     np.testing.assert_allclose(
-        result.robot.torque_per_ampere, found.ratio * ur10e.torque_per_ampere
+        result.robot.torque_per_ampere, outcome.ratio * ur10e.torque_per_ampere
     )
 
 
@@ -71,9 +71,9 @@ def test_command_writes_a_robot_that_goes_with_the_model(ur10e, logs, tmp_path):
     out = tmp_path / "out"
     plain, load = [str(path) for path in paths[:2]], [f"{paths[2]}=3.0"]
     settings = IdentifySettings(robot="ur10e", logs=plain, load=load, identification=PLAIN)
-    found = calibrate_logs(settings, out)
+    outcome = calibrate_logs(settings, out)
     robot = Robot.load(out / "robot.yaml")
-    np.testing.assert_allclose(robot.torque_per_ampere, found.robot.torque_per_ampere)
+    np.testing.assert_allclose(robot.torque_per_ampere, outcome.robot.torque_per_ampere)
     np.testing.assert_array_equal(robot.reflected_inertia, ur10e.reflected_inertia)
     IdentifiedModel.load(out / "model.yaml", robot)
     assert (out / "figures" / "calibration.png").is_file()

@@ -25,21 +25,21 @@ def test_a_real_arms_amperes(data, tmp_path, ur10e):
     write_recording(replace(log, current=log.current * spoilt), path)
     settings = IdentifySettings(logs=[str(path)], robot="ur10e", scale=True)
     result = find_scale(settings, tmp_path / "out")
-    seen = [1, 2, 3]
-    assert result.scale.seen[seen].all()
-    want = (ur10e.torque_per_ampere * ur10e.current_sign / spoilt)[seen]
-    np.testing.assert_allclose(result.scale.torque_per_unit[seen], want, rtol=0.1)
-    assert (result.scale.standard_error[seen] < 0.03 * np.abs(want)).all()
+    shown = [1, 2, 3]  # joints
+    assert result.scale.seen[shown].all()
+    want = (ur10e.torque_per_ampere * ur10e.current_sign / spoilt)[shown]
+    np.testing.assert_allclose(result.scale.torque_per_unit[shown], want, rtol=0.1)
+    assert (result.scale.standard_error[shown] < 0.03 * np.abs(want)).all()
     again = Robot.load(tmp_path / "out" / "robot.yaml")
-    found = again.torque_per_ampere * again.current_sign
-    np.testing.assert_allclose(found[seen], result.scale.torque_per_unit[seen])
-    assert found[0] == ur10e.torque_per_ampere[0] * ur10e.current_sign[0]  # as it was
+    constants = again.torque_per_ampere * again.current_sign
+    np.testing.assert_allclose(constants[shown], result.scale.torque_per_unit[shown])
+    assert constants[0] == ur10e.torque_per_ampere[0] * ur10e.current_sign[0]  # as it was
     assert read_recording(path, robot=again).num_samples == log.num_samples  # and passes the checks
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["seen"] == result.scale.seen.tolist()
-    told = " ".join(sentences(result, False))
-    assert "gravity does not show shoulder_pan_joint" in told
-    assert "masses of the URDF" in told
+    notes = " ".join(sentences(result, False))
+    assert "gravity does not show shoulder_pan_joint" in notes
+    assert "masses of the URDF" in notes
 
 
 def test_torques_get_a_gain(data, tmp_path, ur10e):

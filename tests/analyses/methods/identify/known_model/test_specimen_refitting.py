@@ -81,10 +81,10 @@ def test_the_level_of_joints_that_move_is_found(ur10e, model):
         log.q[300:310] = np.nan
         logs.append((log, log.t < 1.0))
     refit = refit_specimen(logs, tooled, model)
-    found = refit.fit.law.coulomb_viscous
-    level = found.coulomb + 0.25 * found.viscous  # at the mean speed: what the sweep tells
+    result = refit.fit.law.coulomb_viscous
+    level = result.coulomb + 0.25 * result.viscous  # at the mean speed: what the sweep tells
     np.testing.assert_allclose(level[_MOVING], (_TRUE + 0.25 * _VISCOUS)[_MOVING], atol=0.5)
-    np.testing.assert_array_equal(found.coulomb[[0, 4, 5]], _KNOWN[[0, 4, 5]])
+    np.testing.assert_array_equal(result.coulomb[[0, 4, 5]], _KNOWN[[0, 4, 5]])
     np.testing.assert_array_equal(refit.fit.rows > 0, [False, True, True, True, False, False])
     assert refit.model.fitted_robot.tool_mass == 0.0  # the model's file stays without the tool
 
@@ -106,9 +106,9 @@ def test_a_force_sensor_tells_torque_constants_and_the_residual_along_paths(ur10
     ours = replace(model, inertial_parameters=ur10e.chain.inertial_parameters / 1.04)
     runs = [_pressed(ur10e, sign, 0.04, 4.0) for sign in (1.0, -1.0) * 4]
     config = ReferenceConfig(columns="F", frame="world", sign="robot")
-    told = [sensor_torque(run, ur10e, config) for run in runs]
+    reports = [sensor_torque(run, ur10e, config) for run in runs]
     everywhere = [(run, np.ones(len(run.t), bool)) for run in runs]
-    refit = refit_specimen(everywhere[:-1], ur10e, ours, told[:-1])
+    refit = refit_specimen(everywhere[:-1], ur10e, ours, reports[:-1])
     # Rows of 15 cm err together: stated is a share of .5 %.
     assert refit.fit.gain == pytest.approx(0.04, abs=4.0 * refit.fit.gain_sd)
     assert refit.fit.gain_sd < 0.02
@@ -121,24 +121,24 @@ def test_a_force_sensor_tells_torque_constants_and_the_residual_along_paths(ur10
     # Free motion off the paths takes the same currents as before the gain was known.
     q = np.random.default_rng(2).uniform(-1.0, 1.0, (20, 6))
     v = np.random.default_rng(3).uniform(0.1, 0.6, (20, 6))
-    before = replace(ours, friction=refit.fit.law)
+    previous = replace(ours, friction=refit.fit.law)
     currents = [
         arm.motor_current(
-            own.chain(arm).inverse_dynamics(q, v, v) + own.friction.torque_along(q, v, 0.0 * q)
+            item.chain(arm).inverse_dynamics(q, v, v) + item.friction.torque_along(q, v, 0.0 * q)
         )
-        for arm, own in ((robot, refit.model), (ur10e, before))
+        for arm, item in ((robot, refit.model), (ur10e, previous))
     ]
     np.testing.assert_allclose(*currents, rtol=1e-9)
     plain = refit_specimen(everywhere[:-1], ur10e, ours)
     assert plain.robot is None
     errors = []
-    for arm, found in ((robot, refit.model), (ur10e, refit_of_law(refit)), (ur10e, ours)):
+    for arm, result in ((robot, refit.model), (ur10e, refit_of_law(refit)), (ur10e, ours)):
         config_of = WrenchEstimatorConfig(check_samples=False)
         config_of.observer.time_step = _STEP
-        estimator = WrenchEstimator(arm, found, config_of)
+        estimator = WrenchEstimator(arm, result, config_of)
         run = runs[-1]
         batch = estimator.run(estimator.initial_state(), run.q, run.v, run.current)
-        errors.append(np.abs(batch.tau_ext - told[-1])[200:, 1].mean())
+        errors.append(np.abs(batch.tau_ext - reports[-1])[200:, 1].mean())
     assert errors[0] < 0.5 * errors[1] < errors[2]
 
 
@@ -152,8 +152,8 @@ def refit_of_law(refit: SpecimenRefit) -> IdentifiedModel:
 def test_a_crawl_is_not_carried_over():
     law = replace(_law(_KNOWN), stribeck=np.full(6, -2.0))
     law = replace(law, stribeck_velocity=np.array([0.4, 0.01, 0.4, 0.05, 0.05, 0.05]))
-    kept = carried_over(law).stribeck
-    np.testing.assert_array_equal(kept == 0.0, law.stribeck_velocity < CRAWL)
+    selected = carried_over(law).stribeck
+    np.testing.assert_array_equal(selected == 0.0, law.stribeck_velocity < CRAWL)
 
 
 def test_what_cannot_be_refitted_is_one_line(ur10e, model):
@@ -173,9 +173,9 @@ def test_the_command_takes_stretches_of_several_logs(ur10e, model, tmp_path):
     settings = IdentifySettings(robot="ur10e", logs=logs, refresh=str(tmp_path / "model.yaml"))
     refit = refit_logs(settings, tmp_path / "out")
     written = IdentifiedModel.load(tmp_path / "out" / "model.yaml", ur10e)
-    found = written.friction.coulomb_viscous
-    np.testing.assert_array_equal(found.coulomb, refit.fit.law.coulomb)
-    level = found.coulomb + 0.25 * found.viscous
+    result = written.friction.coulomb_viscous
+    np.testing.assert_array_equal(result.coulomb, refit.fit.law.coulomb)
+    level = result.coulomb + 0.25 * result.viscous
     np.testing.assert_allclose(level[_MOVING], (_TRUE + 0.25 * _VISCOUS)[_MOVING], atol=0.8)
     for wrong in ("0,1,2", "1,0", "a,b", ""):
         settings.logs = [f"{tmp_path / 'up.csv'}={wrong}"]

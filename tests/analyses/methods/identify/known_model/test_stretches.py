@@ -1,3 +1,5 @@
+"""Logs that are named with stretches."""
+
 from pathlib import Path
 
 import numpy as np
