@@ -53,7 +53,7 @@ def _list(names: list[str], data: Path | None) -> None:
         now = "missing" if place is None else place.kind
         table.add_row(name, f"{one.megabytes:.1f}", one.licence, now, one.robot)
         where = how_to_get(name) if place is None else str(place.folder)
-        lines.append(f"{name}: {one.what}; {one.source}; {one.paper or 'no paper'}; {where}")
+        lines.append(f"{name}: {one.contents}; {one.source}; {one.paper or 'no paper'}; {where}")
     show(table, *lines)
 
 

@@ -96,7 +96,7 @@ def _print(result: "StudyResult") -> None:
             label = f"{row.label} [{row.unit}]" if row.unit else row.label
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
-            table.add_row(indented, " ".join(row.stated), " ".join(row.here))
+            table.add_row(indented, " ".join(row.stated), " ".join(row.measured))
     lacks = {o.name: o.lacks for o in result.outcomes if o.lacks}
     show(
         *([table] if table.row_count else []),

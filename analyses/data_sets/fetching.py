@@ -43,7 +43,7 @@ class Fetched:
 
 def fetchable() -> tuple[str, ...]:
     """The sets that can be fetched."""
-    return tuple(name for name, one in DATA_SETS.items() if one.published)
+    return tuple(name for name, data_set in DATA_SETS.items() if data_set.published)
 
 
 def mirror_url(mirror: str | None) -> str:
@@ -65,7 +65,7 @@ def mirror_url(mirror: str | None) -> str:
 def fetch_data_sets(
     names: Sequence[str],
     mirror: str | None = None,
-    progress: Callable[[str, float, str], None] = lambda name, share, what: None,
+    progress: Callable[[str, float, str], None] = lambda name, share, action: None,
 ) -> tuple[Fetched, ...]:
     """Gets sets into the cache; one that fails does not stop the others.
 
@@ -80,39 +80,41 @@ def fetch_data_sets(
             cannot be written.
     """
     sets = [data_set(name) for name in dict.fromkeys(names or fetchable())]
-    for one in sets:
-        if not one.published:
-            raise InputError(one.name, "", "cannot be fetched", one.advice)
+    for requested in sets:
+        if not requested.published:
+            raise InputError(requested.name, "", "cannot be fetched", requested.advice)
     url = mirror_url(mirror)
-    return tuple(_fetch_set(one, url, progress) for one in sets)
+    return tuple(_fetch_set(requested, url, progress) for requested in sets)
 
 
-def _fetch_set(one: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
-    folder = cache_folder() / one.name
-    if all(is_whole(folder / file.name, file) for file in one.files):
-        progress(one.name, 1.0, "")
-        return Fetched(one.name, folder, 0)
+def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
+    folder = cache_folder() / data_set.name
+    if all(is_whole(folder / file.name, file) for file in data_set.files):
+        progress(data_set.name, 1.0, "")
+        return Fetched(data_set.name, folder, 0)
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with _one_process(folder, lambda: progress(one.name, 0.0, "another process gets it: waiting")):
+    with _one_process(
+        folder, lambda: progress(data_set.name, 0.0, "another process gets it: waiting")
+    ):
         for stray in folder.glob("tmp*"):  # of a process that was killed while pooch checked
             stray.unlink()
-        missing = [file for file in one.published if not is_whole(folder / file.name, file)]
-        done = sum(file.num_bytes for file in one.published if file not in missing)
-        total = sum(file.num_bytes for file in one.published)
+        missing = [file for file in data_set.published if not is_whole(folder / file.name, file)]
+        done = sum(file.num_bytes for file in data_set.published if file not in missing)
+        total = sum(file.num_bytes for file in data_set.published)
         for file in missing:
-            progress(one.name, done / total, file.name)
+            progress(data_set.name, done / total, file.name)
 
             def report(count: int, file: PublishedFile = file, done: int = done) -> None:
-                progress(one.name, (done + min(count, file.num_bytes)) / total, file.name)
+                progress(data_set.name, (done + min(count, file.num_bytes)) / total, file.name)
 
             problem = _fetch_file(file, folder, url, report)
             if problem:
-                return Fetched(one.name, folder, 0, problem)
+                return Fetched(data_set.name, folder, 0, problem)
             done += file.num_bytes
-        _convert(one, folder)
-    progress(one.name, 1.0, "")
-    return Fetched(one.name, folder, len(missing))
+        _convert(data_set, folder)
+    progress(data_set.name, 1.0, "")
+    return Fetched(data_set.name, folder, len(missing))
 
 
 def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[int], None]) -> str:
@@ -237,11 +239,11 @@ def _reason(error: "requests.RequestException") -> str:
     return f"the connection failed ({words.strip(' )')})"
 
 
-def _convert(one: DataSet, folder: Path) -> None:
+def _convert(data_set: DataSet, folder: Path) -> None:
     """Makes the files that an experiment reads of those that were published."""
-    if all(is_whole(folder / file.name, file) for file in one.converted):
+    if all(is_whole(folder / file.name, file) for file in data_set.converted):
         return
-    for name, text in CONVERSIONS[one.name](folder).items():
+    for name, text in CONVERSIONS[data_set.name](folder).items():
         with whole_file(folder / name) as path:
             path.write_text(text, encoding="utf-8")
 

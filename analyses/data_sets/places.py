@@ -44,15 +44,15 @@ def find_data_set(name: str, data: Path | None = None) -> Place | None:
     Args:
         data: the folder that is given, with a folder for each set; None: BESIDE.
     """
-    given = given_folder(data)
-    if given is not None and (given / name).is_dir():
-        return Place("given", given / name)
+    data_folder = given_folder(data)
+    if data_folder is not None and (data_folder / name).is_dir():
+        return Place("given", data_folder / name)
     files = DATA_SETS[name].files if name in DATA_SETS else ()
     parent = DATA_SETS[name].part_of if name in DATA_SETS else ""
-    if given is not None and parent:
-        paths = (given / parent / file.name for file in DATA_SETS[name].converted)
+    if data_folder is not None and parent:
+        paths = (data_folder / parent / file.name for file in DATA_SETS[name].converted)
         if all(path.is_file() for path in paths):
-            return Place("given", given / parent)
+            return Place("given", data_folder / parent)
     fetched = cache_folder() / name
     if files and all(is_whole(fetched / file.name, file) for file in files):
         return Place("fetched", fetched)

@@ -32,7 +32,7 @@ class ExperimentContext:
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
     # 0..1, and what is done now
-    progress: Callable[[float, str], None] = lambda fraction, what: None
+    progress: Callable[[float, str], None] = lambda fraction, action: None
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
@@ -43,7 +43,7 @@ class ExperimentContext:
 
     def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:
         """Progress of a piece of the work, which goes from `start` to `end` of the whole."""
-        return lambda share, what: self.progress(start + (end - start) * share, prefix + what)
+        return lambda share, action: self.progress(start + (end - start) * share, prefix + action)
 
     def robot(self, name: str) -> "Robot":
         """A bundled robot with the simulated truth that it has in this run.

@@ -50,15 +50,15 @@ def source_files(module: str) -> set[Path]:
 
     Imports inside functions count as well; a module's packages count with it.
     """
-    found: set[Path] = set()
-    ahead = _files_of(module)
-    while ahead:
-        file = ahead.pop()
-        if file not in found:
-            found.add(file)
+    files: set[Path] = set()
+    pending = _files_of(module)
+    while pending:
+        file = pending.pop()
+        if file not in files:
+            files.add(file)
             for name in _imported(file, file.stat().st_mtime_ns):
-                ahead += _files_of(name)
-    return found
+                pending += _files_of(name)
+    return files
 
 
 def recordings_hash(folder: Path) -> str | None:
@@ -88,8 +88,8 @@ def _files_of(module: str) -> list[Path]:
     """Returns the file of a module of the four packages and its packages' own; or of any `module`
     that is looked up by name and lies outside.
     """
-    first, *parts = module.split(".")
-    if first != _NAME:
+    package, *parts = module.split(".")
+    if package != _NAME:
         outside = module_file(module)
         return [] if outside is None else [outside]
     paths = (ROOT.joinpath(*parts[: depth + 1]) for depth in range(len(parts)))

@@ -15,8 +15,8 @@ from wrenchsight.analyses.study.own_methods import MethodEntry
 class StudySettings:
     """What was asked of a study."""
 
-    asked: tuple[str, ...]  # experiments to run
-    known: tuple[str, ...]  # all there are
+    requested: tuple[str, ...]  # experiments to run
+    all_experiments: tuple[str, ...]  # all there are
     data: Path | None  # folder of the real recordings that was given
     seed: int
     quick: bool

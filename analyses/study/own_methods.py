@@ -137,12 +137,13 @@ def named_methods(texts: Iterable[str], imported: bool = True) -> tuple[MethodEn
     Raises:
         InputError: a text is no method's; two have one name; a module or function is not there.
     """
-    found = [_of_text(f"{one.name}={one.value}", _package(one)) for one in _installed()]
-    asked = [_of_text(text) for text in dict.fromkeys(texts)]
-    if asked and (here := str(Path.cwd())) not in sys.path:
-        sys.path.append(here)
+    installed = [_of_text(f"{point.name}={point.value}", _package(point)) for point in _installed()]
+    requested = [_of_text(text) for text in dict.fromkeys(texts)]
+    working_directory = str(Path.cwd())
+    if requested and working_directory not in sys.path:
+        sys.path.append(working_directory)
     used = set(BUILT_IN)
-    for entry in (*found, *asked):
+    for entry in (*installed, *requested):
         if entry.name in used:
             problem = f"a method named {entry.name!r} is there already"
             remedy = f"give another name: ANOTHER={entry.place}"
@@ -150,7 +151,7 @@ def named_methods(texts: Iterable[str], imported: bool = True) -> tuple[MethodEn
         used.add(entry.name)
         if imported:
             entry.load()
-    return (*found, *asked)
+    return (*installed, *requested)
 
 
 def _installed() -> list[Any]:

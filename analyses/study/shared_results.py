@@ -108,8 +108,8 @@ def _parts(value: Any) -> Iterator[bytes]:
             if hasattr(value, "__dataclass_fields__")
             else list(vars(value))
         )
-        own = (n for n in names if not isinstance(getattr(kind, n, None), cached_property))
-        yield from _unordered({name: getattr(value, name) for name in own})
+        stored_names = (n for n in names if not isinstance(getattr(kind, n, None), cached_property))
+        yield from _unordered({name: getattr(value, name) for name in stored_names})
     else:
         yield pickle.dumps(value)
     yield b")"

@@ -101,15 +101,15 @@ def run_study(
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
             for SIGTERM and SIGHUP.
     """
-    asked = tuple(check_names(names))
-    takes_methods = any(REGISTRY.entries()[name].takes_methods for name in asked)
+    requested = tuple(check_names(names))
+    takes_methods = any(REGISTRY.entries()[name].takes_methods for name in requested)
     if methods and not takes_methods:
         takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
-        problem = f"none of {', '.join(asked)} measures other people's estimators"
+        problem = f"none of {', '.join(requested)} measures other people's estimators"
         raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     settings = StudySettings(
-        asked=asked,
-        known=tuple(REGISTRY.entries()),
+        requested=requested,
+        all_experiments=tuple(REGISTRY.entries()),
         data=data,
         seed=seed,
         quick=quick,
@@ -123,7 +123,7 @@ def run_study(
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
         runs = {}
-        for name in settings.asked:
+        for name in settings.requested:
             earlier, why = (None, "") if fresh else _earlier(folder, name, settings)
             if earlier is None:
                 runs[name] = _Run(name, folder, settings)
@@ -133,13 +133,13 @@ def run_study(
                 watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
         seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
         # The folder's own count before what is typical.
-        for name, own in _read_timings(out).items():
-            seconds[name] = own.get("processor_seconds", seconds.get(name, 0.0))
-        first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
+        for name, timing in _read_timings(out).items():
+            seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
+        longest_first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
         try:
             with writing_to(out):
                 _shared(folder).mkdir()
-            _run_all(first, jobs, watch)
+            _run_all(longest_first, jobs, watch)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
             with suppress(InputError, OSError):
@@ -160,14 +160,14 @@ def check_names(names: Iterable[str]) -> list[str]:
         InputError: a name is unknown; the line lists the known ones.
     """
     experiments = REGISTRY.entries()
-    asked = list(dict.fromkeys(names)) or list(experiments)
-    for name in asked:
+    requested = list(dict.fromkeys(names)) or list(experiments)
+    for name in requested:
         if name not in experiments:
             near = get_close_matches(name, experiments, n=len(experiments), cutoff=0.0)
             hint = f"did you mean {near[0]}? " if get_close_matches(name, near, n=1) else ""
-            known = f"{hint}known are {', '.join(near)}"
-            raise InputError("study", "", f"no experiment is named {name!r}", known)
-    return asked
+            remedy = f"{hint}known are {', '.join(near)}"
+            raise InputError("study", "", f"no experiment is named {name!r}", remedy)
+    return requested
 
 
 class _Run:
@@ -328,14 +328,14 @@ def _run_experiment(
         connection.send(("lacks", tuple(missing)))
         return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
     if "numba" in sys.modules:
-        on_first_compilation(lambda what: connection.send(("progress", 0.0, what)))
+        on_first_compilation(lambda action: connection.send(("progress", 0.0, action)))
     due = 0.0
 
-    def progress(fraction: float, what: str) -> None:
+    def progress(fraction: float, action: str) -> None:
         nonlocal due
         if time.monotonic() >= due:
             due = time.monotonic() + 0.1
-            connection.send(("progress", float(fraction), str(what)))
+            connection.send(("progress", float(fraction), str(action)))
 
     context = ExperimentContext(
         out=out,
@@ -424,13 +424,13 @@ def _thread_limits(threads: int) -> Iterator[None]:
     Linear algebra gets one: with more, its sums are ordered differently and the last digits change.
     Numba's loops write each element once, so they may share the cores that `jobs` leaves.
     """
-    before = dict(os.environ)
+    environment = dict(os.environ)
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"), NUMBA_NUM_THREADS=str(threads))
     try:
         yield
     finally:
         os.environ.clear()
-        os.environ.update(before)
+        os.environ.update(environment)
 
 
 def available_cores() -> int:
