@@ -1,4 +1,4 @@
-"""What a user is told who lacks recordings: the command that gets them, or whom to ask."""
+"""Advice on missing recordings: the command that gets them, or whom to ask."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +11,7 @@ def how_to_get(name: str) -> str:
 
 
 def how_to_get_all(names: Sequence[str]) -> str:
-    """How to get several sets: one command for all that can be fetched, and each other's advice."""
+    """How to get several sets: one command for all that can be fetched, advice for each other."""
     data_sets = [DATA_SETS[name] for name in names if name in DATA_SETS]
     fetched = [data_set.name for data_set in data_sets if data_set.published]
     parts = [f"`wrenchsight data fetch {' '.join(fetched)}`"] if fetched else []

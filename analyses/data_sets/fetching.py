@@ -1,8 +1,8 @@
-"""Gets published recordings into the user's cache: whole files, checked, or none.
+"""Gets published recordings into the user's cache; only whole, checked files count.
 
-A file that comes in part stays beside its place as `.NAME.part`, and the next attempt asks the host
-for the rest. Under its own name a file appears when its SHA-256 is the known one. Two processes
-that get the same set take turns.
+A partly received file stays in the folder as `.NAME.part`, and the next attempt requests the
+remainder. A file gets its name when its SHA-256 is the known one. Two processes that get the same
+set take turns.
 """
 
 import os
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 PUBLIC_HOST: Final = "https://raw.githubusercontent.com"
 MIRROR_VARIABLE: Final = "WRENCHSIGHT_DATA_MIRROR"
 _TIMEOUT: Final = (10.0, 30.0)  # s to connect, and between two pieces
-_PIECE: Final = 1 << 12  # bytes; a cut connection loses what of the last one has come
+_PIECE: Final = 1 << 12  # bytes; a cut connection loses the last, incomplete one
 _RETRIES: Final = 1
 
 
 @dataclass(frozen=True)
 class Fetched:
-    """What became of a set that was asked for."""
+    """Outcome of fetching one requested set."""
 
     name: str
     folder: Path
-    num_files: int  # that were got now; none where all were there
+    num_files: int  # received now; 0 if all were present
     problem: str = ""  # why the set is not whole
 
 
@@ -47,7 +47,7 @@ def fetchable() -> tuple[str, ...]:
 
 
 def mirror_url(mirror: str | None) -> str:
-    """The host that files come from: a mirror, else that of the environment, else the public one.
+    """The host of the files: the mirror, else that of the environment, else the public one.
 
     Raises:
         InputError: not an address of the kinds http, https or file.
@@ -73,7 +73,7 @@ def fetch_data_sets(
         names: of sets; none means all that can be fetched.
         mirror: address below which files lie as on the public host,
             `<repository>/<commit>/<path>`; None: `mirror_url`'s.
-        progress: takes the set, the share of it that is there, and words; none at its end.
+        progress: takes the set, the share of it that is present, and the present action.
 
     Raises:
         InputError: an unknown set, one that cannot be fetched, a wrong address, or a cache that
@@ -95,7 +95,7 @@ def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str]
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with _one_process(
-        folder, lambda: progress(data_set.name, 0.0, "another process gets it: waiting")
+        folder, lambda: progress(data_set.name, 0.0, "waiting: another process fetches it")
     ):
         for stray in folder.glob("tmp*"):  # of a process that was killed while pooch checked
             stray.unlink()
@@ -144,7 +144,7 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
 
 
 class _Resuming:
-    """A downloader for pooch that goes on where an earlier attempt was cut."""
+    """A downloader for pooch that continues where an earlier attempt was cut."""
 
     def __init__(self, file: PublishedFile, folder: Path, report: Callable[[int], None]) -> None:
         self._file, self._report = file, report
@@ -153,7 +153,7 @@ class _Resuming:
     def __call__(
         self, url: str, output_file: str | IO[bytes], pooch: Any, check_only: bool = False
     ) -> None:
-        """Puts what is at an address into the file that pooch checks then.
+        """Downloads an address into a file, which pooch then checks.
 
         Raises:
             requests.RequestException: the file did not come to its end.
@@ -164,7 +164,7 @@ class _Resuming:
         size = self._file.num_bytes
         received = self._part.stat().st_size if self._part.is_file() else 0
         if received < size:
-            # A connection that is cut has brought what is in the part.
+            # After a cut connection, the part holds what was received.
             with self._part.open("ab") as part, suppress(requests.exceptions.ChunkedEncodingError):
                 for count in _pieces(url, part, received):
                     self._report(count)
@@ -178,7 +178,7 @@ class _Resuming:
 
 
 def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
-    """Writes what is at an address behind the `received` bytes of a part; yields its size."""
+    """Appends an address's content to a part of `received` bytes; yields the part's size."""
     parts = urlsplit(url)
     if parts.scheme == "file":
         yield from _copied(Path(unquote(parts.path)), part, received)
@@ -192,7 +192,9 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
     with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
         if response.status_code == requests.codes.requested_range_not_satisfiable:
             part.truncate(0)
-            raise requests.ConnectionError("the host has less of the file than came before")
+            raise requests.ConnectionError(
+                "the host's file is shorter than the part received earlier"
+            )
         response.raise_for_status()
         if received and not _continues(response, received):
             part.truncate(0)
@@ -204,7 +206,7 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
 
 
 def _continues(response: "requests.Response", received: int) -> bool:
-    """Whether a host sends the rest behind `received` bytes, as it was asked to."""
+    """Whether a host sends the remainder after `received` bytes, as requested."""
     content_range = response.headers.get("Content-Range", "")
     return response.status_code == 206 and content_range.startswith(f"bytes {received}-")
 
@@ -226,7 +228,7 @@ def _copied(path: Path, part: IO[bytes], received: int) -> Iterator[int]:
 
 
 def _reason(error: "requests.RequestException") -> str:
-    """What went wrong, in a few words."""
+    """The reason of an error, in a few words."""
     import requests
 
     if isinstance(error, requests.HTTPError) and error.response is not None:
@@ -240,7 +242,7 @@ def _reason(error: "requests.RequestException") -> str:
 
 
 def _convert(data_set: DataSet, folder: Path) -> None:
-    """Makes the files that an experiment reads of those that were published."""
+    """Makes the files that an experiment reads from the published ones."""
     if all(is_whole(folder / file.name, file) for file in data_set.converted):
         return
     for name, text in CONVERSIONS[data_set.name](folder).items():

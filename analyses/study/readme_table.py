@@ -37,7 +37,7 @@ WORLDS: Final = Path("docs/campaign.json")  # beside the README
 TABLE_BEGIN: Final = "<!-- table {}: begin -->"
 TABLE_END: Final = "<!-- table {}: end -->"
 FEWEST_WORLDS: Final = 20
-"""With fewer, 5 and 95 % of them are no numbers: the README then keeps to the one run's figures."""
+"""With fewer worlds, 5 and 95 % mean nothing: the README then shows the one run's figures."""
 _QUICK: Final = (
     "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
 )
@@ -85,7 +85,7 @@ def collect(study: Path) -> dict[str, Any]:
 
 
 def committed(readme: Path, name: Path) -> dict[str, Any]:
-    """What RESULTS or WORLDS beside a README holds; of WORLDS, nothing where it is not there.
+    """Content of RESULTS or WORLDS beside a README; an absent WORLDS is empty.
 
     Raises:
         InputError: it is no JSON, or RESULTS is not there.
@@ -98,7 +98,7 @@ def committed(readme: Path, name: Path) -> dict[str, Any]:
 
 
 def together(folders: Sequence[Path]) -> dict[str, Any]:
-    """Metrics of campaigns that lie in a folder each, as those of one.
+    """Merges the metrics of campaigns that lie in a folder each.
 
     `campaign.worlds` is that of the largest; every figure has its own number of worlds beside.
 
@@ -112,10 +112,10 @@ def together(folders: Sequence[Path]) -> dict[str, Any]:
         settings = campaign.pop(_CAMPAIGN)
         merged_settings = merged.setdefault(_CAMPAIGN, settings)
         if settings["quick"] != merged_settings["quick"]:
-            raise InputError(path, "", "is of another length (--quick) than the campaign before it")
+            raise InputError(path, "", "is of another length (--quick) than the first campaign")
         twice = sorted(set(campaign) & set(merged))
         if twice:
-            problem = f"has worlds of {twice[0]}, which a campaign before it has, too"
+            problem = f"has worlds of {twice[0]}, as an earlier folder has"
             raise InputError(path, "", problem, "name one folder for each experiment")
         merged |= campaign
         if settings["worlds"] > merged_settings["worlds"]:
@@ -126,7 +126,7 @@ def together(folders: Sequence[Path]) -> dict[str, Any]:
 def results_table(
     results: Mapping[str, Any], worlds: Mapping[str, Any] | None = None, whole: bool = False
 ) -> str:
-    """Returns what `collect` found as Markdown; shortened runs are called that.
+    """Returns the figures of `collect` as Markdown; a line says so if the runs were shortened.
 
     Args:
         results: of `collect`.
@@ -179,7 +179,7 @@ def results_table(
 
 
 def _counted(worlds: Mapping[str, Any]) -> str:
-    """In how many worlds figures were measured, as "200 worlds (20 of `grinding`)"; "" if none."""
+    """The number of worlds as text, "200 worlds (20 of `grinding`)"; "" if none."""
     most = worlds.get(_CAMPAIGN, {}).get("worlds", 0)
     experiments = {name: figures for name, figures in worlds.items() if name != _CAMPAIGN}
     fewer: dict[int, list[str]] = {}
@@ -196,10 +196,10 @@ def _counted(worlds: Mapping[str, Any]) -> str:
 def _over_worlds(
     spread: Mapping[str, Any], key: str, figure: Any, one_run: Sequence[str], fewest: int
 ) -> tuple[str, str]:
-    """Median and range of a row's numbers as text, and how often ours is ahead; both may be "".
+    """Median and range of a row's numbers as text, and the share where ours is ahead, each or "".
 
-    Of a list worlds may have a part, as with the fastest feed alone: the rest are `one_run`'s.
-    What fewer than `fewest` worlds have counts for nothing.
+    Worlds may have a part of a list only, as with the fastest feed alone: the others are those of
+    `one_run`. A number of fewer than `fewest` worlds does not count.
     """
     keys = [f"{key}.{k}" for k in range(len(figure))] if isinstance(figure, list) else [key]
     over_worlds = []  # of each number; None: of too few worlds
@@ -220,7 +220,7 @@ def _over_worlds(
 
 
 def _moved_by(spread: Mapping[str, Any], key: str) -> str:
-    """The drawn parameters that move a number, with their signs; "" where it was not asked."""
+    """The drawn parameters that move a number, with their signs; "" if none were searched."""
     moved_by = spread.get(key, {}).get("moved_by")
     if moved_by is None:
         return ""
@@ -232,14 +232,14 @@ def _moved_by(spread: Mapping[str, Any], key: str) -> str:
 
 
 def _range(median: float, low: float, high: float) -> str:
-    """Three digits of the largest."""
+    """Median and range as text, with three digits of the largest."""
     decimals = decimals_of_three_digits((median, low, high))
     median_text, low_text, high_text = (number(x, decimals) for x in (median, low, high))
     return f"{median_text} ({low_text} to {high_text})"
 
 
 def pages(study: Path, docs: Path) -> dict[str, dict[str, Any]]:
-    """What the pages in `docs` show of a study's experiments with tables, by name.
+    """Content of the pages in `docs`, by name of the experiments that have tables.
 
     Returns:
         `quick`, `seed`, `metrics` and `tables` of each; a table has `name`, `heads`, `rows` and

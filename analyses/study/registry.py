@@ -1,8 +1,8 @@
-"""Which experiments there are: those of this software, of other packages, and those registered.
+"""Registry of experiments: those of this software, of other packages, and those registered.
 
-An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run=...)`. What a list
-of experiments needs (ENTRY_FIELDS) is read off that statement without importing the module, so that
-it imports neither Drake nor numba: these arguments must be literals.
+An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run=...)`. The fields
+of its entry (ENTRY_FIELDS) are read from that statement without importing the module, so that a
+list of experiments imports neither Drake nor numba. These arguments must be literals.
 
     wrenchsight.analyses.experiments.*.experiment       are found by themselves
     entry points of the group wrenchsight.experiments   of installed packages name a module each
@@ -32,7 +32,7 @@ _MODULE: Final = "experiment"  # of an experiment's folder
 
 @dataclass(frozen=True)
 class ExperimentEntry:
-    """What is known of an experiment before its module is imported; see `Experiment`."""
+    """Entry of an experiment, read without importing its module; see `Experiment`."""
 
     module: str
     name: str
@@ -119,7 +119,7 @@ class ExperimentRegistry:
 
 
 def read_entry(module: str) -> ExperimentEntry:
-    """Reads what a list of experiments needs of a module, without importing it.
+    """Reads a module's entry in the list of experiments, without importing the module.
 
     Raises:
         ValueError: the module is not there, or holds no EXPERIMENT with literals in ENTRY_FIELDS.

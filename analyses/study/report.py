@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 REPORT_NAME: Final = "report.html"
-_LONGEST_LIST: Final = 12  # values of a metric that are shown; the rest is in metrics.json
+_LONGEST_LIST: Final = 12  # values of a metric that are shown; metrics.json has all
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Comparison:
 
 
 def page_templates() -> "Environment":
-    """The environment of `analyses/templates`: escapes all text, and a name unknown is an error."""
+    """The environment of `analyses/templates`: it escapes all text; an unknown name is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -158,7 +158,7 @@ def _decimals(stated: list[Any], figures: list[Any]) -> int | None:
 
 
 def common_source(rows: Sequence[Comparison]) -> str:
-    """Returns who stated all figures of `rows`; empty where they are the article's or mixed."""
+    """Returns the common source of all figures of `rows`; empty if it is the article or mixed."""
     sources = {row.source for row in rows if row.stated}
     return sources.pop() if len(sources) == 1 and "article" not in sources else ""
 
@@ -187,7 +187,7 @@ def _percent(value: float) -> str:
 
 
 def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """What the template shows of each result; figures are numbered through the report."""
+    """The template's data of each result; figures are numbered through the report."""
     sections: list[dict[str, Any]] = []
     figure_number = 0
     for outcome in outcomes:

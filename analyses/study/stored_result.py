@@ -119,7 +119,7 @@ def _is_plain(value: Any) -> bool:
 
 
 def read_result(folder: ResultFolder, name: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Reads back metrics.json and result.json; None where there are none, or a file was removed."""
+    """Reads back metrics.json and result.json; None where one of their files is missing."""
     if not folder.below(name):
         return None
     metrics, stored = (

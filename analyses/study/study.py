@@ -74,9 +74,9 @@ def run_study(
     `StudySettings.fingerprint`), is not run again.
 
     At the end, and also after an interrupt, `out/metrics.json` gets one object per experiment,
-    `out/timings.json` the seconds, `out/report.html` the report: of all results in `out`, asked for
-    or not, that belong together by their fingerprints, and of no others. After a kill that nothing
-    can catch they are as before the study; the next one finds the whole results.
+    `out/timings.json` the seconds, `out/report.html` the report. They cover all results in `out`,
+    requested or not, whose fingerprints belong together, and no others. After a kill that nothing
+    can catch they are as before the study; the next study finds the whole results.
 
     An experiment that fails leaves out/failures/<name>.txt and does not stop the others.
 
@@ -95,7 +95,7 @@ def run_study(
         watch: called in this process at every step of every experiment.
 
     Raises:
-        InputError: an unknown name, truth or method, a method that no experiment asked for takes, a
+        InputError: an unknown name, truth or method, a method that no requested experiment takes, a
             full disk, a folder that cannot be written, that another study is at work in, or that
             holds what no study wrote.
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
@@ -132,7 +132,7 @@ def run_study(
             else:
                 watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
         seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
-        # The folder's own count before what is typical.
+        # Measured seconds of this folder take precedence over typical ones.
         for name, timing in _read_timings(out).items():
             seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
         longest_first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
@@ -149,7 +149,7 @@ def run_study(
 
 
 def _shared(folder: ResultFolder) -> Path:
-    """The folder of what experiments have in common."""
+    """The folder of results that experiments share."""
     return folder.work(".shared")
 
 
@@ -171,7 +171,7 @@ def check_names(names: Iterable[str]) -> list[str]:
 
 
 class _Run:
-    """One experiment's process, its staging folder and what has come of it."""
+    """One experiment's process, its staging folder and its outcome."""
 
     def __init__(self, name: str, folder: ResultFolder, settings: StudySettings) -> None:
         self.outcome = Outcome(name, "waiting")
@@ -252,7 +252,7 @@ class _Run:
     def stop(self) -> None:
         """Ends the process, if it runs."""
         if self._process is not None:
-            self._process.kill()  # it has nothing to tidy up that the study does not
+            self._process.kill()  # the study cleans up after it
             self._process.join()
         self.outcome.state = "interrupted"
 
@@ -293,7 +293,7 @@ def _work(
     state = "failed"
     try:
         state, reason = run(connection)
-    except BaseException as error:  # whatever it is, the parent is to know
+    except BaseException as error:  # the parent gets any error
         lines = str(error).strip().splitlines()
         reason = lines[0] if lines else ""
         if not isinstance(error, InputError):
@@ -309,7 +309,7 @@ def _work(
 
 
 def _lack_of_storage(error: BaseException | None) -> str:
-    """What the system says where an error, or what it came from, is a disk that is full."""
+    """The system's message where an error, or its cause, is a full disk; else empty."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
             return os.strerror(error.errno)
@@ -379,7 +379,7 @@ def _earlier(
 
 
 def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
-    """The sets of recordings that an experiment ran without."""
+    """The sets of recordings that were missing when an experiment ran."""
     recordings = stored["fingerprint"]["recordings"]
     return tuple(name for name, content in recordings.items() if content is None)
 
@@ -387,7 +387,7 @@ def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
 def _summarise(
     folder: ResultFolder, runs: Mapping[str, _Run], settings: StudySettings
 ) -> StudyResult:
-    """Writes what all results in the folder that belong together say."""
+    """Writes metrics, timings and report of all results in the folder that belong together."""
     outcomes = []
     for name in REGISTRY.entries():
         outcome = runs[name].outcome if name in runs else None

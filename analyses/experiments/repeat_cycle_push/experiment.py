@@ -97,11 +97,11 @@ COMPARISON = (
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle-push` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
-    more = {"sensor": _sensor(cycles)}
+    sensor_metrics = {"sensor": _sensor(cycles)}
     return path_result(
         context,
         cycles.runs,
-        cycles.metrics | more,
+        cycles.metrics | sensor_metrics,
         _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
         title="Repeated cycles, pushed by hand",

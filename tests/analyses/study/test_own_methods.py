@@ -65,7 +65,11 @@ def test_an_entry_point_is_a_method_without_an_option(folder, monkeypatch):
         ("no_function:make", "make = 3\n", "is no function, but a int"),
         ("no_colon", None, "expected MODULE:FUNCTION"),
         ("a/b.py:make", None, "expected MODULE:FUNCTION"),
-        ("ours=fine_method:make", "def make(setting): pass\n", "named 'ours' is there already"),
+        (
+            "ours=fine_method:make",
+            "def make(setting): pass\n",
+            "there is already a method named 'ours'",
+        ),
     ],
 )
 def test_what_is_no_method_is_refused_in_one_line(folder, text, content, words):

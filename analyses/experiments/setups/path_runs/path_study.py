@@ -1,4 +1,4 @@
-"""The skeleton of the experiments along the article's paths: their arm, runs and result."""
+"""Common parts of the experiments along the article's paths: their arm, runs and result."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
