@@ -188,16 +188,16 @@ class _Run:
             self._staging.mkdir()
         name = self.outcome.name
         spawn = multiprocessing.get_context("spawn")  # a forked numba or Drake may hang
-        self.connection, theirs = spawn.Pipe()
+        self.connection, workers_end = spawn.Pipe()
         module = REGISTRY.entries()[name].module
         run = partial(
             _run_experiment, name, module, self._staging, _shared(self._folder), self._settings
         )
-        arguments = (run, theirs, self._log, os.getpid())
+        arguments = (run, workers_end, self._log, os.getpid())
         with _thread_limits(threads), for_this_process_alone():
             self._process = spawn.Process(target=_work, args=arguments, name=name)
             self._process.start()
-        theirs.close()
+        workers_end.close()
         self._started = time.monotonic()
         self.outcome.state = "running"
 
@@ -298,8 +298,9 @@ def _work(
         reason = lines[0] if lines else ""
         if not isinstance(error, InputError):
             reason = f"{type(error).__name__}: {reason}".rstrip(": ")
-        if lack := _lack_of_storage(error):
-            state, reason = _NO_STORAGE, lack
+        storage_problem = _lack_of_storage(error)
+        if storage_problem:
+            state, reason = _NO_STORAGE, storage_problem
         with suppress(OSError):
             traceback.print_exc()
     with suppress(OSError):
@@ -324,7 +325,8 @@ def _run_experiment(
     if experiment.name != name:
         raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
     connection.send(("loaded",))
-    if missing := experiment.missing(settings.data):
+    missing = experiment.missing(settings.data)
+    if missing:
         connection.send(("lacks", tuple(missing)))
         return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
     if "numba" in sys.modules:

@@ -84,8 +84,17 @@ class CurrentLog:
         """A recording on the grid of TIME_STEP."""
         log = resampled(recording, TIME_STEP)
         target = log.extra.get("current_desired")
-        signals = log.t - log.t[0], log.q, log.v, log.current, target
-        return cls(name, *signals, position_resolution(recording.q), ~log.dropout, TIME_STEP)
+        return cls(
+            name=name,
+            t=log.t - log.t[0],
+            q=log.q,
+            v=log.v,
+            current=log.current,
+            target=target,
+            resolution=position_resolution(recording.q),
+            used=~log.dropout,
+            time_step=TIME_STEP,
+        )
 
 
 class Reading(NamedTuple):

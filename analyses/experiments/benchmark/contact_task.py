@@ -129,11 +129,18 @@ class ContactTask:
         def read(run: PreparedRun) -> ForceReading:
             reader, step = readers[run.run.name.controller]
             log = run.run.log
-            q, v = _bridged(log.q), _bridged(log.v)
-            resolution = np.full(log.num_joints, RESOLUTION)
-            every = np.ones(log.num_samples, bool)
-            signals = log.t, q, v, log.current, run.run.current_desired
-            filled = CurrentLog(run.run.name.stem, *signals, resolution, every, step, True)
+            filled = CurrentLog(
+                name=run.run.name.stem,
+                t=log.t,
+                q=_bridged(log.q),
+                v=_bridged(log.v),
+                current=log.current,
+                target=run.run.current_desired,
+                resolution=np.full(log.num_joints, RESOLUTION),
+                used=np.ones(log.num_samples, bool),
+                time_step=step,
+                is_rebuilt=True,
+            )
             reading = reader(filled)
             is_known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
             return _along(run, reading, is_known, is_known)

@@ -12,6 +12,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    PathPage,
     path_result,
     pushed_arm,
     pushed_runs,
@@ -154,13 +155,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
         {**reductions(initial, optimised), **metrics},
         _figures(readings),
         {"scenarios": scenarios, "speed_rad_per_s": speed},
-        title="Pushed by hand along the path",
-        passes=1,
-        variants=VARIANTS,
-        comparison=_comparison(),
-        notes=NOTES,
-        caption="Errors of every variant. A row with + changes the row above it, one with B the "
-        "row marked (B).",
+        PathPage(
+            title="Pushed by hand along the path",
+            passes=1,
+            variants=VARIANTS,
+            comparison=_comparison(),
+            notes=NOTES,
+            caption="Errors of every variant. A row with + changes the row above it, one with B "
+            "the row marked (B).",
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    PathPage,
     path_result,
     pushed_arm,
     pushed_runs,
@@ -184,11 +185,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         {**reductions(coulomb_viscous, semi_parametric), **metrics},
         _figures(run, readings),
         {"scenario": scenario, "speed_rad_per_s": speed},
-        title="Reversal of joints, pushed by hand",
-        passes=1,
-        variants=VARIANTS,
-        comparison=COMPARISON,
-        notes=NOTES,
+        PathPage(
+            title="Reversal of joints, pushed by hand",
+            passes=1,
+            variants=VARIANTS,
+            comparison=COMPARISON,
+            notes=NOTES,
+        ),
     )
 
 

@@ -192,7 +192,6 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
         return rms(error - A @ np.linalg.lstsq(A, error, rcond=None)[0])
 
     zero_left = log.joint_torque(log.sensor_wrench(replace(log.mounting, tare=np.zeros(6))))
-    signals = reading.error, log.recording.v, np.abs(reading.transmitted)
     return {
         "as_it_is": moving(reading),
         "controllers_rigid_body": moving(read_log(log, "controller_model")),
@@ -203,8 +202,14 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
             reading, log.joint_torque(log.recording.extra["wrench"])
         ),
         "zero_of_the_sensor_left": moving(reading, zero_left),
-        # What no friction law of speed, load and direction could take off; it is given the sensor.
-        "friction_fitted_to_this_sensor": by_joint(without_law, log.moving, *signals),
+        # The error that no friction law of speed, load and direction removes, though fitted here.
+        "friction_fitted_to_this_sensor": by_joint(
+            without_law,
+            log.moving,
+            reading.error,
+            log.recording.v,
+            np.abs(reading.transmitted),
+        ),
     }
 
 

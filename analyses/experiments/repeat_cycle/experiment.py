@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import branch_start, followed
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathPage, path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
@@ -199,11 +199,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         cycles.metrics | ablation,
         _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
-        title="Repeated cycles without contact",
-        passes=4,
-        variants=VARIANTS,
-        comparison=COMPARISON,
-        notes=NOTES,
+        PathPage(
+            title="Repeated cycles without contact",
+            passes=4,
+            variants=VARIANTS,
+            comparison=COMPARISON,
+            notes=NOTES,
+        ),
     )
 
 

@@ -8,7 +8,7 @@ article.
 from collections.abc import Iterator
 from typing import Any
 
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathPage, path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     BEFORE,
     VARIANTS,
@@ -104,11 +104,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         cycles.metrics | sensor_metrics,
         _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
-        title="Repeated cycles, pushed by hand",
-        passes=4,
-        variants=VARIANTS,
-        comparison=COMPARISON,
-        notes=NOTES,
+        PathPage(
+            title="Repeated cycles, pushed by hand",
+            passes=4,
+            variants=VARIANTS,
+            comparison=COMPARISON,
+            notes=NOTES,
+        ),
     )
 
 

@@ -102,14 +102,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _run_metrics(reads: Sequence[ReadRun]) -> dict[str, Any]:
     """Without a sensor, run by run; keys without dots, which part a metric's path."""
-    return {
-        read.prepared.run.name.stem.replace(".", "p"): {
-            interval: {key: judged.metrics()[key] for key in _JUDGED_BY}
-            for interval in JUDGED
-            if (judged := read.judged("command", interval)) is not None
-        }
-        for read in reads
-    }
+    metrics: dict[str, Any] = {}
+    for read in reads:
+        by_interval = {}
+        for interval in JUDGED:
+            judged = read.judged("command", interval)
+            if judged is not None:
+                by_interval[interval] = {key: judged.metrics()[key] for key in _JUDGED_BY}
+        metrics[read.prepared.run.name.stem.replace(".", "p")] = by_interval
+    return metrics
 
 
 def _one_run_a_group(reads: Sequence[ReadRun]) -> list[ReadRun]:

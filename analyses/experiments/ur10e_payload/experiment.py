@@ -104,9 +104,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
     context.progress(0.4, "finding the prior")
     Sigma_tau = model.residual_covariance
-    evidence = batch.J[INNER], batch.tau_ext[INNER], Sigma_tau
-    prior = evidence_prior(*evidence)
-    *free, noise_scale = evidence_prior_and_noise(*evidence)
+    J, tau_ext = batch.J[INNER], batch.tau_ext[INNER]
+    prior = evidence_prior(J, tau_ext, Sigma_tau)
+    *free, noise_scale = evidence_prior_and_noise(J, tau_ext, Sigma_tau)
     priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": live_prior(robot.payload)}
     readings = _at_flange(batch, Sigma_tau, priors)
 

@@ -24,7 +24,7 @@ the forms of the law and of the lag in the band. How long a joint takes to rest 
 reaches come from the three fitted runs.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,7 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -164,6 +165,56 @@ def _shown_drift(recording: Recording, robot: Robot, model: IdentifiedModel) -> 
     return monitor.drifts()
 
 
+@dataclass(frozen=True, eq=False)
+class _PointLog:
+    """A log to be read at the point of action.
+
+    Attributes:
+        uniform: N samples on a uniform grid.
+        observation: of an observer along it.
+        J: (N, 6, n) at the point of action in axes of W.
+    """
+
+    uniform: Recording
+    observation: Observation
+    J: Array
+
+    def error(self, estimator: WrenchEstimator) -> TorqueError:
+        """The torque error that an estimator states along the log."""
+        state = estimator.error.initial_state()
+        uniform = self.uniform
+        return estimator.error.run(
+            state, uniform.q, uniform.v, self.observation.transmitted, self.J
+        )
+
+    def read(self, estimator: WrenchEstimator) -> WrenchEstimate:
+        """The wrench at the point of action."""
+        N = len(self.J)
+        return estimator.reading.run(
+            estimator.reading.initial_state(),
+            self.error(estimator),
+            self.J,
+            self.observation.tau_ext,
+            self.observation.fresh,
+            np.zeros(N, bool),  # no sample is lost
+            np.empty((N, 0)),
+        )
+
+
+def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> tuple[Array, Array, Flags]:
+    """Wrench, covariance and validity of a log whose friction is followed."""
+    uniform, estimator = log.uniform, follower.estimator
+    batch, _ = follower.run(uniform.q, uniform.v, uniform.current)
+    followed = replace(log, observation=log.observation._replace(tau_ext=batch.tau_ext))
+    error = followed.error(estimator)
+    friction_variance = batch.torque_sd**2 - error.sd**2
+    at_point = batch._replace(J_seen=error.J_seen, torque_sd=error.sd)
+    gain = ReadingGain(estimator).of(at_point)
+    estimate = followed.read(estimator)
+    friction_part = (gain * friction_variance[:, None, :]) @ gain.transpose(0, 2, 1)
+    return estimate.wrench, estimate.covariance + friction_part, estimate.valid
+
+
 def _log_metrics(
     recording: Recording,
     mass: float,
@@ -188,35 +239,16 @@ def _log_metrics(
             point, truth = force_of_load(robot, uniform, J, observation.tau_ext, Sigma_tau, mass)
             J = jacobian_at(J, robot.chain.pose(uniform.q)[0], point)
 
-        def read(
-            estimator_read: WrenchEstimator, J: Array = J, observation: Observation = observation
-        ) -> WrenchEstimate:
-            """The reading at the point of action."""
-            log = uniform.q, uniform.v, observation.transmitted, J
-            error = estimator_read.error.run(estimator_read.error.initial_state(), *log)
-            lost, observed = np.zeros(len(J), bool), np.empty((len(J), 0))
-            state = estimator_read.reading.initial_state()
-            return estimator_read.reading.run(
-                state, error, J, observation.tau_ext, observation.fresh, lost, observed
-            )
-
-        variance = None
+        log = _PointLog(uniform, observation, J)
         if tracked:
-            follower = TrackedEstimator(robot, model, config)
-            estimator = follower.estimator
-            batch, _ = follower.run(uniform.q, uniform.v, uniform.current)
-            observation = observation._replace(tau_ext=batch.tau_ext)
-            log = uniform.q, uniform.v, observation.transmitted, J
-            error = estimator.error.run(estimator.error.initial_state(), *log)
-            variance = batch.torque_sd**2 - error.sd**2
-            at_point = batch._replace(J_seen=error.J_seen, torque_sd=error.sd)
-            gain = ReadingGain(estimator).of(at_point)
-        wrench, covariance, _, valid = read(estimator, J, observation)
-        if variance is not None:
-            covariance = covariance + (gain * variance[:, None, :]) @ gain.transpose(0, 2, 1)
+            wrench, covariance, valid = _read_tracked(log, TrackedEstimator(robot, model, config))
+        else:
+            wrench, covariance, _, valid = log.read(estimator)
         if model_with_drift is not None:
-            mean, covariance, _, still = read(WrenchEstimator(robot, model_with_drift, config))
-            covariance, valid = covariance_about(wrench, mean, covariance), valid & still
+            wide_estimator = WrenchEstimator(robot, model_with_drift, config)
+            mean, wide_covariance, _, wide_valid = log.read(wide_estimator)
+            covariance = covariance_about(wrench, mean, wide_covariance)
+            valid = valid & wide_valid
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
         judged = ~uniform.dropout
         judged[:begin] = judged[-MARGIN:] = False

@@ -233,7 +233,15 @@ def _log(path: Path, robot: Robot, variants: tuple[str, ...]) -> Lara8Log:
         rest_speed=REST_SPEED,
     )
     J = robot.chain.jacobian(recording.q)
-    return Lara8Log(path.stem, robot, recording, J, R_WE, config, variants)
+    return Lara8Log(
+        name=path.stem,
+        robot=robot,
+        recording=recording,
+        J=J,
+        R_WE=R_WE,
+        config=config,
+        variants=variants,
+    )
 
 
 def _zero(recording: Recording, R_WE: Array) -> Array:

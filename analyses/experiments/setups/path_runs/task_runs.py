@@ -226,13 +226,13 @@ def run_task(scenario: Scenario, robot: Robot, name: str = "task") -> TaskRun:
     if mechanisms is not None:
         recording = clocked(recording, mechanisms.clock, scenario.seed)
     return TaskRun(
-        name,
-        recording,
-        signals["wrench_true"],
-        signals.get("ft_wrench"),
-        signals["tau_f_true"],
-        signals["q"],
-        robot.chain,
+        name=name,
+        recording=recording,
+        wrench_true=signals["wrench_true"],
+        ft_wrench=signals.get("ft_wrench"),
+        tau_f_true=signals["tau_f_true"],
+        q_exact=signals["q"],
+        chain=robot.chain,
     )
 
 

@@ -119,9 +119,9 @@ def separate_recordings(
         if tau is None:
             tau = robot.joint_torque(uniform.current)
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
-        signals = uniform.t, q, v, derivative(v, step), tau
+        vdot = derivative(v, step)
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            result[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
+            result[j].append(separate(chain, uniform.t, q, v, vdot, tau, j, REST, 1.0 / cutoff))
     return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
 
 
@@ -160,8 +160,14 @@ def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:
     def column(name: str) -> Array:
         return np.concatenate([getattr(part, name) for part in parts] or [np.zeros(0)])
 
-    names = ("position", "speed", "acceleration", "symmetric", "asymmetric")
-    return ReversalSamples(joint, *(column(name) for name in names))
+    return ReversalSamples(
+        joint,
+        position=column("position"),
+        speed=column("speed"),
+        acceleration=column("acceleration"),
+        symmetric=column("symmetric"),
+        asymmetric=column("asymmetric"),
+    )
 
 
 def semi_parametric_model(

@@ -56,8 +56,14 @@ def identify_simulated_arm(
             )
             for k in range(2)
         )
-        logs = [fitted_log.recording], robot, [validation_log.recording]
-        return identify(*logs, config, contact_noise=contact_noise), (fitted_log, validation_log)
+        result = identify(
+            [fitted_log.recording],
+            robot,
+            [validation_log.recording],
+            config,
+            contact_noise=contact_noise,
+        )
+        return result, (fitted_log, validation_log)
 
     arguments = robot, seed, periods, config, contact_noise
     return shared("identify_simulated_arm", arguments, identified)

@@ -136,8 +136,11 @@ class Errors:
     @classmethod
     def pooled(cls, parts: Sequence["Errors"]) -> "Errors":
         """The errors of several logs together."""
-        keys = ("torque", "force", "sd")
-        return cls(*(np.concatenate([getattr(part, key) for part in parts]) for key in keys))
+        return cls(
+            torque=np.concatenate([part.torque for part in parts]),
+            force=np.concatenate([part.force for part in parts]),
+            sd=np.concatenate([part.sd for part in parts]),
+        )
 
     def metrics(self) -> dict[str, Any]:
         """Lists per joint and axis, as written to metrics.json."""

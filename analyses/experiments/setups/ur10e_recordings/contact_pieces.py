@@ -39,11 +39,11 @@ def contact_pieces(
         external = run.sensor_force[begin:end, None] * np.einsum("kaj,ka->kj", J, axis)
         log = torque_log(piece, robot, carrying, external, True)
         motion = log.motion
-        state = motion.q, motion.v, derivative(motion.v, motion.time_step)
-        tool = carrying.chain(robot).inverse_dynamics(*state)
-        tool = tool - refit.chain(robot).inverse_dynamics(*state)
+        vdot = derivative(motion.v, motion.time_step)
+        with_tool = carrying.chain(robot).inverse_dynamics(motion.q, motion.v, vdot)
+        without_tool = refit.chain(robot).inverse_dynamics(motion.q, motion.v, vdot)
         J, axis = pressing(motion.q)
-        judged = Judged.at_point(log.less(tool), J, covariance)
+        judged = Judged.at_point(log.less(with_tool - without_tool), J, covariance)
         along = np.einsum("ka,kaj->kj", axis, judged.gain)[:, None, :]
         pieces.append(replace(judged, gain=along))
     return pieces

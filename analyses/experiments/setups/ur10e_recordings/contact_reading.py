@@ -118,13 +118,13 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
         slide = (run.t >= begin) & (run.t <= end) & ~run.corners
     model, external = with_tool_of(identified, robot), normal * run.sensor_force[:, None]
     return PreparedRun(
-        run,
-        robot,
-        published,
-        normal,
-        R_WE,
-        J,
-        excess,
+        run=run,
+        robot=robot,
+        model=published,
+        normal=normal,
+        R_WE=R_WE,
+        J=J,
+        excess=excess,
         air=LogRows.of(run.log, run.is_free, robot, model),
         measured=LogRows.of(run.log, run.is_free | slide, robot, model, external),
         truth=block_mean(run.sensor_force),

@@ -75,7 +75,14 @@ class RunName:
         if match is None:
             return None
         scene, controller, force, setting, speed = match.groups()
-        return cls(scene, controller.lower(), float(speed), int(force), setting, stem)
+        return cls(
+            scene=scene,
+            controller=controller.lower(),
+            speed=float(speed),
+            force=int(force),
+            setting=setting,
+            stem=stem,
+        )
 
     @property
     def group(self) -> str:

@@ -181,7 +181,12 @@ class Tally:
             report = detection.link[inside][touched]
             report = report[report > 0]
             named = int(np.bincount(report).argmax()) if 2 * len(report) > touched.sum() else 0
-            verdict = "untold" if named == 0 else "right" if named == link else "wrong"
+            if named == 0:
+                verdict = "untold"
+            elif named == link:
+                verdict = "right"
+            else:
+                verdict = "wrong"
             self.links[verdict] = self.links.get(verdict, 0) + 1
 
     def metrics(self) -> dict[str, Any]:

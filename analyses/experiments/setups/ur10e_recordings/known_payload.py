@@ -121,7 +121,7 @@ def payload_reference(
 def force_of_load(
     robot: Robot, motion: Recording, J: Array, tau_ext: Array, Sigma_tau: Array, mass: float
 ) -> tuple[Array, Array]:
-    """Where a load acts, found from the first seconds of a run, and the force that it exerts there.
+    """The point where a load acts, found from the first seconds of a run, and its force there.
 
     Args:
         motion: of N samples, TIME_STEP apart.
@@ -134,9 +134,8 @@ def force_of_load(
         p_EP (3,) m in axes of E, and the force (N, 3) N in axes of W.
     """
     R_WE, _ = robot.chain.pose(motion.q)
-    learnt = J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING]
-    place = find_point_of_action(*learnt, Sigma_tau).p_EP
-    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place)
+    p_EP = find_point_of_action(J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING], Sigma_tau).p_EP
+    return p_EP, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, p_EP)
 
 
 def estimator_config() -> WrenchEstimatorConfig:
@@ -173,7 +172,7 @@ def read_at_load(
     with_mean: bool,
     free_noise: bool,
 ) -> AtLoad:
-    """Finds the point of action from the first seconds and reads the rest there."""
+    """Finds the point of action from the first seconds, and reads the later samples there."""
     learnt, test = slice(LEARNING.start, LEARNING.stop), slice(LEARNING.stop, -LEARNING.start)
     R_WE, _ = robot.chain.pose(loaded.q)
     result = find_point_of_action(
@@ -186,13 +185,13 @@ def read_at_load(
     )
     J = jacobian_at(batch.J, R_WE, result.p_EP)
     Sigma = result.noise_scale**2 * Sigma_tau
-    entry = result.force_sd, result.moment_sd
+    with_prior = METHODS["bayesian"].with_prior(result.force_sd, result.moment_sd)
     zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
     expected = J[:, 3:].transpose(0, 2, 1) @ result.mean_force_W
     plain = batch.tau_ext
     readings = {}
     for name, config, tau, mean in (
-        ("bayesian", METHODS["bayesian"].with_prior(*entry), plain - expected, result.mean_force_W),
+        ("bayesian", with_prior, plain - expected, result.mean_force_W),
         ("bayesian_zero_mean", METHODS["bayesian"].with_prior(*zero_mean), plain, np.zeros(3)),
         ("force_only", METHODS["force_only"].with_prior(*zero_mean), plain, np.zeros(3)),
     ):
