@@ -156,18 +156,17 @@ class Lara8Reading:
     def against_sensor(self) -> SensorComparison:
         """The wrench against the sensor's, over 0.1 s, from the observer's settling on."""
         recording, batch = self.log.recording, self.batch
-        signals = (
-            recording.t,
-            batch.wrench[:, FORCE_FIRST],
-            batch.standard_deviation[:, FORCE_FIRST],
-            batch.valid,
-            self.log.R_WE,
-            recording.v,
-            recording.extra["sensor"],
-        )
         collector = SensorLogCollector(recording.time_step)
-        settled = settled_from(recording)
-        collector.add(*(np.asarray(signal[settled:], float) for signal in signals))
+        settled = slice(settled_from(recording), None)
+        collector.add(
+            recording.t[settled],
+            batch.wrench[settled, FORCE_FIRST],
+            batch.standard_deviation[settled, FORCE_FIRST],
+            np.asarray(batch.valid[settled], float),
+            self.log.R_WE[settled],
+            recording.v[settled],
+            recording.extra["sensor"][settled],
+        )
         sensor_log = collector.log()
         assert sensor_log is not None
         return compare_with_sensor(sensor_log, self.log.config)
