@@ -54,7 +54,7 @@ def _list(names: list[str], data: Path | None) -> None:
         table.add_row(name, f"{entry.megabytes:.1f}", entry.licence, state, entry.robot)
         location = how_to_get(name) if place is None else str(place.folder)
         paper = entry.paper or "no paper"
-        lines.append(f"{name}: {entry.what}; {entry.source}; {paper}; {location}")
+        lines.append(f"{name}: {entry.contents}; {entry.source}; {paper}; {location}")
     show(table, *lines)
 
 

@@ -96,7 +96,7 @@ def _print(result: "StudyResult") -> None:
             label = f"{row.label} [{row.unit}]" if row.unit else row.label
             # Padded, not begun with spaces: a label's second line stands under its first.
             indented = Padding(plain_text(label), (0, 0, 0, 2))
-            table.add_row(indented, " ".join(row.stated), " ".join(row.here))
+            table.add_row(indented, " ".join(row.stated), " ".join(row.measured))
     missing = {outcome.name: outcome.lacks for outcome in result.outcomes if outcome.lacks}
     failures = [
         f"{outcome.name}: {text}"

@@ -1,4 +1,4 @@
-"""What a user is told who lacks recordings: the command that gets them, or whom to ask."""
+"""Advice on missing recordings: the command that gets them, or whom to ask."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,11 +11,13 @@ def how_to_get(name: str) -> str:
 
 
 def how_to_get_all(names: Sequence[str]) -> str:
-    """How to get several sets: one command for all that can be fetched, and each other's advice."""
-    known = [DATA_SETS[name] for name in names if name in DATA_SETS]
-    fetched = [one.name for one in known if one.published]
+    """How to get several sets: one command for all that can be fetched, advice for each other."""
+    data_sets = [DATA_SETS[name] for name in names if name in DATA_SETS]
+    fetched = [data_set.name for data_set in data_sets if data_set.published]
     parts = [f"`wrenchsight data fetch {' '.join(fetched)}`"] if fetched else []
-    parts += [f"{one.name}: {one.advice}" for one in known if not one.published]
+    parts += [
+        f"{data_set.name}: {data_set.advice}" for data_set in data_sets if not data_set.published
+    ]
     parts += [f"{name}: give it with --data" for name in names if name not in DATA_SETS]
     return "; ".join(parts)
 

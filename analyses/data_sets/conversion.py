@@ -1,7 +1,7 @@
-"""Files that an experiment reads, made of published ones: a header, times from 0, what is derived.
+"""Conversion of published files to those that an experiment reads.
 
-`ur10e_pushes`: the rows are the source's. Added are the torque that the controller's target does
-not explain, `tau_des - K i`, and where the hand pushes.
+`ur10e_pushes`: the rows are the source's, with a header and times from 0. Two signals are added:
+the torque `tau_des - K i` beyond the controller's target, and the times of the hand's pushes.
 
 `neura_lara8_urdf`: meshes, the measuring tool and its tip are dropped, right angles are exact,
 numbers have nine decimals, and the welded base has an inertia. The robot.yaml beside it is ours.

@@ -1,8 +1,8 @@
-"""Gets published recordings into the user's cache: whole files, checked, or none.
+"""Gets published recordings into the user's cache; only whole, checked files count.
 
-A file that comes in part stays beside its place as `.NAME.part`, and the next attempt asks the host
-for the rest. Under its own name a file appears when its SHA-256 is the known one. Two processes
-that get the same set take turns.
+A partly received file stays in the folder as `.NAME.part`, and the next attempt requests the
+remainder. A file gets its name when its SHA-256 is the known one. Two processes that get the same
+set take turns.
 """
 
 import os
@@ -27,27 +27,27 @@ if TYPE_CHECKING:
 PUBLIC_HOST: Final = "https://raw.githubusercontent.com"
 MIRROR_VARIABLE: Final = "WRENCHSIGHT_DATA_MIRROR"
 _TIMEOUT: Final = (10.0, 30.0)  # s to connect, and between two pieces
-_PIECE: Final = 1 << 12  # bytes; a cut connection loses what of the last one has come
+_PIECE: Final = 1 << 12  # bytes; a cut connection loses the last, incomplete one
 _RETRIES: Final = 1
 
 
 @dataclass(frozen=True)
 class Fetched:
-    """What became of a set that was asked for."""
+    """Outcome of fetching one requested set."""
 
     name: str
     folder: Path
-    num_files: int  # that were got now; none where all were there
+    num_files: int  # received now; 0 if all were present
     problem: str = ""  # why the set is not whole
 
 
 def fetchable() -> tuple[str, ...]:
     """The sets that can be fetched."""
-    return tuple(name for name, one in DATA_SETS.items() if one.published)
+    return tuple(name for name, data_set in DATA_SETS.items() if data_set.published)
 
 
 def mirror_url(mirror: str | None) -> str:
-    """The host that files come from: a mirror, else that of the environment, else the public one.
+    """The host of the files: the mirror, else that of the environment, else the public one.
 
     Raises:
         InputError: not an address of the kinds http, https or file.
@@ -65,7 +65,7 @@ def mirror_url(mirror: str | None) -> str:
 def fetch_data_sets(
     names: Sequence[str],
     mirror: str | None = None,
-    progress: Callable[[str, float, str], None] = lambda name, share, what: None,
+    progress: Callable[[str, float, str], None] = lambda name, share, action: None,
 ) -> tuple[Fetched, ...]:
     """Gets sets into the cache; one that fails does not stop the others.
 
@@ -73,46 +73,48 @@ def fetch_data_sets(
         names: of sets; none means all that can be fetched.
         mirror: address below which files lie as on the public host,
             `<repository>/<commit>/<path>`; None: `mirror_url`'s.
-        progress: takes the set, the share of it that is there, and words; none at its end.
+        progress: takes the set, the share of it that is present, and the present action.
 
     Raises:
         InputError: an unknown set, one that cannot be fetched, a wrong address, or a cache that
             cannot be written.
     """
     sets = [data_set(name) for name in dict.fromkeys(names or fetchable())]
-    for one in sets:
-        if not one.published:
-            raise InputError(one.name, "", "cannot be fetched", one.advice)
+    for requested in sets:
+        if not requested.published:
+            raise InputError(requested.name, "", "cannot be fetched", requested.advice)
     url = mirror_url(mirror)
-    return tuple(_fetch_set(one, url, progress) for one in sets)
+    return tuple(_fetch_set(requested, url, progress) for requested in sets)
 
 
-def _fetch_set(one: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
-    folder = cache_folder() / one.name
-    if all(is_whole(folder / file.name, file) for file in one.files):
-        progress(one.name, 1.0, "")
-        return Fetched(one.name, folder, 0)
+def _fetch_set(data_set: DataSet, url: str, progress: Callable[[str, float, str], None]) -> Fetched:
+    folder = cache_folder() / data_set.name
+    if all(is_whole(folder / file.name, file) for file in data_set.files):
+        progress(data_set.name, 1.0, "")
+        return Fetched(data_set.name, folder, 0)
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with _one_process(folder, lambda: progress(one.name, 0.0, "another process gets it: waiting")):
+    with _one_process(
+        folder, lambda: progress(data_set.name, 0.0, "waiting: another process fetches it")
+    ):
         for stray in folder.glob("tmp*"):  # of a process that was killed while pooch checked
             stray.unlink()
-        missing = [file for file in one.published if not is_whole(folder / file.name, file)]
-        done = sum(file.num_bytes for file in one.published if file not in missing)
-        total = sum(file.num_bytes for file in one.published)
+        missing = [file for file in data_set.published if not is_whole(folder / file.name, file)]
+        done = sum(file.num_bytes for file in data_set.published if file not in missing)
+        total = sum(file.num_bytes for file in data_set.published)
         for file in missing:
-            progress(one.name, done / total, file.name)
+            progress(data_set.name, done / total, file.name)
 
             def report(count: int, file: PublishedFile = file, done: int = done) -> None:
-                progress(one.name, (done + min(count, file.num_bytes)) / total, file.name)
+                progress(data_set.name, (done + min(count, file.num_bytes)) / total, file.name)
 
             problem = _fetch_file(file, folder, url, report)
             if problem:
-                return Fetched(one.name, folder, 0, problem)
+                return Fetched(data_set.name, folder, 0, problem)
             done += file.num_bytes
-        _convert(one, folder)
-    progress(one.name, 1.0, "")
-    return Fetched(one.name, folder, len(missing))
+        _convert(data_set, folder)
+    progress(data_set.name, 1.0, "")
+    return Fetched(data_set.name, folder, len(missing))
 
 
 def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[int], None]) -> str:
@@ -142,7 +144,7 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
 
 
 class _Resuming:
-    """A downloader for pooch that goes on where an earlier attempt was cut."""
+    """A downloader for pooch that continues where an earlier attempt was cut."""
 
     def __init__(self, file: PublishedFile, folder: Path, report: Callable[[int], None]) -> None:
         self._file, self._report = file, report
@@ -151,7 +153,7 @@ class _Resuming:
     def __call__(
         self, url: str, output_file: str | IO[bytes], pooch: Any, check_only: bool = False
     ) -> None:
-        """Puts what is at an address into the file that pooch checks then.
+        """Downloads an address into a file, which pooch then checks.
 
         Raises:
             requests.RequestException: the file did not come to its end.
@@ -162,7 +164,7 @@ class _Resuming:
         size = self._file.num_bytes
         received = self._part.stat().st_size if self._part.is_file() else 0
         if received < size:
-            # A connection that is cut has brought what is in the part.
+            # After a cut connection, the part holds what was received.
             with self._part.open("ab") as part, suppress(requests.exceptions.ChunkedEncodingError):
                 for count in _pieces(url, part, received):
                     self._report(count)
@@ -176,7 +178,7 @@ class _Resuming:
 
 
 def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
-    """Writes what is at an address behind the `received` bytes of a part; yields its size."""
+    """Appends an address's content to a part of `received` bytes; yields the part's size."""
     parts = urlsplit(url)
     if parts.scheme == "file":
         yield from _copied(Path(unquote(parts.path)), part, received)
@@ -190,7 +192,9 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
     with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
         if response.status_code == requests.codes.requested_range_not_satisfiable:
             part.truncate(0)
-            raise requests.ConnectionError("the host has less of the file than came before")
+            raise requests.ConnectionError(
+                "the host's file is shorter than the part received earlier"
+            )
         response.raise_for_status()
         if received and not _continues(response, received):
             part.truncate(0)
@@ -202,7 +206,7 @@ def _pieces(url: str, part: IO[bytes], received: int) -> Iterator[int]:
 
 
 def _continues(response: "requests.Response", received: int) -> bool:
-    """Whether a host sends the rest behind `received` bytes, as it was asked to."""
+    """Whether a host sends the remainder after `received` bytes, as requested."""
     content_range = response.headers.get("Content-Range", "")
     return response.status_code == 206 and content_range.startswith(f"bytes {received}-")
 
@@ -224,7 +228,7 @@ def _copied(path: Path, part: IO[bytes], received: int) -> Iterator[int]:
 
 
 def _reason(error: "requests.RequestException") -> str:
-    """What went wrong, in a few words."""
+    """The reason of an error, in a few words."""
     import requests
 
     if isinstance(error, requests.HTTPError) and error.response is not None:
@@ -237,11 +241,11 @@ def _reason(error: "requests.RequestException") -> str:
     return f"the connection failed ({words.strip(' )')})"
 
 
-def _convert(one: DataSet, folder: Path) -> None:
-    """Makes the files that an experiment reads of those that were published."""
-    if all(is_whole(folder / file.name, file) for file in one.converted):
+def _convert(data_set: DataSet, folder: Path) -> None:
+    """Makes the files that an experiment reads from the published ones."""
+    if all(is_whole(folder / file.name, file) for file in data_set.converted):
         return
-    for name, text in CONVERSIONS[one.name](folder).items():
+    for name, text in CONVERSIONS[data_set.name](folder).items():
         with whole_file(folder / name) as path:
             path.write_text(text, encoding="utf-8")
 

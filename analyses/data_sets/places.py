@@ -1,4 +1,4 @@
-"""Where a set of recordings is looked for on this computer.
+"""Places on this computer where a set of recordings is searched.
 
 The first place that holds the set counts:
 
@@ -25,7 +25,7 @@ from wrenchsight.models.files.input_error import InputError
 
 CACHE_VARIABLE: Final = "WRENCHSIGHT_DATA_CACHE"
 BESIDE: Final = Path("../shared/data")
-"""Below which sets count as given where no folder is."""
+"""Default folder of given sets."""
 BUNDLED: Final = Path(wrenchsight.__file__).resolve().parents[1] / "examples" / "recordings"
 """The repository's own sets; an installed package has none."""
 
@@ -39,20 +39,20 @@ class Place:
 
 
 def find_data_set(name: str, data: Path | None = None) -> Place | None:
-    """Looks for a set of recordings; None where it is nowhere.
+    """Looks for a set of recordings; None where no place holds it.
 
     Args:
         data: the folder that is given, with a folder for each set; None: BESIDE.
     """
-    given = given_folder(data)
-    if given is not None and (given / name).is_dir():
-        return Place("given", given / name)
+    data_folder = given_folder(data)
+    if data_folder is not None and (data_folder / name).is_dir():
+        return Place("given", data_folder / name)
     files = DATA_SETS[name].files if name in DATA_SETS else ()
     parent = DATA_SETS[name].part_of if name in DATA_SETS else ""
-    if given is not None and parent:
-        paths = (given / parent / file.name for file in DATA_SETS[name].converted)
+    if data_folder is not None and parent:
+        paths = (data_folder / parent / file.name for file in DATA_SETS[name].converted)
         if all(path.is_file() for path in paths):
-            return Place("given", given / parent)
+            return Place("given", data_folder / parent)
     fetched = cache_folder() / name
     if files and all(is_whole(fetched / file.name, file) for file in files):
         return Place("fetched", fetched)
@@ -62,7 +62,7 @@ def find_data_set(name: str, data: Path | None = None) -> Place | None:
 
 
 def given_folder(data: Path | None) -> Path | None:
-    """The folder that is given, else BESIDE where that is there, as an absolute path."""
+    """The given folder, else BESIDE if it exists, as an absolute path."""
     if data is None:
         return BESIDE.resolve() if BESIDE.is_dir() else None
     return data.resolve()
@@ -97,13 +97,13 @@ def recording_file(folder: Path, stem: str) -> Path:
 
 
 def cache_folder() -> Path:
-    """The folder for sets that were fetched: $WRENCHSIGHT_DATA_CACHE, else this user's cache."""
+    """The folder of fetched sets: $WRENCHSIGHT_DATA_CACHE, else this user's cache."""
     named = os.environ.get(CACHE_VARIABLE, "")
     return Path(named).resolve() if named else user_cache_path("wrenchsight") / "recordings"
 
 
 def is_whole(path: Path, file: KnownFile) -> bool:
-    """Whether a file is there, byte for byte as it is known."""
+    """Whether a file exists with the known content, byte for byte."""
     try:
         status = path.stat()
         if status.st_size != file.num_bytes:

@@ -46,7 +46,7 @@ class DataSet:
 
     Attributes:
         name: of the folder, and on the command line.
-        what: which motion, which sensors; one line.
+        contents: which motion, which sensors; one line.
         source: where it is published.
         megabytes: of its files.
         advice: what to do where the set is not there and cannot be fetched.
@@ -56,7 +56,7 @@ class DataSet:
 
     name: str
     robot: str
-    what: str
+    contents: str
     licence: str
     source: str
     paper: str
@@ -87,12 +87,12 @@ _IN_REPOSITORY = (
 )
 
 DATA_SETS: Final[dict[str, DataSet]] = {
-    one.name: one
-    for one in (
+    entry.name: entry
+    for entry in (
         DataSet(
             name="ur10e",
             robot="Universal Robots UR10e",
-            what="motor currents in excitation motions, single joints and with a known payload",
+            contents="motor currents in excitation motions, single joints and with a known payload",
             licence="none stated",
             source=_UR10E,
             paper=_MAMEDOV,
@@ -101,7 +101,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="ur10e_more",
             robot="Universal Robots UR10e",
-            what="the same arm on other days, standing still, with another payload, hit by hand",
+            contents="the arm on other days, standing still, with another payload, hit by hand",
             licence="none stated",
             source=_UR10E,
             paper=_MAMEDOV,
@@ -110,7 +110,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="ur10e_pushes",
             robot="Universal Robots UR10e",
-            what="the same arm standing still, pushed four times by hand; no force sensor",
+            contents="the same arm standing still, pushed four times by hand; no force sensor",
             licence="none stated",
             source=_UR10E,
             paper=_MAMEDOV,
@@ -136,7 +136,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="ur10e_contact",
             robot="Universal Robots UR10e",
-            what="a roller pressed on a workpiece and along it, force sensor under the workpiece",
+            contents="a roller pressed on and along a workpiece, force sensor under the workpiece",
             licence="GPL-3.0",
             source="github.com/JKU-Linz-Institute-of-Robotics/ur10e_force_control_comparison",
             paper=(
@@ -149,7 +149,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="panda_ati_gamma",
             robot="Franka Emika Panda",
-            what="one load laid on a pad at ten postures, joint torque beside a force sensor",
+            contents="one load laid on a pad at ten postures, joint torque beside a force sensor",
             licence="Apache-2.0",
             source="github.com/rayangdn/virtual_tactile_pad",
             paper="",
@@ -158,7 +158,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="link_contact",
             robot="Franka Emika Panda",
-            what="touched link by link at rest, joint torque, labels of contact and link",
+            contents="touched link by link at rest, joint torque, labels of contact and link",
             licence="MIT",
             source="github.com/MindLabZHAW/tactileGestureDetection",
             paper=(
@@ -171,7 +171,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="neura_lara8",
             robot="NEURA LARA 8",
-            what="motor torque with and without loads, force/torque sensor at the wrist",
+            contents="motor torque with and without loads, force/torque sensor at the wrist",
             licence="BSD-3-Clause",
             source="github.com/allwinlucious/MasterThesis",
             paper="Lucious: master's thesis, RWTH Aachen (2024)",
@@ -181,7 +181,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="neura_lara8_urdf",
             robot="NEURA LARA 8",
-            what="the maker's description of the arm: its masses; without it, fitted ones",
+            contents="the maker's description of the arm: its masses; without it, fitted ones",
             licence="none stated",
             source="github.com/shirinshevidi/Lara8_ros_Rviz",
             paper="",
@@ -203,7 +203,7 @@ DATA_SETS: Final[dict[str, DataSet]] = {
         DataSet(
             name="staubli_tx40",
             robot="Staubli TX40",
-            what="excitation of 9 s at full speed, motor torque, coupled wrist; no contact",
+            contents="excitation of 9 s at full speed, motor torque, coupled wrist; no contact",
             licence="none stated",
             source="github.com/thanhndv212/figaroh-examples",
             paper="Nguyen et al.: FIGAROH (2023), hal-04234676",
@@ -221,8 +221,8 @@ def data_set(name: str) -> DataSet:
         InputError: there is none; the line lists the known ones.
     """
     if name not in DATA_SETS:
-        known = f"known are {', '.join(DATA_SETS)}"
-        raise InputError("data", "", f"no set of recordings is named {name!r}", known)
+        remedy = f"known are {', '.join(DATA_SETS)}"
+        raise InputError("data", "", f"no set of recordings is named {name!r}", remedy)
     return DATA_SETS[name]
 
 

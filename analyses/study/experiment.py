@@ -1,4 +1,4 @@
-"""What a study's experiment is: a named function from a context to a result."""
+"""Types of a study's experiments: named functions from a context to a result."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +20,10 @@ _UNITS: Final = {"n": "N", "nm": "N m", "pct": "%", "kg": "kg", "s": "s", "deg":
 
 @dataclass(frozen=True)
 class ExperimentContext:
-    """What an experiment is given to run.
+    """Settings of one run of an experiment.
 
-    An experiment on the simulated arm takes it from `robot`, so that it runs in any world; it draws
-    and records only what `draws` asks for.
+    An experiment on the simulated arm takes it from `robot`, so that it runs in any world. It draws
+    and records nothing unless `draws` is set.
     """
 
     out: Path  # folder of this experiment alone; exists
@@ -31,8 +31,8 @@ class ExperimentContext:
     data: Path | None = None
     seed: int = 0
     quick: bool = False  # shorter, coarser; same keys in the metrics
-    # 0..1, and what is done now
-    progress: Callable[[float, str], None] = lambda fraction, what: None
+    # takes the share done, 0..1, and the present action
+    progress: Callable[[float, str], None] = lambda fraction, action: None
     draws: bool = True  # whether anybody looks at figures and recordings; else none are needed
     truth: str = "own"  # of simulated arms, one of wrenchsight.models.robot.truth_config.TRUTHS
     world: Callable[["Robot"], "Robot"] = lambda robot: robot  # another draw of that truth
@@ -42,8 +42,8 @@ class ExperimentContext:
     methods: "tuple[MethodEntry, ...]" = ()  # of others, for an experiment that `takes_methods`
 
     def part(self, start: float, end: float, prefix: str = "") -> Callable[[float, str], None]:
-        """Progress of a piece of the work, which goes from `start` to `end` of the whole."""
-        return lambda share, what: self.progress(start + (end - start) * share, prefix + what)
+        """Progress callback of a part of the work, from `start` to `end` of the whole."""
+        return lambda share, action: self.progress(start + (end - start) * share, prefix + action)
 
     def robot(self, name: str) -> "Robot":
         """A bundled robot with the simulated truth that it has in this run.
@@ -74,8 +74,8 @@ class ComparisonRow:
     key: str
     article: float | Sequence[float] | None = None  # None where the article has no such figure
     remark: str = ""  # why they differ, where they do
-    source: str = "article"  # who stated the figure: the article, or another tool's measurement
-    ours: str = ""  # key of what our method has in the place of this figure of the article's
+    source: str = "article"  # of the figure: the article, or another tool's measurement
+    ours: str = ""  # key of our method's figure beside this one of the article's
     more_is_better: bool = False  # else the less, as of an error
     unit: str = "?"  # by default as the key ends: N of `optimised.rmse_n`
 
@@ -85,7 +85,7 @@ class ComparisonRow:
 
 
 def _unit_of(key: str) -> str:
-    """The unit that the last part of a key to have one ends with; empty where none has."""
+    """The unit at the end of the last part of a key that has one; empty where none has."""
     endings = (part.rpartition("_")[2] for part in reversed(key.split(".")))
     return next((_UNITS[ending] for ending in endings if ending in _UNITS), "")
 
@@ -94,7 +94,7 @@ def _unit_of(key: str) -> str:
 class ResultTable:
     """A table of the report, and of the experiment's page in docs.
 
-    A cell is text as of a note, `<ours.rmse_n:.2f>`; with a metric that the run has not: a dash.
+    A cell is text as of a note, `<ours.rmse_n:.2f>`. A metric that the run lacks becomes a dash.
     """
 
     name: str  # of the place in the page
@@ -115,7 +115,7 @@ class ExperimentResult:
     # sentences for the report, see `wrenchsight.analyses.study.wording`
     notes: Sequence[str] = ()
     tables: Sequence[ResultTable] = ()
-    failures: Sequence[str] = ()  # what failed while the rest stands, a sentence each
+    failures: Sequence[str] = ()  # parts that failed while the others stand, a sentence each
     # all that is needed to run it again
     configuration: dict[str, Any] = field(default_factory=dict)
 
@@ -141,9 +141,9 @@ class Experiment:
     readme: tuple[str, ...] = ()  # keys of the comparison's rows that the README shows
 
     def missing(self, data: Path | None) -> list[str]:
-        """The sets of recordings that are nowhere, and without which it cannot run.
+        """The sets of recordings that it needs and that are not found.
 
         Args:
-            data: the folder of recordings that was given.
+            data: folder of recordings from the command line; None: the default places.
         """
         return [name for name in self.needs if find_data_set(name, data) is None]

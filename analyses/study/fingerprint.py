@@ -1,4 +1,4 @@
-"""Fingerprints of what an experiment's result depends on: software, libraries, recordings."""
+"""Fingerprints of software, libraries and recordings, on which an experiment's result depends."""
 
 import ast
 import hashlib
@@ -15,10 +15,10 @@ from wrenchsight.analyses.study.registry import module_file
 PACKAGES: Final = ("models", "systems", "diagrams", "analyses")
 LIBRARIES: Final = ("drake", "EAIK", "matplotlib", "numba", "numpy", "pyarrow", "scipy", "torch")
 ROOT: Final = Path(__file__).resolve().parents[2]  # holds the four packages
-# The runner makes the context and stores the result: no experiment imports it, all depend on it.
+# The runner makes the context and stores the result: all experiments depend on it, none imports it.
 _RUNNER: Final = ("wrenchsight.analyses.study.study", "wrenchsight.analyses.study.stored_result")
 _NAME: Final = "wrenchsight"
-_NO_DATA: Final = ("__pycache__", "templates")  # the latter of what only the report uses
+_NO_DATA: Final = ("__pycache__", "templates")  # templates are for the report alone
 
 
 @cache
@@ -34,7 +34,7 @@ def libraries() -> dict[str, str]:
 
 
 def software_hash(module: str) -> str:
-    """Returns the SHA-256 of all of this software that `module` can reach.
+    """Returns the SHA-256 of all source that `module` can reach, and of the packages' data files.
 
     These are the source files that it imports, directly or not, within the four packages, and every
     data file of them (robots, scenarios, ...). The module itself, which is not imported, may lie
@@ -50,15 +50,15 @@ def source_files(module: str) -> set[Path]:
 
     Imports inside functions count as well; a module's packages count with it.
     """
-    found: set[Path] = set()
-    ahead = _files_of(module)
-    while ahead:
-        file = ahead.pop()
-        if file not in found:
-            found.add(file)
+    files: set[Path] = set()
+    pending = _files_of(module)
+    while pending:
+        file = pending.pop()
+        if file not in files:
+            files.add(file)
             for name in _imported(file, file.stat().st_mtime_ns):
-                ahead += _files_of(name)
-    return found
+                pending += _files_of(name)
+    return files
 
 
 def recordings_hash(folder: Path) -> str | None:
@@ -88,8 +88,8 @@ def _files_of(module: str) -> list[Path]:
     """Returns the file of a module of the four packages and its packages' own; or of any `module`
     that is looked up by name and lies outside.
     """
-    first, *parts = module.split(".")
-    if first != _NAME:
+    package, *parts = module.split(".")
+    if package != _NAME:
         outside = module_file(module)
         return [] if outside is None else [outside]
     paths = (ROOT.joinpath(*parts[: depth + 1]) for depth in range(len(parts)))

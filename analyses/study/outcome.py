@@ -1,4 +1,4 @@
-"""What a study was asked, and what became of each of its experiments."""
+"""Settings of a study, and the outcome of each of its experiments."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -13,10 +13,10 @@ from wrenchsight.analyses.study.own_methods import MethodEntry
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What was asked of a study."""
+    """Settings of a study, from the command line."""
 
-    asked: tuple[str, ...]  # experiments to run
-    known: tuple[str, ...]  # all there are
+    requested: tuple[str, ...]  # experiments to run
+    all_experiments: tuple[str, ...]  # of the registry
     data: Path | None  # folder of the real recordings that was given
     seed: int
     quick: bool
@@ -27,7 +27,7 @@ class StudySettings:
     def fingerprint(
         self, module: str, folders: Iterable[str], takes_methods: bool = False
     ) -> dict[str, Any]:
-        """What an experiment's result depends on: equal ones mean an equal result.
+        """Everything that a result depends on: equal fingerprints mean an equal result.
 
         The number of jobs and of threads is no part of it: they must not change a figure.
 
@@ -67,10 +67,10 @@ class StudySettings:
 
 @dataclass
 class Outcome:
-    """What became of one experiment.
+    """Outcome of one experiment.
 
-    `metrics` and `stored` are empty unless `state` is done or earlier (of a run since which nothing
-    has changed that it depends on).
+    `metrics` and `stored` are empty unless `state` is done or earlier. "earlier" stands for the
+    result of an earlier run with an equal fingerprint.
     """
 
     name: str
@@ -91,10 +91,10 @@ class Outcome:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study came to; the files it names exist."""
+    """Result of a study; the files that it names exist."""
 
     out: Path
-    outcomes: tuple[Outcome, ...]  # in the registry's order: what was asked for, and what was kept
+    outcomes: tuple[Outcome, ...]  # in the registry's order: requested ones, and earlier results
     metrics: dict[str, Any]  # one object per experiment that has a result
     report: Path
 

@@ -1,4 +1,4 @@
-"""Estimators of others that a study measures beside its own: `study --method my_module:make`.
+"""Estimators of others that a study measures beside its own: `study --method MODULE:FUNCTION`.
 
 A method is a function that is called with a `MethodSetting`, once for each arm and tool, and
 returns one of
@@ -43,14 +43,14 @@ if TYPE_CHECKING:
 
 ENTRY_POINTS: Final = "wrenchsight.methods"
 BUILT_IN: Final = ("plain", "plain_tools", "article", "kalman", "network", "ours")
-"""Methods of the benchmark itself."""
+"""Names of the benchmark's methods, which no other method may have."""
 _OPTION: Final = "--method"
 _TEXT: Final = re.compile(r"(?:([\w-]+)=)?([A-Za-z_][\w.]*):([A-Za-z_]\w*)")
 
 
 @dataclass(frozen=True)
 class MethodSetting:
-    """What a method is told of the arm that it will read.
+    """Setting in which a method is made: the task, the arm and its model.
 
     Attributes:
         task: the benchmark's task: torque, load, contact, detection, link or wrench.
@@ -116,13 +116,13 @@ class MethodEntry:
         return loaded
 
     def fingerprint(self) -> str:
-        """What its figures depend on: its name and its module's file, without what that imports."""
+        """Fingerprint of its figures: its name and its module's file, without imports."""
         file = module_file(self.module)
         return f"{self.name}={self.place} {'' if file is None else file_checksum(file)}"
 
 
 def reason_of(error: BaseException) -> str:
-    """One line of what went wrong: the error's kind and the first line of its text."""
+    """One line about an error: its kind and the first line of its text."""
     lines = str(error).strip().splitlines()
     return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
@@ -137,20 +137,21 @@ def named_methods(texts: Iterable[str], imported: bool = True) -> tuple[MethodEn
     Raises:
         InputError: a text is no method's; two have one name; a module or function is not there.
     """
-    found = [_of_text(f"{one.name}={one.value}", _package(one)) for one in _installed()]
-    asked = [_of_text(text) for text in dict.fromkeys(texts)]
-    if asked and (here := str(Path.cwd())) not in sys.path:
-        sys.path.append(here)
+    installed = [_of_text(f"{point.name}={point.value}", _package(point)) for point in _installed()]
+    requested = [_of_text(text) for text in dict.fromkeys(texts)]
+    working_directory = str(Path.cwd())
+    if requested and working_directory not in sys.path:
+        sys.path.append(working_directory)
     used = set(BUILT_IN)
-    for entry in (*found, *asked):
+    for entry in (*installed, *requested):
         if entry.name in used:
-            problem = f"a method named {entry.name!r} is there already"
+            problem = f"there is already a method named {entry.name!r}"
             remedy = f"give another name: ANOTHER={entry.place}"
             raise InputError(entry.origin, "", problem, remedy)
         used.add(entry.name)
         if imported:
             entry.load()
-    return (*found, *asked)
+    return (*installed, *requested)
 
 
 def _installed() -> list[Any]:

@@ -37,7 +37,7 @@ WORLDS: Final = Path("docs/campaign.json")  # beside the README
 TABLE_BEGIN: Final = "<!-- table {}: begin -->"
 TABLE_END: Final = "<!-- table {}: end -->"
 FEWEST_WORLDS: Final = 20
-"""With fewer, 5 and 95 % of them are no numbers: the README then keeps to the one run's figures."""
+"""With fewer worlds, 5 and 95 % mean nothing: the README then shows the one run's figures."""
 _QUICK: Final = (
     "**Of shortened runs (`--quick`)**: they show that all parts work, not how well.\n\n"
 )
@@ -68,11 +68,12 @@ def collect(study: Path) -> dict[str, Any]:
     # metrics.json itself is sorted by name.
     for name in sorted(metrics, key=_place):
         stored = _read(study / name / "result.json")
-        rows = [
-            row | {"here": here, "readme": row["key"] in shown.get(name, ())}
-            for row in stored["comparison"]
-            if (here := look_up(metrics[name], row["key"])) is not None
-        ]
+        rows = []
+        for row in stored["comparison"]:
+            figure = look_up(metrics[name], row["key"])
+            if figure is not None:
+                in_readme = row["key"] in shown.get(name, ())
+                rows.append(row | {"here": figure, "readme": in_readme})
         if rows:
             experiments.append({"name": name, "title": stored["title"], "rows": rows})
             quick |= stored["quick"]
@@ -84,45 +85,48 @@ def collect(study: Path) -> dict[str, Any]:
 
 
 def committed(readme: Path, name: Path) -> dict[str, Any]:
-    """What RESULTS or WORLDS beside a README holds; of WORLDS, nothing where it is not there.
+    """Content of RESULTS or WORLDS beside a README; an absent WORLDS is empty.
 
     Raises:
         InputError: it is no JSON, or RESULTS is not there.
     """
     path = readme.parent / name
-    found: dict[str, Any] = {} if name == WORLDS and not path.is_file() else _read(path)
-    return found
+    if name == WORLDS and not path.is_file():
+        return {}
+    content: dict[str, Any] = _read(path)
+    return content
 
 
 def together(folders: Sequence[Path]) -> dict[str, Any]:
-    """Metrics of campaigns that lie in a folder each, as those of one.
+    """Merges the metrics of campaigns that lie in a folder each.
 
     `campaign.worlds` is that of the largest; every figure has its own number of worlds beside.
 
     Raises:
         InputError: a folder has none; an experiment is in two; one is shortened, another not.
     """
-    found: dict[str, Any] = {}
+    merged: dict[str, Any] = {}
     for folder in folders:
         path = folder / "metrics.json"
-        own = _read(path, _CAMPAIGN)
-        settings = own.pop(_CAMPAIGN)
-        before = found.setdefault(_CAMPAIGN, settings)
-        if settings["quick"] != before["quick"]:
-            raise InputError(path, "", "is of another length (--quick) than the campaign before it")
-        if twice := sorted(set(own) & set(found)):
-            problem = f"has worlds of {twice[0]}, which a campaign before it has, too"
+        campaign = _read(path, _CAMPAIGN)
+        settings = campaign.pop(_CAMPAIGN)
+        merged_settings = merged.setdefault(_CAMPAIGN, settings)
+        if settings["quick"] != merged_settings["quick"]:
+            raise InputError(path, "", "is of another length (--quick) than the first campaign")
+        twice = sorted(set(campaign) & set(merged))
+        if twice:
+            problem = f"has worlds of {twice[0]}, as an earlier folder has"
             raise InputError(path, "", problem, "name one folder for each experiment")
-        found |= own
-        if settings["worlds"] > before["worlds"]:
-            found[_CAMPAIGN] = settings
-    return found
+        merged |= campaign
+        if settings["worlds"] > merged_settings["worlds"]:
+            merged[_CAMPAIGN] = settings
+    return merged
 
 
 def results_table(
     results: Mapping[str, Any], worlds: Mapping[str, Any] | None = None, whole: bool = False
 ) -> str:
-    """Returns what `collect` found as Markdown; shortened runs are called that.
+    """Returns the figures of `collect` as Markdown; a line says so if the runs were shortened.
 
     Args:
         results: of `collect`.
@@ -134,11 +138,11 @@ def results_table(
     settings = worlds.get(_CAMPAIGN, {})
     if settings.get("quick") != results["quick"]:
         worlds = {}
-    over = _counted(worlds)
-    beside = f" Median of {over} (5 to 95 %) |" if over and whole else ""
+    world_count = _counted(worlds)
+    worlds_head = f" Median of {world_count} (5 to 95 %) |" if world_count and whole else ""
     lines = [
-        f"| Experiment | Measure | Article | Here |{beside} Why, where they differ |",
-        f"|---|---|---:|---:|{'---:|' if beside else ''}---|",
+        f"| Experiment | Measure | Article | Here |{worlds_head} Why, where they differ |",
+        f"|---|---|---:|---:|{'---:|' if worlds_head else ''}---|",
     ]
     ranges = False
     for experiment in results["experiments"]:
@@ -151,21 +155,23 @@ def results_table(
                 stated = f"{stated} ({text.source})"
             label = f"{text.label} [{text.unit}]" if text.unit else text.label
             title = experiment["title"] if index == 0 else ""
-            one_run = ["–"] * len(text.here) if whole else text.here
+            one_run = ["–"] * len(text.measured) if whole else text.measured
             fewest = 1 if whole else FEWEST_WORLDS
-            median, ahead = _over_worlds(spread, row["key"], row["here"], one_run, fewest)
-            here, remark = [" ".join(text.here)], text.remark
-            moved = _moved_by(spread, row["key"])
-            if beside:
-                here.append(", ".join(part for part in (median, ahead) if part))
-                remark = "; ".join(part for part in (moved, remark) if part)
+            median, ours_ahead = _over_worlds(spread, row["key"], row["here"], one_run, fewest)
+            figures = [" ".join(text.measured)]
+            remark = text.remark
+            moved_by = _moved_by(spread, row["key"])
+            if worlds_head:
+                figures.append(", ".join(part for part in (median, ours_ahead) if part))
+                remark = "; ".join(part for part in (moved_by, remark) if part)
             elif median:
-                ranges, here = True, [median]
-                remark = "; ".join(part for part in (ahead, moved, remark) if part)
-            cells = (title, label, stated, *here, remark)
+                ranges = True
+                figures = [median]
+                remark = "; ".join(part for part in (ours_ahead, moved_by, remark) if part)
+            cells = (title, label, stated, *figures, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     note = (
-        f"\nWith a range: median of {over} and, in brackets, 5 to 95 % of them. A world is "
+        f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them. A world is "
         "a draw of what the simulated arm truly is (docs/worlds.md). Without: one run.\n"
     )
     table = "\n".join(lines) + "\n"
@@ -173,37 +179,40 @@ def results_table(
 
 
 def _counted(worlds: Mapping[str, Any]) -> str:
-    """In how many worlds figures were measured, as "200 worlds (20 of `grinding`)"; "" if none."""
+    """The number of worlds as text, "200 worlds (20 of `grinding`)"; "" if none."""
     most = worlds.get(_CAMPAIGN, {}).get("worlds", 0)
     experiments = {name: figures for name, figures in worlds.items() if name != _CAMPAIGN}
     fewer: dict[int, list[str]] = {}
     for name, figures in sorted(experiments.items()):  # as the file has them, too
-        own = max((one["worlds"] for one in figures.values()), default=most)
-        if own != most:
-            fewer.setdefault(own, []).append(f"`{name}`")
-    words = "; ".join(f"{own} of {', '.join(names)}" for own, names in sorted(fewer.items()))
+        count = max((figure["worlds"] for figure in figures.values()), default=most)
+        if count != most:
+            fewer.setdefault(count, []).append(f"`{name}`")
+    words = "; ".join(f"{count} of {', '.join(names)}" for count, names in sorted(fewer.items()))
     if not experiments:
         return ""
     return f"{most} worlds" + (f" ({words})" if words else "")
 
 
 def _over_worlds(
-    spread: Mapping[str, Any], key: str, here: Any, one_run: Sequence[str], fewest: int
+    spread: Mapping[str, Any], key: str, figure: Any, one_run: Sequence[str], fewest: int
 ) -> tuple[str, str]:
-    """Median and range of a row's numbers as text, and how often ours is ahead; both may be "".
+    """Median and range of a row's numbers as text, and the share where ours is ahead, each or "".
 
-    Of a list worlds may have a part, as with the fastest feed alone: the rest are `one_run`'s.
-    What fewer than `fewest` worlds have counts for nothing.
+    Worlds may have a part of a list only, as with the fastest feed alone: the others are those of
+    `one_run`. A number of fewer than `fewest` worlds does not count.
     """
-    keys = [f"{key}.{k}" for k in range(len(here))] if isinstance(here, list) else [key]
-    own = [one if (one := spread.get(k)) and one["worlds"] >= fewest else None for k in keys]
-    if not any(own):
+    keys = [f"{key}.{k}" for k in range(len(figure))] if isinstance(figure, list) else [key]
+    over_worlds = []  # of each number; None: of too few worlds
+    for number_key in keys:
+        entry = spread.get(number_key)
+        over_worlds.append(entry if entry and entry["worlds"] >= fewest else None)
+    if not any(over_worlds):
         return "", ""
     text = ", ".join(
-        _range(*(one[key] for key in ("median", "p05", "p95"))) if one else alone
-        for one, alone in zip(own, one_run, strict=True)
+        _range(entry["median"], entry["p05"], entry["p95"]) if entry else run_text
+        for entry, run_text in zip(over_worlds, one_run, strict=True)
     )
-    shares = [one["share_of_worlds_ours_ahead"] for one in own if one]
+    shares = [entry["share_of_worlds_ours_ahead"] for entry in over_worlds if entry]
     if None in shares:
         return text, ""
     percent = " ".join(f"{100.0 * share:.0f}" for share in shares)
@@ -211,25 +220,26 @@ def _over_worlds(
 
 
 def _moved_by(spread: Mapping[str, Any], key: str) -> str:
-    """The drawn parameters that move a number, with their signs; "" where it was not asked."""
+    """The drawn parameters that move a number, with their signs; "" if none were searched."""
     moved_by = spread.get(key, {}).get("moved_by")
     if moved_by is None:
         return ""
     signs = (
-        f"{one['parameter']} ({'+' if one['rank_correlation'] > 0.0 else '−'})" for one in moved_by
+        f"{influence['parameter']} ({'+' if influence['rank_correlation'] > 0.0 else '−'})"
+        for influence in moved_by
     )
     return f"goes with {', '.join(signs)}" if moved_by else "no drawn parameter moves it"
 
 
 def _range(median: float, low: float, high: float) -> str:
-    """Three digits of the largest."""
+    """Median and range as text, with three digits of the largest."""
     decimals = decimals_of_three_digits((median, low, high))
     median_text, low_text, high_text = (number(x, decimals) for x in (median, low, high))
     return f"{median_text} ({low_text} to {high_text})"
 
 
 def pages(study: Path, docs: Path) -> dict[str, dict[str, Any]]:
-    """What the pages in `docs` show of a study's experiments with tables, by name.
+    """Content of the pages in `docs`, by name of the experiments that have tables.
 
     Returns:
         `quick`, `seed`, `metrics` and `tables` of each; a table has `name`, `heads`, `rows` and
@@ -238,13 +248,13 @@ def pages(study: Path, docs: Path) -> dict[str, dict[str, Any]]:
     Raises:
         InputError: the folder has no whole results.
     """
-    found = {}
+    shown = {}
     for name, metrics in _read(study / "metrics.json").items():
         stored = _read(study / name / "result.json")
         if stored.get("tables") and (docs / f"{name}.md").is_file():
-            kept = {key: stored[key] for key in ("quick", "seed", "tables")}
-            found[name] = kept | {"metrics": metrics}
-    return found
+            settings = {key: stored[key] for key in ("quick", "seed", "tables")}
+            shown[name] = settings | {"metrics": metrics}
+    return shown
 
 
 def filled_page(page: Path, shown: Mapping[str, Any]) -> str:
@@ -291,9 +301,9 @@ def _with_table(file: Path, text: str, table: str, markers: tuple[str, str]) -> 
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         problem = f"does not have {begin} and, after it, {end}, once each"
         raise InputError(file, "", problem, "put them where the table belongs")
-    before, rest = text.split(begin)
-    after = rest.split(end)[1]
-    return f"{before}{begin}\n{table}{end}{after}"
+    head, tail = text.split(begin)
+    foot = tail.split(end)[1]
+    return f"{head}{begin}\n{table}{end}{foot}"
 
 
 def _replaced(file: Path, text: str) -> bool:
@@ -306,8 +316,8 @@ def _replaced(file: Path, text: str) -> bool:
 
 
 def _place(name: str) -> tuple[int, str]:
-    known = list(REGISTRY.entries())
-    return (known.index(name) if name in known else len(known), name)
+    names = list(REGISTRY.entries())
+    return (names.index(name) if name in names else len(names), name)
 
 
 def _cell(text: str) -> str:
@@ -325,14 +335,18 @@ def _read(path: Path, command: str = "study") -> Any:
 
 def main(arguments: list[str]) -> int:
     """Runs the command; returns its exit code."""
-    alone = arguments[:1] == ["--campaign"]
-    if alone and len(arguments) < 3:
+    campaign_alone = arguments[:1] == ["--campaign"]
+    if campaign_alone and len(arguments) < 3:
         sys.stderr.write("expected --campaign README CAMPAIGN_FOLDER...\n")
         return 2
-    defaults = ("out/study", "README.md")
-    given = arguments[1:] if alone else [*arguments, *defaults[len(arguments) :]]
-    study, given = (None, given) if alone else (Path(given[0]), given[1:])
-    readme, campaigns = Path(given[0]), [Path(one) for one in given[1:]]
+    study: Path | None = None
+    if campaign_alone:
+        paths = arguments[1:]
+    else:
+        defaults = ("out/study", "README.md")
+        folder, *paths = [*arguments, *defaults[len(arguments) :]]
+        study = Path(folder)
+    readme, *campaigns = [Path(path) for path in paths]
     if (
         study is not None
         and not campaigns

@@ -1,8 +1,8 @@
-"""Which experiments there are: those of this software, of other packages, and those registered.
+"""Registry of experiments: those of this software, of other packages, and those registered.
 
-An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run=...)`. What a list
-of experiments needs (ENTRY_FIELDS) is read off that statement without importing the module, so that
-it imports neither Drake nor numba: these arguments must be literals.
+An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run=...)`. The fields
+of its entry (ENTRY_FIELDS) are read from that statement without importing the module, so that a
+list of experiments imports neither Drake nor numba. These arguments must be literals.
 
     wrenchsight.analyses.experiments.*.experiment       are found by themselves
     entry points of the group wrenchsight.experiments   of installed packages name a module each
@@ -32,7 +32,7 @@ _MODULE: Final = "experiment"  # of an experiment's folder
 
 @dataclass(frozen=True)
 class ExperimentEntry:
-    """What is known of an experiment before its module is imported; see `Experiment`."""
+    """Entry of an experiment, read without importing its module; see `Experiment`."""
 
     module: str
     name: str
@@ -65,9 +65,9 @@ class ExperimentRegistry:
         Raises:
             InputError: an installed package offers a module that holds no experiment.
         """
-        found = [*self._of_packages(), *self._of_entry_points(), *self._registered.values()]
-        known = {entry.name: entry for entry in found}
-        return dict(sorted(known.items(), key=lambda item: item[1].order))
+        entries = [*self._of_packages(), *self._of_entry_points(), *self._registered.values()]
+        by_name = {entry.name: entry for entry in entries}
+        return dict(sorted(by_name.items(), key=lambda item: item[1].order))
 
     def register(self, module: str) -> ExperimentEntry:
         """Adds the experiment of a module, which can be imported by this name.
@@ -119,7 +119,7 @@ class ExperimentRegistry:
 
 
 def read_entry(module: str) -> ExperimentEntry:
-    """Reads what a list of experiments needs of a module, without importing it.
+    """Reads a module's entry in the list of experiments, without importing the module.
 
     Raises:
         ValueError: the module is not there, or holds no EXPERIMENT with literals in ENTRY_FIELDS.
@@ -144,18 +144,18 @@ def _literals(path: Path, changed: int) -> Mapping[str, Any]:
     """The literal arguments of the EXPERIMENT in a file."""
     text = path.read_text(encoding="utf-8")
     # The rest of the file takes a hundred times as long to parse.
-    _, found, statement = text.partition(f"\n{_STATEMENT} = ")
-    if not found:
+    _, separator, statement = text.partition(f"\n{_STATEMENT} = ")
+    if not separator:
         raise ValueError(f"{path} has no {_STATEMENT} = Experiment(...)")
-    (first, *_) = ast.parse(f"{_STATEMENT} = {statement}").body
-    call = first.value if isinstance(first, ast.Assign) else None
+    (assignment, *_) = ast.parse(f"{_STATEMENT} = {statement}").body
+    call = assignment.value if isinstance(assignment, ast.Assign) else None
     if not isinstance(call, ast.Call):
         raise ValueError(f"{path}: its {_STATEMENT} is not Experiment(...)")
     order = [field.name for field in dataclasses.fields(Experiment)]
-    given = dict(zip(order, call.args, strict=False))
-    given |= {word.arg: word.value for word in call.keywords if word.arg is not None}
+    arguments = dict(zip(order, call.args, strict=False))
+    arguments |= {word.arg: word.value for word in call.keywords if word.arg is not None}
     try:
-        return {key: ast.literal_eval(given[key]) for key in ENTRY_FIELDS if key in given}
+        return {key: ast.literal_eval(arguments[key]) for key in ENTRY_FIELDS if key in arguments}
     except ValueError:
         fields = ", ".join(ENTRY_FIELDS)
         raise ValueError(f"{path}: of its {_STATEMENT}, {fields} must be literals") from None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 REPORT_NAME: Final = "report.html"
-_LONGEST_LIST: Final = 12  # values of a metric that are shown; the rest is in metrics.json
+_LONGEST_LIST: Final = 12  # values of a metric that are shown; metrics.json has all
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,14 @@ class Comparison:
     label: str
     unit: str
     stated: tuple[str, ...]
-    here: tuple[str, ...]
+    measured: tuple[str, ...]
     difference: str
     remark: str
     source: str
 
 
 def page_templates() -> "Environment":
-    """The environment of `analyses/templates`: escapes all text, and a name unknown is an error."""
+    """The environment of `analyses/templates`: it escapes all text; an unknown name is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -64,7 +64,7 @@ def write_report(
     environment.filters["prose"] = _prose
     environment.filters["common_source"] = common_source
     sections = _sections(study or folder.path, outcomes)
-    known = {outcome.name for outcome in outcomes}
+    reported = {outcome.name for outcome in outcomes}
     text = environment.get_template("report.html.j2").render(
         settings=settings,
         command=_command(settings),
@@ -72,7 +72,7 @@ def write_report(
         failed=[o for o in outcomes if o.state == "failed"],
         skipped=[o for o in outcomes if o.state == "skipped"],
         interrupted=[o for o in outcomes if o.state == "interrupted"],
-        not_run=[name for name in settings.known if name not in known],
+        not_run=[name for name in settings.all_experiments if name not in reported],
     )
     return folder.write_text(REPORT_NAME, text)
 
@@ -89,16 +89,16 @@ def comparisons(metrics: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -
     """
     result = []
     for row in rows:
-        here = look_up(metrics, row["key"])
+        figure = look_up(metrics, row["key"])
         stated = [] if row["article"] is None else row["article"]
-        decimals = _decimals(_as_list(stated), _as_list(here))
+        decimals = _decimals(_as_list(stated), _as_list(figure))
         result.append(
             Comparison(
                 label=row["label"][:1].upper() + row["label"][1:],
                 unit=row["unit"],
                 stated=tuple(number(v, decimals) for v in _as_list(stated)),
-                here=tuple(number(v, decimals) for v in _as_list(here)),
-                difference=_difference(_as_list(here), _as_list(stated)),
+                measured=tuple(number(v, decimals) for v in _as_list(figure)),
+                difference=_difference(_as_list(figure), _as_list(stated)),
                 remark=row["remark"],
                 source=row["source"],
             )
@@ -142,10 +142,10 @@ def decimals_of_three_digits(values: Sequence[Any]) -> int:
     return max(0, 2 - math.floor(math.log10(largest))) if largest > 0.0 else 0
 
 
-def _decimals(stated: list[Any], here: list[Any]) -> int | None:
+def _decimals(stated: list[Any], figures: list[Any]) -> int | None:
     """Returns how many decimals stated figures have, but enough for three digits of the largest.
 
-    One more where `here` needs it: 139 beside 76.2 is better than beside 76.
+    One more where `figures` need it: 139 beside 76.2 is better than beside 76.
     """
 
     numbers = [v for v in stated if isinstance(v, int | float)]
@@ -154,11 +154,11 @@ def _decimals(stated: list[Any], here: list[Any]) -> int | None:
     # A computed figure has 16 digits; six are all that anyone prints.
     printed = max(len(f"{v:.6g}".partition(".")[2]) for v in numbers)
     decimals = max(printed, decimals_of_three_digits(stated))
-    return min(max(decimals, decimals_of_three_digits(here)), decimals + 1)
+    return min(max(decimals, decimals_of_three_digits(figures)), decimals + 1)
 
 
 def common_source(rows: Sequence[Comparison]) -> str:
-    """Returns who stated all figures of `rows`; empty where they are the article's or mixed."""
+    """Returns the common source of all figures of `rows`; empty if it is the article or mixed."""
     sources = {row.source for row in rows if row.stated}
     return sources.pop() if len(sources) == 1 and "article" not in sources else ""
 
@@ -167,9 +167,9 @@ def _as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _difference(here: list[Any], stated: list[Any]) -> str:
-    """Returns how far `here` is from `stated`, in % of it; the range of it for lists."""
-    pairs = zip(here, stated, strict=False)
+def _difference(figures: list[Any], stated: list[Any]) -> str:
+    """Returns how far `figures` are from `stated`, in % of it; the range of it for lists."""
+    pairs = zip(figures, stated, strict=False)
     percents = [
         100 * (h - s) / abs(s)
         for h, s in pairs
@@ -187,7 +187,7 @@ def _percent(value: float) -> str:
 
 
 def _sections(study: Path, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """What the template shows of each result; figures are numbered through the report."""
+    """The template's data of each result; figures are numbered through the report."""
     sections: list[dict[str, Any]] = []
     figure_number = 0
     for outcome in outcomes:
@@ -266,11 +266,11 @@ def _duration(seconds: float | None) -> str:
 
 
 def _command(settings: StudySettings) -> str:
-    everything = settings.asked == settings.known
-    names = "" if everything else " " + " ".join(settings.asked)
+    everything = settings.requested == settings.all_experiments
+    names = "" if everything else " " + " ".join(settings.requested)
     quick = " --quick" if settings.quick else ""
     truth = "" if settings.truth == "own" else f" --truth {settings.truth}"
-    methods = "".join(one.option for one in settings.methods)
+    methods = "".join(method.option for method in settings.methods)
     return f"wrenchsight study{names} --seed {settings.seed}{quick}{truth}{methods}"
 
 

@@ -1,4 +1,4 @@
-"""Work that several experiments of a study have in common, done by the first that needs it.
+"""Results that several experiments of a study share; the first that needs one computes it.
 
 A study gives its experiments' processes a folder (`sharing_in`); there `shared` keeps what a
 function returned, under a digest of its arguments. The folder is made and removed by the study: no
@@ -47,14 +47,14 @@ def shared(
 ) -> Result:
     """Returns what `compute` returns, computed once for all that share the folder.
 
-    A process that asks while another computes the same waits for it. The result is read back from
+    A process that needs a result while another computes it waits. The result is read back from
     the file also where it was computed, so that all go on with the same bytes in the same layout.
 
     Args:
         name: of what is computed.
         arguments: all that it depends on.
         compute: returns something that can be pickled, and has no other effect.
-        everywhere: whether what the simulated arm truly is has no part in it: all worlds share it.
+        everywhere: whether all worlds share it, since the simulated truth has no part in it.
 
     Raises:
         InputError: the result cannot be written, for lack of space for instance.
@@ -65,7 +65,7 @@ def shared(
     folder = folders[1] if everywhere else folders[0]
     key = f"{name}-{digest(arguments)[:24]}"
     path = folder / f"{key}.pickle"
-    with FileLock(folder / f"{key}.lock"):  # let go of by the system if this process dies
+    with FileLock(folder / f"{key}.lock"):  # released by the system if this process dies
         if not path.exists():
             content = pickle.dumps(compute(), protocol=pickle.HIGHEST_PROTOCOL)
             with whole_file(path) as partial:
@@ -93,7 +93,7 @@ def _parts(value: Any) -> Iterator[bytes]:
     elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
         yield f"{value.dtype.str}{value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, ElementTree.Element):  # its pickle varies with how it was come by
+    elif isinstance(value, ElementTree.Element):  # its pickle varies with its origin
         yield ElementTree.tostring(value)
     elif isinstance(value, Mapping):
         yield from _unordered({digest(k): v for k, v in value.items()})
@@ -108,8 +108,8 @@ def _parts(value: Any) -> Iterator[bytes]:
             if hasattr(value, "__dataclass_fields__")
             else list(vars(value))
         )
-        own = (n for n in names if not isinstance(getattr(kind, n, None), cached_property))
-        yield from _unordered({name: getattr(value, name) for name in own})
+        stored_names = (n for n in names if not isinstance(getattr(kind, n, None), cached_property))
+        yield from _unordered({name: getattr(value, name) for name in stored_names})
     else:
         yield pickle.dumps(value)
     yield b")"

@@ -102,8 +102,12 @@ def written_figures(figures: Iterable["Drawing | FigureFile"], out: Path) -> lis
 
 def _constants(module: ModuleType) -> dict[str, Any]:
     """The numbers and texts, alone or in containers, that a module has in capitals, by name."""
-    own = {name: value for name, value in vars(module).items() if name.isupper() and name[0] != "_"}
-    return {name: value for name, value in own.items() if name != "NOTES" and _is_plain(value)}
+    constants = {
+        name: value for name, value in vars(module).items() if name.isupper() and name[0] != "_"
+    }
+    return {
+        name: value for name, value in constants.items() if name != "NOTES" and _is_plain(value)
+    }
 
 
 def _is_plain(value: Any) -> bool:
@@ -115,7 +119,7 @@ def _is_plain(value: Any) -> bool:
 
 
 def read_result(folder: ResultFolder, name: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Reads back metrics.json and result.json; None where there are none, or a file was removed."""
+    """Reads back metrics.json and result.json; None where one of their files is missing."""
     if not folder.below(name):
         return None
     metrics, stored = (

@@ -74,9 +74,9 @@ def run_study(
     `StudySettings.fingerprint`), is not run again.
 
     At the end, and also after an interrupt, `out/metrics.json` gets one object per experiment,
-    `out/timings.json` the seconds, `out/report.html` the report: of all results in `out`, asked for
-    or not, that belong together by their fingerprints, and of no others. After a kill that nothing
-    can catch they are as before the study; the next one finds the whole results.
+    `out/timings.json` the seconds, `out/report.html` the report. They cover all results in `out`,
+    requested or not, whose fingerprints belong together, and no others. After a kill that nothing
+    can catch they are as before the study; the next study finds the whole results.
 
     An experiment that fails leaves out/failures/<name>.txt and does not stop the others.
 
@@ -95,21 +95,21 @@ def run_study(
         watch: called in this process at every step of every experiment.
 
     Raises:
-        InputError: an unknown name, truth or method, a method that no experiment asked for takes, a
+        InputError: an unknown name, truth or method, a method that no requested experiment takes, a
             full disk, a folder that cannot be written, that another study is at work in, or that
             holds what no study wrote.
         KeyboardInterrupt: passed on after the results so far were written; a `TerminatedError`
             for SIGTERM and SIGHUP.
     """
-    asked = tuple(check_names(names))
-    takes_methods = any(REGISTRY.entries()[name].takes_methods for name in asked)
+    requested = tuple(check_names(names))
+    takes_methods = any(REGISTRY.entries()[name].takes_methods for name in requested)
     if methods and not takes_methods:
         takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
-        problem = f"none of {', '.join(asked)} measures other people's estimators"
+        problem = f"none of {', '.join(requested)} measures other people's estimators"
         raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     settings = StudySettings(
-        asked=asked,
-        known=tuple(REGISTRY.entries()),
+        requested=requested,
+        all_experiments=tuple(REGISTRY.entries()),
         data=data,
         seed=seed,
         quick=quick,
@@ -123,7 +123,7 @@ def run_study(
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
         runs = {}
-        for name in settings.asked:
+        for name in settings.requested:
             earlier, why = (None, "") if fresh else _earlier(folder, name, settings)
             if earlier is None:
                 runs[name] = _Run(name, folder, settings)
@@ -132,14 +132,14 @@ def run_study(
             else:
                 watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
         seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
-        # The folder's own count before what is typical.
-        for name, own in _read_timings(out).items():
-            seconds[name] = own.get("processor_seconds", seconds.get(name, 0.0))
-        first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
+        # Measured seconds of this folder take precedence over typical ones.
+        for name, timing in _read_timings(out).items():
+            seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
+        longest_first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
         try:
             with writing_to(out):
                 _shared(folder).mkdir()
-            _run_all(first, jobs, watch)
+            _run_all(longest_first, jobs, watch)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
             with suppress(InputError, OSError):
@@ -149,7 +149,7 @@ def run_study(
 
 
 def _shared(folder: ResultFolder) -> Path:
-    """The folder of what experiments have in common."""
+    """The folder of results that experiments share."""
     return folder.work(".shared")
 
 
@@ -160,18 +160,18 @@ def check_names(names: Iterable[str]) -> list[str]:
         InputError: a name is unknown; the line lists the known ones.
     """
     experiments = REGISTRY.entries()
-    asked = list(dict.fromkeys(names)) or list(experiments)
-    for name in asked:
+    requested = list(dict.fromkeys(names)) or list(experiments)
+    for name in requested:
         if name not in experiments:
             near = get_close_matches(name, experiments, n=len(experiments), cutoff=0.0)
             hint = f"did you mean {near[0]}? " if get_close_matches(name, near, n=1) else ""
-            known = f"{hint}known are {', '.join(near)}"
-            raise InputError("study", "", f"no experiment is named {name!r}", known)
-    return asked
+            remedy = f"{hint}known are {', '.join(near)}"
+            raise InputError("study", "", f"no experiment is named {name!r}", remedy)
+    return requested
 
 
 class _Run:
-    """One experiment's process, its staging folder and what has come of it."""
+    """One experiment's process, its staging folder and its outcome."""
 
     def __init__(self, name: str, folder: ResultFolder, settings: StudySettings) -> None:
         self.outcome = Outcome(name, "waiting")
@@ -188,16 +188,16 @@ class _Run:
             self._staging.mkdir()
         name = self.outcome.name
         spawn = multiprocessing.get_context("spawn")  # a forked numba or Drake may hang
-        self.connection, theirs = spawn.Pipe()
+        self.connection, workers_end = spawn.Pipe()
         module = REGISTRY.entries()[name].module
         run = partial(
             _run_experiment, name, module, self._staging, _shared(self._folder), self._settings
         )
-        arguments = (run, theirs, self._log, os.getpid())
+        arguments = (run, workers_end, self._log, os.getpid())
         with _thread_limits(threads), for_this_process_alone():
             self._process = spawn.Process(target=_work, args=arguments, name=name)
             self._process.start()
-        theirs.close()
+        workers_end.close()
         self._started = time.monotonic()
         self.outcome.state = "running"
 
@@ -252,7 +252,7 @@ class _Run:
     def stop(self) -> None:
         """Ends the process, if it runs."""
         if self._process is not None:
-            self._process.kill()  # it has nothing to tidy up that the study does not
+            self._process.kill()  # the study cleans up after it
             self._process.join()
         self.outcome.state = "interrupted"
 
@@ -293,13 +293,14 @@ def _work(
     state = "failed"
     try:
         state, reason = run(connection)
-    except BaseException as error:  # whatever it is, the parent is to know
+    except BaseException as error:  # the parent gets any error
         lines = str(error).strip().splitlines()
         reason = lines[0] if lines else ""
         if not isinstance(error, InputError):
             reason = f"{type(error).__name__}: {reason}".rstrip(": ")
-        if lack := _lack_of_storage(error):
-            state, reason = _NO_STORAGE, lack
+        storage_problem = _lack_of_storage(error)
+        if storage_problem:
+            state, reason = _NO_STORAGE, storage_problem
         with suppress(OSError):
             traceback.print_exc()
     with suppress(OSError):
@@ -309,7 +310,7 @@ def _work(
 
 
 def _lack_of_storage(error: BaseException | None) -> str:
-    """What the system says where an error, or what it came from, is a disk that is full."""
+    """The system's message where an error, or its cause, is a full disk; else empty."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
             return os.strerror(error.errno)
@@ -324,18 +325,19 @@ def _run_experiment(
     if experiment.name != name:
         raise ValueError(f"{module}: its experiment is {experiment.name}, not {name}")
     connection.send(("loaded",))
-    if missing := experiment.missing(settings.data):
+    missing = experiment.missing(settings.data)
+    if missing:
         connection.send(("lacks", tuple(missing)))
         return "skipped", f"needs the recordings {', '.join(missing)}; {how_to_get_all(missing)}"
     if "numba" in sys.modules:
-        on_first_compilation(lambda what: connection.send(("progress", 0.0, what)))
+        on_first_compilation(lambda action: connection.send(("progress", 0.0, action)))
     due = 0.0
 
-    def progress(fraction: float, what: str) -> None:
+    def progress(fraction: float, action: str) -> None:
         nonlocal due
         if time.monotonic() >= due:
             due = time.monotonic() + 0.1
-            connection.send(("progress", float(fraction), str(what)))
+            connection.send(("progress", float(fraction), str(action)))
 
     context = ExperimentContext(
         out=out,
@@ -379,7 +381,7 @@ def _earlier(
 
 
 def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
-    """The sets of recordings that an experiment ran without."""
+    """The sets of recordings that were missing when an experiment ran."""
     recordings = stored["fingerprint"]["recordings"]
     return tuple(name for name, content in recordings.items() if content is None)
 
@@ -387,7 +389,7 @@ def _absent_recordings(stored: Mapping[str, Any]) -> tuple[str, ...]:
 def _summarise(
     folder: ResultFolder, runs: Mapping[str, _Run], settings: StudySettings
 ) -> StudyResult:
-    """Writes what all results in the folder that belong together say."""
+    """Writes metrics, timings and report of all results in the folder that belong together."""
     outcomes = []
     for name in REGISTRY.entries():
         outcome = runs[name].outcome if name in runs else None
@@ -424,13 +426,13 @@ def _thread_limits(threads: int) -> Iterator[None]:
     Linear algebra gets one: with more, its sums are ordered differently and the last digits change.
     Numba's loops write each element once, so they may share the cores that `jobs` leaves.
     """
-    before = dict(os.environ)
+    environment = dict(os.environ)
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"), NUMBA_NUM_THREADS=str(threads))
     try:
         yield
     finally:
         os.environ.clear()
-        os.environ.update(before)
+        os.environ.update(environment)
 
 
 def available_cores() -> int:

@@ -14,21 +14,21 @@ def filled(notes: Iterable[str], metrics: Mapping[str, Any]) -> list[str]:
     """Notes with the figures that they name.
 
     `<key:.2f>` is the metric at the path `key` in this format, all members of a list side by side;
-    `<key:100 .0f>` is a hundred times the metric. What is not finite is a dash.
+    `<key:100 .0f>` is a hundred times the metric. A value that is not finite becomes a dash.
 
     Args:
-        notes: sentences. One that names a metric that the run has not is left out.
+        notes: sentences. One that names a metric that the run lacks is left out.
         metrics: nested, of the run.
     """
-    known = plain_metrics(dict(metrics))
+    plain = plain_metrics(dict(metrics))
 
     def figure(match: "re.Match[str]") -> str:
         key, scale, spec = match.groups()
-        value = look_up(known, key)
+        value = look_up(plain, key)
         values = value if isinstance(value, list) else [value]
         return " ".join(
-            "–" if one is None else format(one if scale is None else float(scale) * one, spec)
-            for one in values
+            "–" if value is None else format(value if scale is None else float(scale) * value, spec)
+            for value in values
         )
 
     sentences = []

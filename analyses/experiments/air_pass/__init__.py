@@ -1,1 +1,1 @@
-"""The experiment `air-pass`."""
+"""The experiment `air-pass`: `repeated_pass` reads both passes, `experiment` compares the laws."""

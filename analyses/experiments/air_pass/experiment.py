@@ -1,10 +1,11 @@
-"""Experiment `air-pass`: does what a pass through the air teaches repeat, on a real arm?
+"""Experiment `air-pass`: how far the correction learnt on an air pass repeats, on a real arm.
 
-A UR10e runs the same motion without a load and with one of 2.805 kg. What the observer reads on the
-first is the model's error; taken off on the second (eq. 4 on the observer's output), it leaves what
-did not repeat. Both are read with models of several friction laws, fitted on other runs, and with
-no friction at all, which is eq. 4 itself. Judged is the part after the first ten seconds, from
-which the point where the load acts was found once, with the richest law and without the correction.
+A UR10e runs the same motion without a load and with one of 2.805 kg. The observer's output on the
+first pass is the model's error, and the learnt correction. Subtracted on the second (eq. 4 on the
+observer's output), it leaves what did not repeat. Both are read with models of several friction
+laws, fitted on other runs, and with no friction at all, which is eq. 4 itself. The point where the
+load acts is found once from the first ten seconds, with the richest law and without the correction.
+The part after them is judged.
 """
 
 from dataclasses import replace
@@ -58,9 +59,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
         report = context.part(0.8 * k / len(LAWS), 0.8 * (k + 1) / len(LAWS), f"{key}: ")
         config = IdentificationConfig(friction=law, cross_validate=False)
         models[key] = identify_ur10e(context.data, robot, config, report).model
-    first = next(iter(models.values()))
+    first_model = next(iter(models.values()))
     unknown = SemiParametricFriction(CoulombViscous.zero(robot.num_joints))
-    models = {NONE: replace(first, friction=unknown), **models}
+    models = {NONE: replace(first_model, friction=unknown), **models}
     context.progress(0.8, "both passes")
     folder = data_set_folder(FOLDER, context.data)
     pairs = {
@@ -71,8 +72,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         for key, model in models.items()
     }
     richest = list(LAWS)[-1]
-    own, Sigma_tau = pairs[richest][1], models[richest].residual_covariance
-    p_EP, _ = force_of_load(robot, own.recording, own.J, own.tau_ext, Sigma_tau, MASS)
+    loaded_richest, Sigma_tau = pairs[richest][1], models[richest].residual_covariance
+    p_EP, _ = force_of_load(
+        robot, loaded_richest.recording, loaded_richest.J, loaded_richest.tau_ext, Sigma_tau, MASS
+    )
     passes = {
         key: loaded_pass(robot, models[key].residual_covariance, empty, loaded, p_EP, MASS)
         for key, (empty, loaded) in pairs.items()
@@ -84,7 +87,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     series = {
         f"{law}{words}": metrics[key][state]["torque_rmse_nm"]
         for key, law in LAWS.items()
-        for state, words in (("plain", ""), ("taught", ", taught"))
+        for state, words in (("plain", ""), ("taught", ", corrected"))
     }
     return ExperimentResult(
         metrics=metrics,
@@ -92,8 +95,8 @@ def run(context: ExperimentContext) -> ExperimentResult:
             (
                 "errors",
                 bar_rows({"RMSE of tau_ext [N m]": series}, [f"joint {j + 1}" for j in range(6)]),
-                "Error of the joint torques, as read and less what the pass without load has "
-                "taught.",
+                "Error of the joint torques, as read and less the correction learnt on the pass "
+                "without load.",
             ),
         ],
         comparison=_comparison(),
@@ -101,15 +104,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _metrics(own: LoadedPass) -> dict[str, Any]:
-    plain, taught = own.plain.metrics(), own.taught.metrics()
+def _metrics(loaded_pass: LoadedPass) -> dict[str, Any]:
+    plain, taught = loaded_pass.plain.metrics(), loaded_pass.taught.metrics()
     sizes = [float(np.linalg.norm(part["rmse_f_n"])) for part in (plain, taught)]
     return {
         "plain": plain,
         "taught": taught,
-        "repeated_share": own.repeated_share,
-        "parts": own.shares(),
-        "correlation": own.correlation,
+        "repeated_share": loaded_pass.repeated_share,
+        "parts": loaded_pass.shares(),
+        "correlation": loaded_pass.correlation,
         "taken_off": {
             "force_share": 1.0 - sizes[1] / sizes[0],
             "torque_share": 1.0 - taught["torque_rmse_nm"] / plain["torque_rmse_nm"],

@@ -1,8 +1,8 @@
-"""What a pass without load teaches about the same pass with a load, on a real arm.
+"""The correction learnt on a pass without load, and its effect on the same pass with a load.
 
-Eq. 4 of Lu, Shen and Zhuang on the output of the observer, as an air pass has it
-(`models.machining.air_pass`): what is read on the first pass is the model's error, and is taken off
-at the same place of the second. Without any friction in the model that is eq. 4 itself, torque less
+This is eq. 4 of Lu, Shen and Zhuang on the output of the observer, as in
+`models.machining.air_pass`. The reading of the first pass is the model's error; it is subtracted at
+the same place of the second. Without any friction in the model that is eq. 4 itself, torque less
 torque, since the rigid body takes the same torque on both.
 
 The two passes are aligned once, by their positions alone.
@@ -38,7 +38,7 @@ _SHIFT_TOLERANCE = 1e-5  # s
 
 @dataclass(frozen=True, eq=False)
 class PassErrors:
-    """What one law leaves on the pass with the load; M samples of the part that is judged.
+    """Errors of one law on the pass with the load; M samples of the judged part.
 
     Attributes:
         judged: components X, Y, Z of the force at the load in axes of W, by weighted least squares
@@ -56,10 +56,10 @@ class PassErrors:
 
     def metrics(self) -> dict[str, Any]:
         """Lists by axis and by joint, as written to metrics.json."""
-        judged = [one.metrics("f_n") for one in self.judged]
+        axis_metrics = [judgement.metrics("f_n") for judgement in self.judged]
         return {
-            **{key: [one[key] for one in judged] for key in ("rmse_f_n", "bias_f_n")},
-            "inside_95_pct": [one["inside_95_pct"] for one in judged],
+            **{key: [axis[key] for axis in axis_metrics] for key in ("rmse_f_n", "bias_f_n")},
+            "inside_95_pct": [axis["inside_95_pct"] for axis in axis_metrics],
             "torque_rmse_nm": np.sqrt(self.mean_square),
             "torque_bias_nm": self.torque_error.mean(axis=0),
         }
@@ -71,10 +71,10 @@ class LoadedPass:
 
     Attributes:
         plain: as it is read.
-        taught: less what the pass without load has taught.
+        taught: less the correction learnt on the pass without load.
         first_pass: (M, n) N m, what that pass read.
         alignment: s that its log is ahead.
-        load_growth: (M, n) N m, by how much more the drives carry than without the load.
+        load_growth: (M, n) N m, the increase of the drives' |torque| with the load.
         v: (M, n) rad/s.
     """
 
@@ -91,17 +91,17 @@ class LoadedPass:
         return np.asarray(1.0 - self.taught.mean_square / self.plain.mean_square)
 
     def shares(self) -> dict[str, Array]:
-        """What the torque error's mean square with the load is made of, (n,) shares of it.
+        """Parts of the torque error's mean square with the load, (n,) shares of it.
 
-        `repeated`: what the pass without load takes off; `grows_with_load`: what friction in
-        proportion to the load's growth, fitted in hindsight, would take off besides; `reversals`:
-        what is then left within REVERSAL of a joint's turning; `other`: the rest.
+        `repeated`: removed by the correction. `grows_with_load`: further removed by friction in
+        proportion to the load's growth, fitted in hindsight. `reversals`: of the remainder, within
+        REVERSAL of a joint's turning. `other`: all else.
         """
-        left, whole = self.taught.torque_error, self.plain.mean_square
+        error, whole = self.taught.torque_error, self.plain.mean_square
         pull = np.sign(self.v) * self.load_growth
         # Friction that is missing in the model reads as a torque against the motion.
-        share = np.sum(pull * left, axis=0) / np.sum(pull**2, axis=0)
-        without = left - share * pull
+        share = np.sum(pull * error, axis=0) / np.sum(pull**2, axis=0)
+        without = error - share * pull
         window = np.ones(2 * round(REVERSAL / TIME_STEP) + 1)
         turns = np.abs(np.diff(np.sign(self.v), axis=0, prepend=np.sign(self.v[:1]))) > 0.0
         near = np.stack([np.convolve(turn, window, "same") > 0.0 for turn in turns.T], axis=1)
@@ -142,14 +142,14 @@ class Pass:
         return cls(recording, batch.tau_ext, batch.J)
 
 
-def alignment(first: Recording, second: Recording) -> float:
-    """s by which the first pass is ahead of the second, by their positions."""
+def alignment(early: Recording, late: Recording) -> float:
+    """s by which the pass `early` is ahead of the pass `late`, by their positions."""
     margin = round(MARGIN / TIME_STEP)
     inner = slice(margin, -margin)
-    t = second.t[inner] - second.t[0]
+    t = late.t[inner] - late.t[0]
 
     def difference(shift: float) -> float:
-        return float(np.mean((second.q[inner] - _at(first, first.q, t + shift)) ** 2))
+        return float(np.mean((late.q[inner] - _at(early, early.q, t + shift)) ** 2))
 
     bounds = (-_LARGEST_SHIFT, _LARGEST_SHIFT)
     result = minimize_scalar(
@@ -161,7 +161,7 @@ def alignment(first: Recording, second: Recording) -> float:
 def loaded_pass(
     robot: Robot, Sigma_tau: Array, empty: Pass, loaded: Pass, p_EP: Array, mass: float
 ) -> LoadedPass:
-    """Reads the loaded pass at the point where the load acts, plain and taught.
+    """Reads the loaded pass at the point where the load acts, as read and corrected.
 
     Args:
         Sigma_tau: (n, n) (N m)^2, of the model.
@@ -173,10 +173,10 @@ def loaded_pass(
     recording = loaded.recording
     rows = slice(round(LEARNING_TIME / TIME_STEP), -round(MARGIN / TIME_STEP))
     t = recording.t - recording.t[0]
-    ahead = alignment(empty.recording, recording)
-    first_pass = _at(empty.recording, empty.tau_ext, t + ahead)
+    lead = alignment(empty.recording, recording)
+    first_pass = _at(empty.recording, empty.tau_ext, t + lead)
     carried = robot.joint_torque(recording.current)
-    carried_before = _at(empty.recording, robot.joint_torque(empty.recording.current), t + ahead)
+    carried_empty = _at(empty.recording, robot.joint_torque(empty.recording.current), t + lead)
     R_WE, _ = robot.chain.pose(recording.q)
     J = jacobian_at(loaded.J, R_WE, p_EP)
     truth = mass * payload_reference(robot, recording, REFERENCE_CUTOFF, p_EP)
@@ -189,17 +189,17 @@ def loaded_pass(
         for force, sd, true in zip(
             result.wrench[:, 3:].T, result.standard_deviation[:, 3:].T, truth[rows].T, strict=True
         ):
-            one = Judgement.of(ForceReading(force, sd, result.valid), true)
-            assert one is not None
-            judged.append(one)
+            judgement = Judgement.of(ForceReading(force, sd, result.valid), true)
+            assert judgement is not None
+            judged.append(judgement)
         return PassErrors(tuple(judged), (tau_ext - torque)[rows])
 
     return LoadedPass(
         plain=errors(loaded.tau_ext),
         taught=errors(loaded.tau_ext - first_pass),
         first_pass=first_pass[rows],
-        alignment=ahead,
-        load_growth=(np.abs(carried) - np.abs(carried_before))[rows],
+        alignment=lead,
+        load_growth=(np.abs(carried) - np.abs(carried_empty))[rows],
         v=recording.v[rows],
     )
 

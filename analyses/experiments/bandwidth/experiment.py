@@ -1,4 +1,4 @@
-"""Bandwidth: what the observer's gain passes of a force, and what of the noise (section 4.8).
+"""Experiment `bandwidth`: response of the observer to force and noise, by gain (section 4.8).
 
 A continuous-time arm is held by a joint controller while a wrench acts at E; observers with
 several gains watch it in one diagram. First sines of many frequencies act at once, without noise:
@@ -165,7 +165,7 @@ def measure_response(
     *,
     time_step: float = TIME_STEP,
     seed: int = 0,
-    progress: Progress = lambda fraction, what: None,
+    progress: Progress = lambda fraction, action: None,
 ) -> list[GainResponse]:
     """Measures every gain's frequency response on the simulated arm, without noise.
 
@@ -250,15 +250,15 @@ def measure_signals(
         context = _simulate(
             arm,
             SIGNAL_START + duration,
-            lambda fraction, what, done=done: progress(done + 0.5 * fraction, what),  # type: ignore[misc]
+            lambda fraction, action, done=done: progress(done + 0.5 * fraction, action),  # type: ignore[misc]
             smooth=False,
         )
         forces.append({K_0: _log(arm.wrench[_name(K_0)], context)[:, 3:] for K_0 in GAINS})
     true = _log(arm.wrench_true, context)[:, 3:]
     t = _ticks(len(true), TIME_STEP)
     clean, noisy = forces
-    found = {K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in GAINS}
-    return t, true, noisy, found
+    metrics = {K_0: _signal_metrics(robot, K_0, t, true, clean[K_0], noisy[K_0]) for K_0 in GAINS}
+    return t, true, noisy, metrics
 
 
 def _signal_metrics(

@@ -8,9 +8,9 @@
     network       recurrent network of q and v, behind a low-pass of the observer's pole
     ours          presliding friction, momentum observer, force_only
 
-All models are fitted on the same three runs, all readings are causal, and what a method states no
-covariance for has none here. `plain` and `network` read a force alone, by least squares (`network`
-weighted with its own error's covariance).
+All models are fitted on the same three runs, and all readings are causal. A method that states no
+covariance has none here. `plain` and `network` read a force alone, by least squares; `network`
+weights with the covariance of its error.
 """
 
 from collections.abc import Callable
@@ -84,8 +84,17 @@ class CurrentLog:
         """A recording on the grid of TIME_STEP."""
         log = resampled(recording, TIME_STEP)
         target = log.extra.get("current_desired")
-        signals = log.t - log.t[0], log.q, log.v, log.current, target
-        return cls(name, *signals, position_resolution(recording.q), ~log.dropout, TIME_STEP)
+        return cls(
+            name=name,
+            t=log.t - log.t[0],
+            q=log.q,
+            v=log.v,
+            current=log.current,
+            target=target,
+            resolution=position_resolution(recording.q),
+            used=~log.dropout,
+            time_step=TIME_STEP,
+        )
 
 
 class Reading(NamedTuple):
@@ -153,11 +162,11 @@ class Ur10eArm:
         }
 
     def plain_model(self) -> IdentifiedModel:
-        """That of plain tools: one covariance for all states."""
+        """The plain tools' model, with one covariance for all states."""
         return replace(self.models["plain_tools"], torque_error=None)
 
     def article_model(self) -> IdentifiedModel:
-        """The article's: one covariance for all states."""
+        """The article's model, with one covariance for all states."""
         return replace(self.models["article"], torque_error=None)
 
     def _plain(self, log: CurrentLog, robot: Robot) -> Reading:
@@ -170,14 +179,14 @@ class Ur10eArm:
         )
 
     def _network(self, log: CurrentLog, robot: Robot) -> Reading:
-        """The network sees the same causal samples; it was trained on low-passed ones."""
+        """Reads a log with the network on causal samples; it was trained on low-passed ones."""
         if log.name not in self._predicted:
             every = np.ones(len(log.t), bool)
             motion = Motion(log.q, log.v, np.zeros_like(log.q), every, log.time_step)
             self._predicted[log.name] = self.predictors.torque_alone(motion)
-        left = self._predicted[log.name] - robot.joint_torque(log.current)
+        residual = self._predicted[log.name] - robot.joint_torque(log.current)
         pole = np.exp(-MomentumObserverConfig().K_0[0] * log.time_step)
-        tau = lfilter([1.0 - pole], [1.0, -pole], left, axis=0, zi=pole * left[:1])[0]
+        tau = lfilter([1.0 - pole], [1.0, -pole], residual, axis=0, zi=pole * residual[:1])[0]
         J = np.asarray(robot.chain.jacobian(log.q))[:, 3:]
         S = self.predictors.covariance["network"]
         weighted = J @ np.linalg.inv(S)

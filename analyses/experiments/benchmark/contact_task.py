@@ -1,7 +1,7 @@
 """Task `contact`: the force along the tool of another UR10e in contact, against a force sensor.
 
-The roller rests on the workpiece or slides along it; a force is judged over 0.1 s. What a method
-knows of this arm's friction it knows from the runs' motion in the air.
+The roller rests on the workpiece or slides along it; a force is judged over 0.1 s. Each method
+learns this arm's friction from the runs' motion in the air.
 
     plain         K (i_target - i) of joints 2 and 3, least squares: the data set's own check
     plain_tools   Coulomb-viscous friction of the air, momentum observer, damped inverse of J^T
@@ -68,15 +68,15 @@ class ContactTask:
         for k, path in enumerate(self.files):
             progress(k / len(self.files), "contact runs")
             run = read_run(path)
-            own = prepare(run, robots[run.name.controller], arm.models["ours"])
-            self._runs.append(own)
+            prepared = prepare(run, robots[run.name.controller], arm.models["ours"])
+            self._runs.append(prepared)
         self._refits = {
             controller: refit.model
             for controller, refit in air_refits(self._runs, arm.models["ours"]).items()
         }
 
     def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
-        """By method."""
+        """Scores by method."""
         law, torque_sd = plain_law(self._runs)
         kalman = {
             controller: with_tool_of(model, self._robot(controller))
@@ -102,14 +102,14 @@ class ContactTask:
             "network": self._network,
             "ours": self._ours,
         }
-        found = {}
+        scores = {}
         for k, (method, reader) in enumerate(readers.items()):
             progress(k / len(readers), f"in contact, {method}")
-            found[method] = self._scored(reader)
-        return found
+            scores[method] = self._scored(reader)
+        return scores
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
-        """Of a method of others; None: it does not enter.
+        """Scores of a method of others; None: it does not enter.
 
         Raises:
             FaultError: it fails.
@@ -129,19 +129,26 @@ class ContactTask:
         def read(run: PreparedRun) -> ForceReading:
             reader, step = readers[run.run.name.controller]
             log = run.run.log
-            q, v = _bridged(log.q), _bridged(log.v)
-            resolution = np.full(log.num_joints, RESOLUTION)
-            every = np.ones(log.num_samples, bool)
-            signals = log.t, q, v, log.current, run.run.current_desired
-            filled = CurrentLog(run.run.name.stem, *signals, resolution, every, step, True)
+            filled = CurrentLog(
+                name=run.run.name.stem,
+                t=log.t,
+                q=_bridged(log.q),
+                v=_bridged(log.v),
+                current=log.current,
+                target=run.run.current_desired,
+                resolution=np.full(log.num_joints, RESOLUTION),
+                used=np.ones(log.num_samples, bool),
+                time_step=step,
+                is_rebuilt=True,
+            )
             reading = reader(filled)
-            known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
-            return _along(run, reading, known, known)
+            is_known = np.asarray(np.isfinite(log.q + log.v).all(axis=1))
+            return _along(run, reading, is_known, is_known)
 
         return self._scored(read)
 
     def _robot(self, controller: str) -> Any:
-        return next(own.robot for own in self._runs if own.run.name.controller == controller)
+        return next(run.robot for run in self._runs if run.run.name.controller == controller)
 
     def _ours(self, run: PreparedRun) -> ForceReading:
         file = self.files[self._runs.index(run)]
@@ -168,16 +175,18 @@ class ContactTask:
             reading = read(run)
             for kind, intervals in KINDS.items():
                 results = [judge_interval(run, reading, interval) for interval in intervals]
-                judged[kind] += [one for one in results if one is not None]
-        found: dict[str, Any] = {}
-        for kind, own in judged.items():
-            if not own:
+                judged[kind] += [judgement for judgement in results if judgement is not None]
+        scores: dict[str, Any] = {}
+        for kind, judgements in judged.items():
+            if not judgements:
                 continue
-            found |= spread(f"{kind}_rmse_n", [one.rmse for one in own])
-            inside = [one.inside_95 for one in own if one.inside_95 is not None]
+            scores |= spread(f"{kind}_rmse_n", [judgement.rmse for judgement in judgements])
+            inside = [
+                judgement.inside_95 for judgement in judgements if judgement.inside_95 is not None
+            ]
             if inside:
-                found[f"{kind}_inside_95_pct"] = 100.0 * float(np.mean(inside))
-        return found
+                scores[f"{kind}_inside_95_pct"] = 100.0 * float(np.mean(inside))
+        return scores
 
 
 def _estimated(
@@ -193,15 +202,15 @@ def _estimated(
     estimator = WrenchEstimator(run.robot, model, config)
     batch = estimator.run(estimator.initial_state(), log.q, log.v, log.current)
     states_error = method == "force_only"
-    known = np.asarray(np.isfinite(log.q).all(axis=1))
+    is_known = np.asarray(np.isfinite(log.q).all(axis=1))
     reading = Reading(batch.wrench, batch.covariance if states_error else None)
-    return _along(run, reading, known, batch.fresh)
+    return _along(run, reading, is_known, batch.fresh)
 
 
-def _along(run: PreparedRun, reading: Reading, known: Flags, fresh: Flags) -> ForceReading:
+def _along(run: PreparedRun, reading: Reading, is_known: Flags, fresh: Flags) -> ForceReading:
     """The force along the tool over blocks, where the posture is known."""
     z = run.R_WE[:, :, 2]
-    force = np.where(known & fresh, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)
+    force = np.where(is_known & fresh, -np.einsum("ki,ki->k", z, reading.wrench[:, 3:]), np.nan)
     if reading.covariance is None:
         return ForceReading(block_mean(force))
     sd = np.sqrt(np.einsum("ki,kij,kj->k", z, reading.covariance[:, 3:, 3:], z))
@@ -209,14 +218,14 @@ def _along(run: PreparedRun, reading: Reading, known: Flags, fresh: Flags) -> Fo
 
 
 def _bridged(signal: Array) -> Array:
-    """What is not known stays as it was; at the start, as it will be."""
-    known = np.isfinite(signal).all(axis=1)
-    rows = np.flatnonzero(known)
+    """Fills unknown rows with the last known one; at the start, with the first known one."""
+    is_known = np.isfinite(signal).all(axis=1)
+    rows = np.flatnonzero(is_known)
     last = np.maximum(np.searchsorted(rows, np.arange(len(signal)), side="right") - 1, 0)
     return np.asarray(signal[rows[last]])
 
 
 def _air(log: Recording, free: Flags) -> list[Recording]:
     least = _LEAST_AIR / log.time_step
-    known = np.asarray(free & np.isfinite(log.q + log.v).all(axis=1))
-    return [log[part] for part in stretches(known) if part.stop - part.start >= least]
+    is_known = np.asarray(free & np.isfinite(log.q + log.v).all(axis=1))
+    return [log[part] for part in stretches(is_known) if part.stop - part.start >= least]

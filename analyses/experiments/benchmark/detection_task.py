@@ -4,11 +4,11 @@ Forces of 30 N for half a second, put into the currents of free motion; hand col
 and free motion of other weeks and static postures, in which every alarm is false.
 
 `ours` is the detector of the product at one false alarm an hour. All others, and `ours_by_level`,
-raise an alarm where the external torque of any joint exceeds the largest that this joint had in the
-three fitted runs (of a method of others that states a wrench alone: the force, in units of its
-covariance where it states one). `quiet_missed` counts pushes that are missed when these levels are
-raised, all by one factor, until no contact-free log has an alarm. Alarms less than GAP apart are
-one.
+compare the external torque of each joint with a level: the largest that this joint had in the three
+fitted runs. Above it they raise an alarm. (A method of others that states a wrench alone has a
+level for the force, in units of its covariance where it states one.) `quiet_missed` raises all
+levels by one factor until no contact-free log has an alarm, and counts the pushes that are missed.
+Alarms less than GAP apart are one.
 """
 
 from collections.abc import Callable, Mapping
@@ -58,7 +58,7 @@ Statistic = Callable[[str, Array | None], Array]
 
 
 class DetectionTask:
-    """Contacts found, missed and imagined."""
+    """Contacts found, contacts missed and false alarms."""
 
     def __init__(self, arm: Ur10eArm, quick: bool) -> None:
         self._arm, self._rounds = arm, 1 if quick else ROUNDS
@@ -69,14 +69,17 @@ class DetectionTask:
             for name, path in paths.items()
             if path.is_file()
         }
-        self._logs = {name: CurrentLog.of(name, own) for name, own in self._recordings.items()}
+        self._logs = {
+            name: CurrentLog.of(name, recording) for name, recording in self._recordings.items()
+        }
         self._fitted = [
-            CurrentLog.of(f"fitted {k}", own) for k, own in enumerate(arm.fitted, start=1)
+            CurrentLog.of(f"fitted {k}", recording)
+            for k, recording in enumerate(arm.fitted, start=1)
         ]
 
     def built_in(self, progress: Callable[[float, str], None]) -> dict[str, dict[str, Any]]:
-        """By method."""
-        found = {}
+        """Scores by method."""
+        scores = {}
         readers = self._arm.readers(self._arm.robot)
         for k, (method, reader) in enumerate(readers.items()):
             progress(k / len(readers), f"contacts, {method}")
@@ -84,12 +87,12 @@ class DetectionTask:
             if method == "plain":  # which needs the controller's target
                 logs = [name for name in logs if self._logs[name].target is not None]
             key = "ours_by_level" if method == "ours" else method
-            found[key] = self._counted(self._by_level(reader), logs)
-        found["ours"] = self._counted(self._by_detector(), list(self._logs))
-        return found
+            scores[key] = self._counted(self._by_level(reader), logs)
+        scores["ours"] = self._counted(self._by_detector(), list(self._logs))
+        return scores
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
-        """Of a method of others; None: it does not enter.
+        """Scores of a method of others; None: it does not enter.
 
         Raises:
             FaultError: it fails.
@@ -120,8 +123,8 @@ class DetectionTask:
 
     def _by_detector(self) -> Statistic:
         trials = {
-            name: TrialLog(own, self._arm.robot, self._arm.models["ours"])
-            for name, own in self._recordings.items()
+            name: TrialLog(recording, self._arm.robot, self._arm.models["ours"])
+            for name, recording in self._recordings.items()
         }
 
         def statistic(name: str, tau: Array | None) -> Array:
@@ -152,15 +155,15 @@ class DetectionTask:
                 largest = statistic(name, put_in(spans, J, SIZE, rng))
                 _tallied(pushes, np.asarray(largest > 1.0), spans)
                 _tallied(quietly, np.asarray(largest > quiet), spans)
-        found = {"pushes": _shares(pushes), "quiet": _shares(quietly)}
+        scores = {"pushes": _shares(pushes), "quiet": _shares(quietly)}
         if "collision_wrist" in names:
             log = self._logs["collision_wrist"]
             spans = samples_of(COLLISIONS, log.t)
             alarm = np.asarray(statistic("collision_wrist", None) > 1.0)
             _tallied(collisions, alarm, spans)
-            found["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
+            scores["collisions"] = _shares(collisions) | {"alarms_between": _between(alarm, spans)}
         return {
-            **_flat(found),
+            **_flat(scores),
             **false_alarm_metrics(alarms, hours),
             "in_alarm_pct": 100.0 * inside / hours,
             "quiet_level": quiet,
@@ -191,16 +194,16 @@ def _tallied(tally: Tally, alarm: Flags, spans: list[tuple[int, int]]) -> None:
 def _shares(tally: Tally) -> dict[str, Any]:
     counted = tally.metrics()
     keys = ("contacts", "missed", "delay_median_s", "delay_p95_s", "delay_max_s")
-    found = {key: counted[key] for key in keys}
+    scores = {key: counted[key] for key in keys}
     if tally.contacts:
-        found |= share("missed", tally.missed, tally.contacts)
+        scores |= share("missed", tally.missed, tally.contacts)
         prompt = round(0.01 * counted["within_50ms_pct"] * tally.contacts)
-        found |= share("within_50ms", prompt, tally.contacts)
-    return found
+        scores |= share("within_50ms", prompt, tally.contacts)
+    return scores
 
 
 def _joined(alarm: Flags) -> Flags:
-    """With pauses shorter than GAP filled."""
+    """The alarm with pauses shorter than GAP filled."""
     joined = alarm.copy()
     for pause in stretches(~alarm):
         inner = pause.start > 0 and pause.stop < len(alarm)
@@ -212,11 +215,15 @@ def _joined(alarm: Flags) -> Flags:
 def _between(alarm: Flags, spans: list[tuple[int, int]]) -> int:
     """Alarms that begin apart from any contact."""
     apart = np.ones(len(alarm), bool)
-    for first, last in spans:
-        apart[first : last + round(AFTER / TIME_STEP)] = False
+    for begin, end in spans:
+        apart[begin : end + round(AFTER / TIME_STEP)] = False
     begins: NDArray[np.intp] = onsets(_joined(alarm))
     return int(apart[begins].sum())
 
 
-def _flat(found: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    return {f"{kind}_{key}": value for kind, own in found.items() for key, value in own.items()}
+def _flat(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    return {
+        f"{kind}_{key}": value
+        for kind, kind_scores in scores.items()
+        for key, value in kind_scores.items()
+    }

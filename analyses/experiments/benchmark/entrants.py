@@ -1,6 +1,6 @@
-"""Estimators of others in the benchmark: made, called with copies, and what they return checked.
+"""Estimators of others in the benchmark: makes them, calls them with copies, checks their values.
 
-Whatever one does wrong is a `FaultError` with one line, which marks that method's column.
+Whatever a method does wrong becomes a `FaultError` with one line, which marks its column.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _SYMMETRY = 1e-6  # relative, of a covariance
 
 
 class FaultError(Exception):
-    """What a method did wrong, in one line."""
+    """A method failed, or returned something else than expected; one line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Entrant:
 
     @property
     def name(self) -> str:
-        """Of its column."""
+        """The name of its column."""
         return self.entry.name
 
     def made(
@@ -57,17 +57,17 @@ class Entrant:
 
 
 def reader_of(made: Any, robot: Robot, model: IdentifiedModel, time_step: float) -> Reader:
-    """How a log is read by what a method's function returned.
+    """Makes the reader of logs from what a method's function returned.
 
     Raises:
         FaultError: that is neither an observer's configuration nor a callable, or the observer is
             for other samples.
     """
     if kind_of(made) is not None:
-        own = made.time_step
-        if abs(own - time_step) > 1e-9:
-            problem = f"{type(made).__name__}.time_step is {own:g} s, the logs have {time_step:g} s"
-            raise FaultError(f"{problem}: take that of the setting")
+        observer_step = made.time_step
+        if abs(observer_step - time_step) > 1e-9:
+            steps = f"time_step is {observer_step:g} s, the logs have {time_step:g} s"
+            raise FaultError(f"{type(made).__name__}.{steps}: take MethodSetting.time_step")
         return lambda log: _called("observer", by_estimator, log, robot, model, observer=made)
     if not callable(made):
         problem = f"it returned {type(made).__name__}, expected an observer's configuration"
@@ -76,7 +76,7 @@ def reader_of(made: Any, robot: Robot, model: IdentifiedModel, time_step: float)
 
 
 def wrench_of_torque(made: Any, J: Array, tau_ext: Array) -> Reading | None:
-    """What it reads of joint torque (N, n) with J (N, 6, n); None: it has no such method.
+    """Its wrench from joint torque (N, n) with J (N, 6, n); None: it has no such method.
 
     Raises:
         FaultError: it fails, or returns something else.
@@ -86,7 +86,7 @@ def wrench_of_torque(made: Any, J: Array, tau_ext: Array) -> Reading | None:
 
 
 def motor_torque(made: Any, q: Array, v: Array) -> Array | None:
-    """(N, n) N m that it predicts; None: it has no such method.
+    """(N, n) N m, the motor torque that it predicts; None: it has no such method.
 
     Raises:
         FaultError: it fails, or returns something else.
@@ -98,7 +98,7 @@ def motor_torque(made: Any, q: Array, v: Array) -> Array | None:
 
 
 def touched_link(made: Any, t: Array, tau_ext: Array, J: Array) -> Array | None:
-    """(N,) link that is touched, 0: none; None: it has no such method.
+    """(N,) the link that it names as touched, 0: none; None: it has no such method.
 
     Raises:
         FaultError: it fails, or returns something else.
@@ -113,7 +113,7 @@ def touched_link(made: Any, t: Array, tau_ext: Array, J: Array) -> Array | None:
     return link
 
 
-def checked(what: str, value: Any, shape: tuple[int, ...]) -> Array:
+def checked(quantity: str, value: Any, shape: tuple[int, ...]) -> Array:
     """The value as finite numbers of a shape.
 
     Raises:
@@ -122,21 +122,21 @@ def checked(what: str, value: Any, shape: tuple[int, ...]) -> Array:
     try:
         array = np.array(value, float)
     except (TypeError, ValueError):
-        found = f"found {type(value).__name__}"
-        raise FaultError(f"{what}: expected numbers of shape {shape}, {found}") from None
+        kind = f"found {type(value).__name__}"
+        raise FaultError(f"{quantity}: expected numbers of shape {shape}, {kind}") from None
     if array.shape != shape:
-        raise FaultError(f"{what}: expected shape {shape}, found {array.shape}")
+        raise FaultError(f"{quantity}: expected shape {shape}, found {array.shape}")
     bad = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
     if len(bad):
         where = f"{len(bad)} of {len(array)} rows, the first is row {bad[0]}"
-        raise FaultError(f"{what}: not finite in {where}")
+        raise FaultError(f"{quantity}: not finite in {where}")
     return array
 
 
-def _reading(what: str, method: Callable[..., Any], *signals: Array) -> Reading:
-    value = _called(what, method, *_copies(*signals))
+def _reading(call: str, method: Callable[..., Any], *signals: Array) -> Reading:
+    value = _called(call, method, *_copies(*signals))
     if not isinstance(value, tuple | list) or len(value) != 2:
-        problem = f"{what}: expected a wrench and its covariance (or None)"
+        problem = f"{call}: expected a wrench and its covariance (or None)"
         raise FaultError(f"{problem}, found {type(value).__name__}")
     wrench, covariance = value
     N = len(signals[0])
@@ -152,12 +152,12 @@ def _reading(what: str, method: Callable[..., Any], *signals: Array) -> Reading:
 
 
 def _copies(*signals: Array) -> list[Array]:
-    """For others to do with as they like."""
+    """Copies that a method of others may change."""
     return [signal.copy() for signal in signals]
 
 
-def _called(what: str, method: Callable[..., Any], *arguments: Any, **words: Any) -> Any:
+def _called(call: str, method: Callable[..., Any], *arguments: Any, **words: Any) -> Any:
     try:
         return method(*arguments, **words)
     except (Exception, SystemExit) as error:
-        raise FaultError(f"{what}: {reason_of(error)}") from error
+        raise FaultError(f"{call}: {reason_of(error)}") from error

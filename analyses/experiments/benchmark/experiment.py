@@ -101,14 +101,14 @@ def _enter(entrant: Entrant, task: str, enter: Enter, metrics: dict[str, Any]) -
     """Puts a method's figures into a task's; what failed, a sentence."""
     joint = ("touches", "link") if task == "link" else (task,)
     try:
-        found = enter(entrant)
+        figures = enter(entrant)
     except FaultError as fault:
-        for one in joint:
-            metrics[one][entrant.name] = {"failed": str(fault)}
+        for joint_task in joint:
+            metrics[joint_task][entrant.name] = {"failed": str(fault)}
         return [f"method {entrant.name} failed in task {task}: {fault}"]
-    if found is not None:
-        for one in joint:
-            metrics[one][entrant.name] = found[one] if task == "link" else found
+    if figures is not None:
+        for joint_task in joint:
+            metrics[joint_task][entrant.name] = figures[joint_task] if task == "link" else figures
     return []
 
 

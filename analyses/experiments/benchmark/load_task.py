@@ -1,7 +1,8 @@
-"""Task `load`: the force of a known payload on a moving arm that no model knows of.
+"""Task `load`: the force of a known payload on a moving arm; no model includes the payload.
 
-The truth is m (g - a), from the encoders. The force is read where the load acts; the first 10 s of
-a log tell where (by the torques of `ours`, for all methods alike), the rest is judged.
+The truth is m (g - a), from the encoders. The force is read at the point where the load acts. This
+point is found from the first 10 s of a log, by the torques of `ours` for all methods alike. The
+rest of the log is judged.
 """
 
 from typing import Any, Final
@@ -38,16 +39,16 @@ class LoadTask:
             self._logs[name] = scene, CurrentLog.of(name, recording)
 
     def built_in(self) -> dict[str, dict[str, Any]]:
-        """By method."""
-        readers = {name: self._arm.readers(own.robot) for name, (own, _) in self._logs.items()}
+        """Scores by method."""
+        readers = {name: self._arm.readers(scene.robot) for name, (scene, _) in self._logs.items()}
         methods = next(iter(readers.values()))
         return {
-            method: self._scored({name: own[method] for name, own in readers.items()})
+            method: self._scored({name: by_method[method] for name, by_method in readers.items()})
             for method in methods
         }
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
-        """Of a method of others; None: it does not enter.
+        """Scores of a method of others; None: it does not enter.
 
         Raises:
             FaultError: it fails.
@@ -73,10 +74,10 @@ class LoadTask:
             margin = round(MARGIN / TIME_STEP)
             whole[:margin] = whole[-margin:] = False
             judged = whole & (log.t >= LEARNING_TIME)
-            own = _pieces(error, judged)
-            pieces += own
+            log_pieces = _pieces(error, judged)
+            pieces += log_pieces
             logs[name] = {
-                **spread("rmse_n", own),
+                **spread("rmse_n", log_pieces),
                 "whole_rmse_n": rms(error[whole]),  # per axis, as `observers` has it
             }
             if reading.covariance is not None:

@@ -20,7 +20,7 @@ class Row(NamedTuple):
 
     Attributes:
         task: whose metrics it shows.
-        words: what it shows.
+        words: the row's label.
         key: of the metric, below task and method.
         digits: format of its figures.
         cell: the figures' places: {0} is task and method, {1} the key, {2} the format.
@@ -133,17 +133,17 @@ TITLES: Final = {
 
 
 def tables(
-    metrics: Mapping[str, Any], own: Sequence[str], absent: Mapping[str, Sequence[str]]
+    metrics: Mapping[str, Any], entrants: Sequence[str], absent: Mapping[str, Sequence[str]]
 ) -> list[ResultTable]:
     """All tables.
 
     Args:
         metrics: by task and method.
-        own: names of the methods of others, whose columns are the last.
+        entrants: names of the methods of others, whose columns are the last.
         absent: folders of recordings that are not there, by task.
     """
-    labels = LABELS | {name: f"`{name}`" for name in own}
-    found = []
+    labels = LABELS | {name: f"`{name}`" for name in entrants}
+    result_tables = []
     for name, rows in ROWS.items():
         lines = [
             [row.words, *(_cell(metrics, row, method) for method in labels)]
@@ -151,12 +151,14 @@ def tables(
             if row.task in metrics
         ]
         tasks = {row.task for row in rows}
-        lacking = sorted({one for task in tasks for one in absent.get(task, ())})
+        lacking = sorted({folder for task in tasks for folder in absent.get(task, ())})
         remarks = [f"Not measured for want of recordings: {', '.join(lacking)}."] if lacking else []
         remarks += [text for text in REMARKS.get(name, ()) if lines]
-        remarks += _failures(metrics, tasks, own)
-        found.append(ResultTable(name, TITLES[name], ["", *labels.values()], lines, remarks))
-    return found
+        remarks += _failures(metrics, tasks, entrants)
+        result_tables.append(
+            ResultTable(name, TITLES[name], ["", *labels.values()], lines, remarks)
+        )
+    return result_tables
 
 
 def _cell(metrics: Mapping[str, Any], row: Row, method: str) -> str:
@@ -168,26 +170,26 @@ def _cell(metrics: Mapping[str, Any], row: Row, method: str) -> str:
     return row.cell.format(f"{row.task}.{method}", row.key, row.digits)
 
 
-def _failures(metrics: Mapping[str, Any], tasks: set[str], own: Sequence[str]) -> list[str]:
+def _failures(metrics: Mapping[str, Any], tasks: set[str], entrants: Sequence[str]) -> list[str]:
     reasons = {
         (name, metrics[task][name]["failed"]): None
         for task in sorted(tasks & set(metrics))
-        for name in own
+        for name in entrants
         if "failed" in metrics[task].get(name, {})
     }
     return [f"`{name}` failed: {reason}." for name, reason in reasons]
 
 
 class Measure(NamedTuple):
-    """What stands in the report beside a plain method's figure, all measured here.
+    """A figure that the report shows beside a plain method's; both are measured here.
 
     Attributes:
         task: of the benchmark.
-        words: what it is.
+        words: the row's label.
         key: of the metric, below task and method.
         unit: of it.
         beside: the plain method.
-        source: what that is called.
+        source: the name of the plain method in the report.
     """
 
     task: str
@@ -235,12 +237,12 @@ MEASURES: Final = (
 )
 
 
-def comparison(metrics: Mapping[str, Any], own: Sequence[str]) -> list[ComparisonRow]:
+def comparison(metrics: Mapping[str, Any], entrants: Sequence[str]) -> list[ComparisonRow]:
     """Ours, and methods of others, beside a plain one."""
     return [
         _compared(measure, method, metrics[measure.task])
         for measure in MEASURES
-        for method in ("ours", *own)
+        for method in ("ours", *entrants)
         if measure.key in metrics.get(measure.task, {}).get(method, {})
     ]
 

@@ -9,13 +9,13 @@ from scipy.stats import beta
 
 def spread(key: str, values: Sequence[float]) -> dict[str, Any]:
     """Median, least, largest and mean of the values of several logs, runs, postures or pieces."""
-    own = np.asarray(values, float)
+    scores = np.asarray(values, float)
     return {
-        key: float(np.median(own)),
-        f"{key}_low": float(own.min()),
-        f"{key}_high": float(own.max()),
-        f"{key}_mean": float(own.mean()),
-        f"{key}_count": len(own),
+        key: float(np.median(scores)),
+        f"{key}_low": float(scores.min()),
+        f"{key}_high": float(scores.max()),
+        f"{key}_mean": float(scores.mean()),
+        f"{key}_count": len(scores),
     }
 
 

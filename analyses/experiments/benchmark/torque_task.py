@@ -1,7 +1,8 @@
 """Task `torque`: the motor torque of motion without contact that no method was fitted on.
 
-All see the same zero-phase low-passed q and v, and are held against torque with the same low-pass.
-The score of a log is the geometric mean of its joints' RMS errors, so that each joint counts alike.
+All methods read the same zero-phase low-passed q and v, and are compared with torque that went
+through the same low-pass. The score of a log is the geometric mean of its joints' RMS errors, so
+that each joint counts alike.
 """
 
 from typing import Any, Final
@@ -19,7 +20,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.resampling import resampled
 
 LOGS: Final = tuple(name for name in FREE_LOGS if "17-p" not in name or "ptp" in name)
-"""Those that move."""
+"""Contact-free logs in which the arm moves."""
 
 
 class TorqueTask:
@@ -30,27 +31,28 @@ class TorqueTask:
         self._recordings = {name: arm.read(name) for name in LOGS}
         model = arm.models["ours"]
         self._logs = {
-            name: torque_log(own, arm.robot, model) for name, own in self._recordings.items()
+            name: torque_log(recording, arm.robot, model)
+            for name, recording in self._recordings.items()
         }
 
     def built_in(self) -> dict[str, dict[str, Any]]:
-        """By method."""
+        """Scores by method."""
         errors: dict[str, dict[str, Array]] = {"plain": self._plain(), "network": {}}
         for method in LAWS:
             model = self._arm.models[method]
             logs = {
-                name: torque_log(own, self._arm.robot, model)
-                for name, own in self._recordings.items()
+                name: torque_log(recording, self._arm.robot, model)
+                for name, recording in self._recordings.items()
             }
             errors[method] = {
                 name: (log.model - log.motion.torque)[log.motion.used] for name, log in logs.items()
             }
         for name, log in self._logs.items():
             errors["network"][name] = self._arm.predictors.error("network", log)[log.motion.used]
-        return {method: _metrics(own) for method, own in errors.items()}
+        return {method: _metrics(by_log) for method, by_log in errors.items()}
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
-        """Of a method of others; None: it predicts no torque.
+        """Scores of a method of others; None: it predicts no torque.
 
         Raises:
             FaultError: it fails.
@@ -66,7 +68,7 @@ class TorqueTask:
         return _metrics(errors)
 
     def _plain(self) -> dict[str, Array]:
-        """What K i_target leaves."""
+        """The error (N m) of the torque K i_target, by log."""
         robot, errors = self._arm.robot, {}
         for name, recording in self._recordings.items():
             uniform = resampled(recording, TIME_STEP)
@@ -78,10 +80,13 @@ class TorqueTask:
 
 def _metrics(errors: dict[str, Array]) -> dict[str, Any]:
     by_log = {name: rms(error) for name, error in errors.items()}
-    scores = {name: float(np.exp(np.mean(np.log(own)))) for name, own in by_log.items()}
+    scores = {
+        name: float(np.exp(np.mean(np.log(joint_rmse)))) for name, joint_rmse in by_log.items()
+    }
     return {
         **spread("rmse_nm", list(scores.values())),
         "logs": {
-            name: {"rmse_nm": scores[name], "joints_rmse_nm": own} for name, own in by_log.items()
+            name: {"rmse_nm": scores[name], "joints_rmse_nm": joint_rmse}
+            for name, joint_rmse in by_log.items()
         },
     }

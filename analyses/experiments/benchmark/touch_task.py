@@ -1,9 +1,9 @@
-"""Tasks `touches` and `link`: a Panda at rest is touched; when, and on which link?
+"""Tasks `touches` and `link`: touches of a Panda at rest, their times and their links.
 
-From the external torque that the arm reports itself. A touch is found if a contact begins between
-EARLY before its label and LATE after its end; one apart from every label is false. Of a
-touch that is found, the labelled link should be among those named, and none before the last joint
-that is loaded, which statics rule out.
+Both read the external torque that the arm reports. A touch is found if a contact begins between
+EARLY before its label and LATE after its end. A contact apart from every label is false. Of a found
+touch the labelled link should be among those named. No link before the last loaded joint should be
+named: statics rule it out.
 
     plain   contact where any joint's torque leaves a slow baseline by LEVEL, and the last joint
             that is loaded names the link: the data set's own reference
@@ -52,7 +52,7 @@ class Episode:
 
 
 class TouchTasks:
-    """What is found of every touch."""
+    """Detected touches and named links, compared with the labels."""
 
     def __init__(self, data: Path | None) -> None:
         self._robot = Robot.load("panda")
@@ -78,30 +78,30 @@ class TouchTasks:
                 return None
             episodes.append(_episodes(log.t, link > 0.0, link))
         scored = self._by_task({entrant.name: episodes})
-        return {task: own[entrant.name] for task, own in scored.items()}
+        return {task: by_method[entrant.name] for task, by_method in scored.items()}
 
     def _by_task(
         self, methods: Mapping[str, Sequence[Sequence[Episode]]]
     ) -> dict[str, dict[str, dict[str, Any]]]:
-        scores = {method: self._scored(own) for method, own in methods.items()}
+        scores = {method: self._scored(episodes) for method, episodes in methods.items()}
         return {
-            task: {method: own[task] for method, own in scores.items()}
+            task: {method: by_task[task] for method, by_task in scores.items()}
             for task in ("touches", "link")
         }
 
     def _plain(self) -> list[list[Episode]]:
-        found = []
+        episodes = []
         for log in self._logs:
             alone = log.tau_ext - _baseline(log)
             contact = np.asarray((np.abs(alone) > LEVEL).any(axis=1))
             link = np.zeros(len(log.t))
             for part in stretches(contact):
                 link[part] = _last_of(alone[part])
-            found.append(_episodes(log.t, contact, link))
-        return found
+            episodes.append(_episodes(log.t, contact, link))
+        return episodes
 
     def _ours(self) -> list[list[Episode]]:
-        found = []
+        episodes = []
         for log in self._logs:
             source = TorqueLog(log.path, None, self._robot, True, ReferenceConfig())
             touches = TorqueTouches(source)
@@ -110,25 +110,31 @@ class TouchTasks:
                 nothing = np.zeros((chunk.num_samples, 3))
                 touches.episodes.add(chunk.t, detection, nothing, trusted, odds)
             touches.episodes.finish()
-            found.append(
+            episodes.append(
                 [
-                    Episode(one.begin, one.end, tuple(one.place.named() if one.place else ()))
-                    for one in touches.episodes.contacts
+                    Episode(
+                        contact.begin,
+                        contact.end,
+                        tuple(contact.place.named() if contact.place else ()),
+                    )
+                    for contact in touches.episodes.contacts
                 ]
             )
-        return found
+        return episodes
 
     def _scored(self, episodes: Sequence[Sequence[Episode]]) -> dict[str, dict[str, Any]]:
-        found, false, touches, delays = 0, 0, 0, list[float]()
+        num_found, num_false, num_touches, delays = 0, 0, 0, list[float]()
         found_pct, delay, named, counts, ruled_out = ([] for _ in range(5))
-        for log, own, last in zip(self._logs, episodes, self._last, strict=True):
+        for log, reported, last in zip(self._logs, episodes, self._last, strict=True):
             spans = [(log.t[part.start], log.t[part.stop - 1]) for part in log.touches]
-            hits = [_hit(own, *span) for span in spans]
+            hits = [_hit(reported, *span) for span in spans]
             late = [hit.begin - span[0] for hit, span in zip(hits, spans, strict=True) if hit]
-            touches, found, delays = touches + len(spans), found + len(late), delays + late
-            false += sum(
-                all(one.end < begin or one.begin > end + LATE for begin, end in spans)
-                for one in own
+            num_touches += len(spans)
+            num_found += len(late)
+            delays += late
+            num_false += sum(
+                all(episode.end < begin or episode.begin > end + LATE for begin, end in spans)
+                for episode in reported
             )
             found_pct.append(100.0 * len(late) / len(spans))
             pairs = [(hit, k) for hit, k in zip(hits, last, strict=True) if hit is not None]
@@ -140,9 +146,9 @@ class TouchTasks:
             ruled_out.append(
                 100.0 * float(np.mean([any(k < end for k in hit.links) for hit, end in pairs]))
             )
-        totals = {"touches": touches, "found": found, "false": false}
+        totals = {"touches": num_touches, "found": num_found, "false": num_false}
         detected = {**totals, **spread("found_pct", found_pct)}
-        link: dict[str, Any] = {"touches": touches}
+        link: dict[str, Any] = {"touches": num_touches}
         if delay:
             detected |= spread("delay_s", delay)
             detected["delay_p90_s"] = float(np.quantile(delays, 0.9))
@@ -152,8 +158,10 @@ class TouchTasks:
 
 
 def _hit(episodes: Sequence[Episode], begin: float, end: float) -> Episode | None:
-    """The first that begins during a touch."""
-    return next((one for one in episodes if begin - EARLY <= one.begin <= end + LATE), None)
+    """The first episode that begins during a touch."""
+    return next(
+        (episode for episode in episodes if begin - EARLY <= episode.begin <= end + LATE), None
+    )
 
 
 def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
@@ -163,24 +171,24 @@ def _episodes(t: Array, contact: Flags, link: Array) -> list[Episode]:
         inner = pause.start > 0 and pause.stop < len(t)
         if inner and t[pause.stop] - t[pause.start - 1] < 0.5 * LATE:
             joined[pause] = True
-    found = []
+    episodes = []
     for part in stretches(joined):
         named = link[part][link[part] > 0].astype(int)
         links = (int(np.bincount(named).argmax()),) if len(named) else ()
-        found.append(Episode(float(t[part.start]), float(t[part.stop - 1]), links))
-    return found
+        episodes.append(Episode(float(t[part.start]), float(t[part.stop - 1]), links))
+    return episodes
 
 
 def _baseline(log: TouchLog) -> Array:
-    """(N, 7) N m, of the first FIRST s, and slowly followed while nothing is found."""
+    """(N, 7) N m: the mean of the first FIRST s, low-passed slowly while no contact is found."""
     base = log.tau_ext[log.t <= log.t[0] + FIRST].mean(axis=0)
-    found = np.empty_like(log.tau_ext)
+    baseline = np.empty_like(log.tau_ext)
     steps = np.diff(log.t, prepend=log.t[0])
     for k, (tau, step) in enumerate(zip(log.tau_ext, steps, strict=True)):
-        found[k] = base
+        baseline[k] = base
         if (np.abs(tau - base) <= LEVEL).all():
             base = base + (1.0 - np.exp(-step / SLOW)) * (tau - base)
-    return found
+    return baseline
 
 
 def _last_of(alone: Array) -> int:
@@ -191,7 +199,7 @@ def _last_of(alone: Array) -> int:
 
 
 def _last_loaded(log: TouchLog, touch: slice) -> int:
-    """The same of a labelled touch, by the torque less that right before it."""
-    before = log.tau_ext[max(touch.start - 5, 0) : touch.start]
-    base = before.mean(axis=0) if len(before) else 0.0
+    """The last loaded joint of a labelled touch; the torque just before it is subtracted."""
+    rows_before = log.tau_ext[max(touch.start - 5, 0) : touch.start]
+    base = rows_before.mean(axis=0) if len(rows_before) else 0.0
     return _last_of(log.tau_ext[touch] - base)

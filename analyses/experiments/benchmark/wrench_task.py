@@ -40,17 +40,17 @@ class WrenchTask:
         self._knowledge = knowledge_of_logs(self._logs)
 
     def built_in(self) -> dict[str, dict[str, Any]]:
-        """By method."""
-        found = {}
+        """Scores by method."""
+        scores = {}
         for method, name in READ_BY.items():
             reading = read_forces(self._logs, name, self._knowledge)
             forces = [log.force for log in reading.logs]
             covariances = [log.covariance for log in reading.logs]
-            found[method] = self._scored(forces, covariances if method in _STATES_ERROR else None)
-        return found
+            scores[method] = self._scored(forces, covariances if method in _STATES_ERROR else None)
+        return scores
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
-        """Of a method of others; None: it reads no joint torque.
+        """Scores of a method of others; None: it reads no joint torque.
 
         Raises:
             FaultError: it fails.
@@ -75,5 +75,5 @@ class WrenchTask:
             if covariances is not None:
                 variance = np.diagonal(covariances[k][log.loaded], axis1=1, axis2=2)
                 inside.append(float(np.mean(np.abs(error) <= SIGMA_95 * np.sqrt(variance))))
-        found = {**spread("rmse_n", rmse), "pose_rmse_n": rmse}
-        return found | (spread("inside_95_pct", [100.0 * x for x in inside]) if inside else {})
+        scores = {**spread("rmse_n", rmse), "pose_rmse_n": rmse}
+        return scores | (spread("inside_95_pct", [100.0 * x for x in inside]) if inside else {})

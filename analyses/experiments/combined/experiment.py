@@ -1,8 +1,8 @@
-"""Experiment `combined`: everything together (section 4.7, Figs. 20 and 21).
+"""Experiment `combined`: optimised path and better friction together (section 4.7, Figs. 20, 21).
 
 The arm goes from one end of its path to the other in 100 s while a hand pushes, alike in every run.
-The article's first experiment (initial path, Coulomb-viscous friction) against its second
-(optimised path, semi-parametric friction), then what this program adds, one change per row.
+The article's first experiment (initial path, Coulomb-viscous friction) is compared with its second
+(optimised path, semi-parametric friction). This program's additions follow, one change a row.
 """
 
 from collections.abc import Iterator
@@ -12,6 +12,7 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import found_path
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    PathPage,
     path_result,
     pushed_arm,
     pushed_runs,
@@ -116,7 +117,9 @@ NOTES = (
     f"{_errors('lag_alone')}; {_errors('known_friction_fast')} and {_errors('lag_alone_fast')} at "
     f"K_0 = {FAST:g}.",
     "Inside the stated 95 % band: "
-    + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
+    + ", ".join(
+        f"<{variant.key}.share_in_95_band:100 .0f> % ({variant.key})" for variant in VARIANTS
+    )
     + ".",
 )
 
@@ -133,15 +136,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
     runs = pushed_runs(context, models, scenarios, 0.45)
     readings = read_variants(models, runs, VARIANTS, speed)
     metrics: dict[str, Any] = {key: entry.metrics() for key, entry in readings.items()}
-    before, after = metrics[BEFORE], metrics[AFTER]
+    initial, optimised = metrics[BEFORE], metrics[AFTER]
     metrics["known_friction"] = known_friction(models, runs["optimised"])
     metrics["known_friction_fast"] = known_friction(models, runs["optimised"], FAST)
     metrics["lag_alone"] = lag_alone(runs["optimised"])
     metrics["lag_alone_fast"] = lag_alone(runs["optimised"], FAST)
-    metrics["ours_against_article"] = reductions(after, metrics[OURS])
-    metrics["bayesian_against_article"] = reductions(after, metrics["bayesian"])
+    metrics["ours_against_article"] = reductions(optimised, metrics[OURS])
+    metrics["bayesian_against_article"] = reductions(optimised, metrics["bayesian"])
     metrics["correlation_gain"] = {
-        axis: after[f"correlation_{axis}"] - before[f"correlation_{axis}"] for axis in AXES
+        axis: optimised[f"correlation_{axis}"] - initial[f"correlation_{axis}"] for axis in AXES
     }
     metrics["mean_jcn"] = {
         path: float(entry.condition_number.mean()) for path, entry in runs.items()
@@ -149,16 +152,18 @@ def run(context: ExperimentContext) -> ExperimentResult:
     return path_result(
         context,
         runs,
-        {**reductions(before, after), **metrics},
+        {**reductions(initial, optimised), **metrics},
         _figures(readings),
         {"scenarios": scenarios, "speed_rad_per_s": speed},
-        title="Pushed by hand along the path",
-        passes=1,
-        variants=VARIANTS,
-        comparison=_comparison(),
-        notes=NOTES,
-        caption="Errors of every variant. A row with + changes the row above it, one with B the "
-        "row marked (B).",
+        PathPage(
+            title="Pushed by hand along the path",
+            passes=1,
+            variants=VARIANTS,
+            comparison=_comparison(),
+            notes=NOTES,
+            caption="Errors of every variant. A row with + changes the row above it, one with B "
+            "the row marked (B).",
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""Constant wrench: what better-conditioned configurations do to the force error (section 4.3).
+"""Experiment `constant-wrench`: force error by conditioning of the configurations (section 4.3).
 
 A constant wrench acts at E while the arm moves along a straight path, forward and back. Each joint
 torque that the wrench needs is read with a random error in proportion to it, and eq. 22 makes a
@@ -92,8 +92,8 @@ def read_along(
     one_way = np.linspace(0.0, 1.0, SAMPLES_ONE_WAY + 1)
     along, distance = jcn(even), even * path.path_length
 
-    there = configurations(uniform_acceleration(one_way).s)
-    q = np.concatenate([there, there[-2::-1]])  # the way back meets the same configurations
+    q_forward = configurations(uniform_acceleration(one_way).s)
+    q = np.concatenate([q_forward, q_forward[-2::-1]])  # the way back meets the same configurations
     s = there_and_back(uniform_acceleration)(np.linspace(0.0, 1.0, 2 * SAMPLES_ONE_WAY + 1)).s
     J = chain.jacobian(q)
     tau_ext = np.einsum("tij,i->tj", J, WRENCH)
@@ -160,7 +160,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     for k, (name, case) in enumerate(cases.items()):
         context.progress(k / len(cases), f"{name} path")
         readings[name] = read_along(robot, *case, context.seed, num_draws)
-    metrics: dict[str, Any] = {name: _metrics(own) for name, own in readings.items()}
+    metrics: dict[str, Any] = {
+        name: _metrics(path_readings) for name, path_readings in readings.items()
+    }
     metrics["optimised"]["other_elbow"] = metrics.pop("other_elbow")
     metrics["reduction_pct"] = {
         key.removesuffix("_n"): 100.0 * (1.0 - metrics["optimised"][key] / metrics["initial"][key])
@@ -222,17 +224,19 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _wrench_figure(found: Mapping[str, PathReadings]) -> Figure:
+def _wrench_figure(readings: Mapping[str, PathReadings]) -> Figure:
     """Force and moment as eq. 22 reads them on the article's two paths."""
     figure, axes = new_figure(2, 2, height=5.4, share_x=True)
     for column, label in enumerate(("initial", "optimised")):
-        wrench = found[label].wrench
-        for row, (name, unit, first) in enumerate((("force", "N", 3), ("moment", "N m", 0))):
+        wrench = readings[label].wrench
+        for row, (name, unit, first_column) in enumerate((("force", "N", 3), ("moment", "N m", 0))):
             ax = axes[row, column]
             for axis, colour in enumerate(SERIES[:3]):
-                own = f"{name[0]}{'xyz'[axis]}"
-                ax.plot(wrench[:, first + axis], color=colour, linewidth=0.7, label=own)
-                ax.axhline(WRENCH[first + axis], color=COLOUR["truth"], linewidth=0.8)
+                component = f"{name[0]}{'xyz'[axis]}"
+                ax.plot(
+                    wrench[:, first_column + axis], color=colour, linewidth=0.7, label=component
+                )
+                ax.axhline(WRENCH[first_column + axis], color=COLOUR["truth"], linewidth=0.8)
             ax.set_title(f"{label} path")
             ax.set_ylabel(f"{name} read [{unit}]")
             legend_above(ax, ncols=3)
@@ -244,11 +248,11 @@ def _wrench_figure(found: Mapping[str, PathReadings]) -> Figure:
     return figure
 
 
-def _error_figure(found: Mapping[str, PathReadings]) -> Figure:
+def _error_figure(readings: Mapping[str, PathReadings]) -> Figure:
     """The error in Y on the article's two paths."""
     figure, ((ax,),) = new_figure(1, 1, height=3.2)
     for case, colour in (("initial", COLOUR["before"]), ("optimised", COLOUR["after"])):
-        y = found[case].error[:, AXES.index("fy_n")]
+        y = readings[case].error[:, AXES.index("fy_n")]
         label = f"{case} path (largest {np.max(np.abs(y)):.2f} N)"
         ax.plot(y, color=colour, linewidth=0.7, label=label)
     ax.set_xlabel("sample")

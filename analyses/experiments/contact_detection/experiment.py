@@ -1,11 +1,15 @@
-"""Experiment `contact-detection`: contacts found, missed and imagined, at a stated rate.
+"""Experiment `contact-detection`: contacts found, contacts missed, false alarms at a stated rate.
 
-The model and the noise of its statistic come from the UR10e's three fitted runs. Everything else is
-judged by it: contact-free logs of other weeks and motions for false alarms, pushes put into them at
-E and off it (`contact_trials`), a log of hand collisions, one of pushes on
-the arm at rest, and a simulated arm that is pushed while it moves. For false alarms alone count
-logs that move one joint at a time, static postures, a log of seven weeks before, the fitted runs,
-each read by a model of the other two, and hours of simulated twins of all these motions
+The model and the noise of its statistic come from the UR10e's three fitted runs. Judged are:
+
+- false alarms in contact-free logs of other weeks and motions;
+- pushes put into these logs, at E and off it (`contact_trials`);
+- a log of hand collisions, and one of pushes on the arm at rest;
+- a simulated arm that is pushed while it moves.
+
+Further logs count for false alarms alone: motions of one joint at a time, static postures, a log of
+seven weeks before, the fitted runs (each read by a model of the other two), and hours of simulated
+twins of all these motions
 (`wrenchsight.analyses.experiments.contact_detection.contact_free_twins`).
 
 In sight when the statistic was settled: the fitted runs, 15harm50sec, 10harm and those of joints 1,
@@ -156,7 +160,7 @@ PLACES: dict[str, tuple[int, ...]] = {"at_e": (), "off_e": OFF_E}
 
 
 def push_key(size: float, duration: float, place: str) -> str:
-    """Of the metrics of pushes of `size` N for `duration` s at one of PLACES."""
+    """Key of the metrics of pushes of `size` N for `duration` s at one of PLACES."""
     return f"push_{size:g}n_{1e3 * duration:g}ms_{place}"
 
 
@@ -166,7 +170,7 @@ def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
 
 
 def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
-    """By log and together; a contact-free log has no contacts to miss."""
+    """False alarms of contact-free logs, by log and together."""
     result: dict[str, Any] = {}
     alarms, hours = 0, 0.0
     for name, log in logs.items():
@@ -187,7 +191,7 @@ def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:
 def _held_out(
     fitted: list[Recording], robot: Robot, context: ExperimentContext
 ) -> dict[str, TrialLog]:
-    """The fitted runs, each with the model that the others give."""
+    """False alarms of the fitted runs, each read by the model of the other two."""
     logs = {}
     for k, entry in enumerate(fitted):
         context.progress(0.2 + 0.05 * k, "identifying without one run")
@@ -258,20 +262,20 @@ def _labelled(
     robot: Robot,
     model: IdentifiedModel,
 ) -> dict[str, Any]:
-    """A log with contacts of its own, whose links are not known; delays are from the labels."""
+    """A log that holds contacts, whose links are not known; delays are from the labels."""
     described = file.with_name("recording.yaml")
     recording = read_recording(file, described if described.exists() else None, robot)
     log = TrialLog(recording, robot, model)
     detection = log.detect(log.detector(RATE))
     tally = Tally()
     apart = np.ones(len(log.t), bool)
-    for first, last in samples_of(spans, log.t):
-        tally.add(detection, first, last, TIME_STEP, None)
-        apart[first : last + round(1.0 / TIME_STEP)] = False
+    for begin, stop in samples_of(spans, log.t):
+        tally.add(detection, begin, stop, TIME_STEP, None)
+        apart[begin : stop + round(1.0 / TIME_STEP)] = False
     begins = onsets(detection.contact)
     alarms = begins[apart[begins]]
     ends = [k + int(np.argmin(np.append(detection.contact[k:], False))) for k in begins]
-    inside = [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
+    inside = [slice(start, end) for start, end in zip(begins, ends, strict=True)]
     counted = tally.metrics()
     batch = log.estimator.run(log.estimator.initial_state(), log.q, log.v, log.current)
     false_force = np.abs(batch.wrench[apart & batch.valid, 3:])
@@ -303,7 +307,9 @@ def _simulated() -> dict[str, Any]:
         rng = np.random.default_rng(17)
         starts = np.arange(2.0, 18.0, 2.0)
         directions = rng.normal(size=(len(starts), 3))
-        forces = [(size * one / np.linalg.norm(one)).tolist() for one in directions]
+        forces = [
+            (size * direction / np.linalg.norm(direction)).tolist() for direction in directions
+        ]
         trajectory = stored_excitation(robot, 2).joint_trajectory(2)
         scenario = Scenario(
             robot=robot.name,
@@ -331,14 +337,14 @@ def _simulated() -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    first = "with up to one sample of 10 ms before the first that shows the push"
-    minutes = "minutes at one an hour: they could contradict the rate, not confirm it"
+    sample_remark = "with up to one sample of 10 ms before the first that shows the push"
+    rate_remark = "minutes at one an hour: they could contradict the rate, not confirm it"
     rows = (
         ("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", 0.0, ""),
-        ("their delay, median", f"{JUDGED}.delay_median_s", 0.05, first),
+        ("their delay, median", f"{JUDGED}.delay_median_s", 0.05, sample_remark),
         ("found within 50 ms", f"{JUDGED}.within_50ms_pct", 100.0, ""),
         ("hand collisions, missed", "collision_wrist.missed", 0.0, ""),
-        ("contact-free logs, false alarms", "contact_free.false_alarms", 0.0, minutes),
+        ("contact-free logs, false alarms", "contact_free.false_alarms", 0.0, rate_remark),
     )
     return [ComparisonRow(*row, "wanted") for row in rows]
 

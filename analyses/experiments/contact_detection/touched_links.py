@@ -3,8 +3,8 @@
 Each recording of the data set `link_contact` is read alone, as `estimate` reads it: contacts, and
 the odds of each link. E counts for the last link, which carries it. Touches fall into bins by the
 odds of their likeliest link. Each bin has the mean of the stated odds and the share of touches
-whose likeliest link is the labelled one. All touches of a recording are of one spot: the ten
-recordings are what is independent, and an interval by the number of touches is too short.
+whose likeliest link is the labelled one. All touches of a recording are of one spot: only the ten
+recordings are independent, and an interval by the number of touches is too short.
 """
 
 from collections.abc import Sequence
@@ -65,26 +65,26 @@ class Touch:
 
 
 def touches_of(log: TouchLog) -> tuple[list[Touch], int, int]:
-    """The touches of a recording, how many of the labelled ones were missed, and false ones."""
+    """The found touches of a recording, the number of missed labels and of false contacts."""
     config, robot = EstimateConfig(torque="external"), Robot.load("panda")
     source = TorqueLog(log.path, None, robot, config.check, config.reference, config.torque_sign)
     reading = TorqueTouches(source)
     for chunk, J, tau_ext in source.chunks(source.reader()):
-        found, odds, _ = reading.take(chunk, J, tau_ext)
+        detection, odds, _ = reading.take(chunk, J, tau_ext)
         count = chunk.num_samples
-        reading.episodes.add(chunk.t, found, np.zeros((count, 3)), np.zeros(count, bool), odds)
+        reading.episodes.add(chunk.t, detection, np.zeros((count, 3)), np.zeros(count, bool), odds)
     reading.episodes.finish()
     begins = np.array([log.t[touch.start] for touch in log.touches])
-    touches, seen, false = [], set[int](), 0
+    touches, matched, false = [], set[int](), 0
     for contact in reading.episodes.contacts:
         nearest = int(np.argmin(np.abs(begins - contact.begin)))
-        if abs(begins[nearest] - contact.begin) > _LATE or nearest in seen:
+        if abs(begins[nearest] - contact.begin) > _LATE or nearest in matched:
             false += 1
         elif contact.place is not None:
-            seen.add(nearest)
+            matched.add(nearest)
             place = contact.place
             touches.append(Touch(log.path.stem, log.link, place.bodies, tuple(place.named())))
-    return touches, len(begins) - len(seen), false
+    return touches, len(begins) - len(matched), false
 
 
 def link_metrics(data: Path | None) -> dict[str, Any]:
@@ -96,14 +96,14 @@ def link_metrics(data: Path | None) -> dict[str, Any]:
     touches: list[Touch] = []
     missed, false, by_recording = 0, 0, {}
     for log in read_touch_logs(data):
-        found, without, imagined = touches_of(log)
-        touches += found
+        log_touches, without, imagined = touches_of(log)
+        touches += log_touches
         missed, false = missed + without, false + imagined
         by_recording[log.path.stem.removeprefix("panda_")] = {
-            "touches": len(found),
-            "named_pct": 100.0 * _share([one.link in one.named for one in found]),
-            "likeliest_pct": 100.0 * _share([one.right for one in found]),
-            "label_odds_pct": 100.0 * _share([one.odds[one.link - 1] for one in found]),
+            "touches": len(log_touches),
+            "named_pct": 100.0 * _share([touch.link in touch.named for touch in log_touches]),
+            "likeliest_pct": 100.0 * _share([touch.right for touch in log_touches]),
+            "label_odds_pct": 100.0 * _share([touch.odds[touch.link - 1] for touch in log_touches]),
         }
     return {
         "touches": len(touches),
@@ -115,9 +115,9 @@ def link_metrics(data: Path | None) -> dict[str, Any]:
 
 
 def calibration(touches: Sequence[Touch]) -> dict[str, Any]:
-    """By bin, of all that are sure, and the error of what is stated (%) over all touches."""
+    """Stated against counted odds: by bin, of the sure touches, and the mean error (%) over all."""
     bins = {
-        name: _bin([one for one in touches if low <= one.stated < high])
+        name: _bin([touch for touch in touches if low <= touch.stated < high])
         for name, (low, high) in BINS.items()
     }
     off = [
@@ -127,23 +127,23 @@ def calibration(touches: Sequence[Touch]) -> dict[str, Any]:
     ]
     return {
         "odds": bins,
-        "sure": _bin([one for one in touches if one.stated >= SURE]),
+        "sure": _bin([touch for touch in touches if touch.stated >= SURE]),
         "calibration_error_pct": float(np.sum(off)) / max(len(touches), 1),
-        "named_pct": 100.0 * _share([one.link in one.named for one in touches]),
+        "named_pct": 100.0 * _share([touch.link in touch.named for touch in touches]),
     }
 
 
 def _bin(touches: Sequence[Touch]) -> dict[str, Any]:
-    count, right = len(touches), sum(one.right for one in touches)
+    count, right = len(touches), sum(touch.right for touch in touches)
     result: dict[str, Any] = {
         "touches": count,
-        "recordings": len({one.recording for one in touches}),
+        "recordings": len({touch.recording for touch in touches}),
         "stated_pct": None,
         "right_pct": None,
     }
     if count:
         interval = binomtest(right, count).proportion_ci(0.95, method="wilson")
-        result["stated_pct"] = 100.0 * _share([one.stated for one in touches])
+        result["stated_pct"] = 100.0 * _share([touch.stated for touch in touches])
         result["right_pct"] = 100.0 * right / count
         result["right_low_pct"] = 100.0 * float(interval.low)
         result["right_high_pct"] = 100.0 * float(interval.high)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.path_study import (
+    PathPage,
     path_result,
     pushed_arm,
     pushed_runs,
@@ -106,7 +107,9 @@ NOTES = (
     "the article's law and reading: <semi_parametric.rmse_x_n:.2f> "
     "<semi_parametric.rmse_y_n:.2f> <semi_parametric.rmse_z_n:.2f> N (X Y Z).",
     "Inside the stated 95 % band: "
-    + ", ".join(f"<{one.key}.share_in_95_band:100 .0f> % ({one.key})" for one in VARIANTS)
+    + ", ".join(
+        f"<{variant.key}.share_in_95_band:100 .0f> % ({variant.key})" for variant in VARIANTS
+    )
     + ".",
 )
 
@@ -162,8 +165,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
         metrics[key]["near_reversal"] = {
             name: value for name, value in part.items() if name.startswith(("rmse", "max"))
         }
-    before, after = (metrics[key] for key in ("coulomb_viscous", "semi_parametric"))
-    metrics["near_reversal"] = reductions(before["near_reversal"], after["near_reversal"])
+    coulomb_viscous, semi_parametric = (
+        metrics[key] for key in ("coulomb_viscous", "semi_parametric")
+    )
+    metrics["near_reversal"] = reductions(
+        coulomb_viscous["near_reversal"], semi_parametric["near_reversal"]
+    )
     metrics["known_friction"] = known_friction(models, run)
     metrics["lag_alone"] = lag_alone(run)
     # The article's two variants against the true force behind the same low-pass: friction alone.
@@ -171,24 +178,26 @@ def run(context: ExperimentContext) -> ExperimentResult:
         key: against_lagged(readings[key], run) for key in ("coulomb_viscous", "semi_parametric")
     }
     metrics["without_lag"] = {**lagged, **reductions(*lagged.values())}
-    metrics["ours_against_article"] = reductions(after, metrics["ours"])
+    metrics["ours_against_article"] = reductions(semi_parametric, metrics["ours"])
     return path_result(
         context,
         runs,
-        {**reductions(before, after), **metrics},
+        {**reductions(coulomb_viscous, semi_parametric), **metrics},
         _figures(run, readings),
         {"scenario": scenario, "speed_rad_per_s": speed},
-        title="Reversal of joints, pushed by hand",
-        passes=1,
-        variants=VARIANTS,
-        comparison=COMPARISON,
-        notes=NOTES,
+        PathPage(
+            title="Reversal of joints, pushed by hand",
+            passes=1,
+            variants=VARIANTS,
+            comparison=COMPARISON,
+            notes=NOTES,
+        ),
     )
 
 
 def _figures(run: TaskRun, readings: dict[str, ForceReading]) -> Iterator[Drawing]:
-    what = "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19)."
-    yield "force-z", reversal_figure(run, readings), what
+    caption = "Force in Z with both of the article's laws, error, and joint velocity (Fig. 19)."
+    yield "force-z", reversal_figure(run, readings), caption
 
 
 EXPERIMENT = Experiment(

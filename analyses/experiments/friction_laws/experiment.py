@@ -1,4 +1,4 @@
-"""Experiment `friction-laws`: how well does each friction law describe joint friction near zero?
+"""Experiment `friction-laws`: errors of the friction laws near zero velocity and on held-out runs.
 
 Each law is fitted, with the inertias, on the same logs, and compared on data that it was not fitted
 on: torque over held-out runs, and friction near zero velocity.
@@ -16,8 +16,8 @@ real        the UR10e; fitted on its three unloaded runs; held out are 14harm50s
 
 `semi-parametric` is the article's law: its networks are trained on friction separated by reversal
 (section 3.1); on the simulated arm in other postures than the test's, on the UR10e in the first
-halves of those recordings. (`identify` trains it on what the fitted logs leave, which holds less
-slow motion.) `presliding+network` trains on what the fitted logs leave.
+halves of those recordings. (`identify` trains it on the residuals of the fitted logs, which hold
+less slow motion.) `presliding+network` trains on the residuals of the fitted logs.
 """
 
 from collections.abc import Mapping
@@ -106,7 +106,7 @@ class LawsOnOneArm:
         near_zero: of each joint.
         edge: (n,) rad/s, up to where "near zero" goes.
         v_crit: (n,) rad/s, of the article's networks.
-        separated: what their training had.
+        separated: the samples that these networks were trained on.
     """
 
     joint_names: tuple[str, ...]
@@ -148,8 +148,10 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     robot = context.robot(ROBOT)
     plain = replace(CONFIG, friction=WITH_OFFSET, seed=context.seed)
     context.progress(0.0, "simulated arm, identification")
-    first, (log, other) = identify_simulated_arm(robot, context.seed, context.quick, plain)
-    results = {WITH_OFFSET: first}
+    coulomb_viscous_result, (log, other) = identify_simulated_arm(
+        robot, context.seed, context.quick, plain
+    )
+    results = {WITH_OFFSET: coulomb_viscous_result}
     for k, law in enumerate(COMPARED):
         context.progress(share * (0.4 + 0.03 * k), f"simulated arm, {law}")
         if law not in results:
@@ -158,23 +160,36 @@ def simulated_arm(context: ExperimentContext, share: float) -> LawsOnOneArm:
     postures = np.asarray(robot.home) + np.asarray(POSTURES[-2:] if context.quick else POSTURES)
     context.progress(0.6 * share, "simulated arm, reversals")
     recordings = reversal_recordings(robot, postures, seed=context.seed)
-    separated = separate_recordings(robot, recordings[:-1], first.model, CONFIG.cutoff)
-    article, trained = semi_parametric_model(robot, first, separated)
+    separated = separate_recordings(
+        robot, recordings[:-1], coulomb_viscous_result.model, CONFIG.cutoff
+    )
+    article, trained = semi_parametric_model(robot, coulomb_viscous_result, separated)
     models = {law: result.model for law, result in results.items()} | {ARTICLE: article}
     # One model separates all: its mass matrix and gravity are not what is compared.
     predicted = {
         law: separate_recordings(
-            robot, [_predicted(robot, recordings[-1], model)], first.model, CONFIG.cutoff
+            robot,
+            [_predicted(robot, recordings[-1], model)],
+            coulomb_viscous_result.model,
+            CONFIG.cutoff,
         ).table()[1]
         for law, model in models.items()
     }
-    v, torque = separate_recordings(robot, recordings[-1:], first.model, CONFIG.cutoff).table()
+    v, torque = separate_recordings(
+        robot, recordings[-1:], coulomb_viscous_result.model, CONFIG.cutoff
+    ).table()
     near_zero = tuple(
-        NearZero(v[:, j], torque[:, j], {law: own[:, j] for law, own in predicted.items()})
+        NearZero(
+            v[:, j],
+            torque[:, j],
+            {law: predicted_torque[:, j] for law, predicted_torque in predicted.items()},
+        )
         for j in range(robot.num_joints)
     )
     validation = {law: result.validation for law, result in results.items()}
-    validation[ARTICLE] = predict_torque([other.recording], robot, article, first.config)
+    validation[ARTICLE] = predict_torque(
+        [other.recording], robot, article, coulomb_viscous_result.config
+    )
     ordered = {law: validation[law] for law in LAWS}
     return LawsOnOneArm(
         robot.joint_names, ordered, near_zero, trained.v_crit, trained.v_crit, separated
@@ -260,12 +275,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     if has_data:
         arms["real"] = real_arm(context, 0.5)
     context.progress(0.92, "figures")
-    what = (
+    caption = (
         "Friction near zero velocity in held-out motion, and what three laws say of the same motion"
     )
     titles = {"simulated": "simulated arm", "real": "UR10e"}
     figures = [
-        (f"laws_{name}", near_zero_figure(arm, titles[name]), f"{what}: {titles[name]}.")
+        (f"laws_{name}", near_zero_figure(arm, titles[name]), f"{caption}: {titles[name]}.")
         for name, arm in arms.items()
     ]
     metrics = {name: arm.metrics() for name, arm in arms.items()}

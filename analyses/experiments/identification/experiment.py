@@ -35,10 +35,10 @@ def run(context: ExperimentContext) -> ExperimentResult:
         robot, context.seed, context.quick, contact_noise=context.draws
     )
     context.progress(0.85, "with the true friction known")
-    known = with_known_friction(robot, logs)
+    with_true_friction = with_known_friction(robot, logs)
     fit = result.validation[0]
     torque = rms(fit.measured)
-    error, rigid = inertial_error(robot, known.model)
+    error, rigid = inertial_error(robot, with_true_friction.model)
     unknown_error, _ = inertial_error(robot, result.model)
     metrics = result.metrics()
     validation = metrics.pop("validation")[fit.name]
@@ -50,7 +50,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "inertial_error_nm": error,
         "inertial_error_pct_of_torque": 100.0 * error / torque,
         "rigid_body_torque_rms_nm": rigid,
-        "cross_validation": known.validation[0].metrics(),
+        "cross_validation": with_true_friction.validation[0].metrics(),
     }
     metrics["inertial_error_nm"] = unknown_error
     metrics["inertial_error_pct_of_torque"] = 100.0 * unknown_error / torque
@@ -66,11 +66,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _figures(fit: TorqueFit, joint_names: tuple[str, ...]) -> Iterator[Drawing]:
-    what = (
+    caption = (
         "Measured torque along the second excitation and what the model identified along the first "
         "predicts for it (the article's Fig. 6)."
     )
-    yield "torque_validation", torque_figure(fit, joint_names, "validation, simulated arm"), what
+    yield "torque_validation", torque_figure(fit, joint_names, "validation, simulated arm"), caption
 
 
 def _comparison() -> list[ComparisonRow]:

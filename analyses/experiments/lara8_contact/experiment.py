@@ -1,13 +1,13 @@
 """Experiment `lara8-contact`: a NEURA LARA 8's load from motor torque, against its wrist sensor.
 
-Held against J^T of the sensor's wrench, joint by joint and row by row, like the figure of the
-data's source: joint 3 over `joint3_sweep`, 6.483 N m by motor current and 2.671 N m by a neural
-network trained on that robot. Nothing is trained here: `lara8_reading`
-says where each number comes from. The sensor's own delay is taken off it, and its zero, both as the
-data set states them; `source` repeats the source's way, without.
+The torque is compared with J^T of the sensor's wrench, joint by joint and row by row. So is the
+figure of the data's source: joint 3 over `joint3_sweep`, 6.483 N m by motor current and 2.671 N m
+by a neural network trained on that robot. Nothing is trained here: `lara8_reading` says where each
+number comes from. The sensor's delay and zero are removed, both as the data set states them;
+`source` repeats the comparison of the source, without.
 
 "moving" is each joint over the rows in which it moves, "rest" over those in which it stands, from
-the observer's settling on; of the wrench, whether any joint moves.
+the observer's settling on. For the wrench it is whether any joint moves.
 
 Without the maker's description (DESCRIPTION) the controller's variant alone is read, with masses
 that were fitted to that controller's torque.
@@ -73,11 +73,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     readings: dict[tuple[str, str], Lara8Reading] = {}
     for k, log in enumerate(logs):
         context.progress(0.1 + 0.5 * k / len(logs), log.name)
-        own = {variant: read_log(log, variant) for variant in log.variants}
-        readings |= {(log.name, variant): reading for variant, reading in own.items()}
-        compared = {variant: reading.against_sensor() for variant, reading in own.items()}
+        log_readings = {variant: read_log(log, variant) for variant in log.variants}
+        readings |= {(log.name, variant): reading for variant, reading in log_readings.items()}
+        compared = {variant: reading.against_sensor() for variant, reading in log_readings.items()}
         metrics[log.name] = {
-            state: {v: _judged(reading, compared[v], state) for v, reading in own.items()}
+            state: {v: _judged(reading, compared[v], state) for v, reading in log_readings.items()}
             | {"target_less_motor": {"rmse_nm": _by_hand(log, state)}}
             for state in ("moving", "rest")
         }
@@ -115,9 +115,9 @@ def _rows(log: Lara8Log, state: str) -> Flags:
     """(N, n) rows of each joint in a state."""
     if state == "moving":
         return log.moving
-    rest = ~log.moving
-    rest[: settled_from(log.recording)] = False
-    return rest
+    at_rest = ~log.moving
+    at_rest[: settled_from(log.recording)] = False
+    return at_rest
 
 
 def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
     phase = "moving" if state == "moving" else "rest"
     where = comparison.phases[f"free_{phase}"] | comparison.phases[f"contact_{phase}"]
     judged = [comparison.judged_over(axis, where) for axis in comparison.axes]
-    figures = [{} if one is None else one.metrics() for one in judged]  # forces, then moments
+    figures = [{} if axis is None else axis.metrics() for axis in judged]  # forces, then moments
     return {
         "rmse_nm": by_joint(rms, rows, error),
         "bias_nm": by_joint(np.mean, rows, error),
@@ -136,11 +136,11 @@ def _judged(reading: Lara8Reading, comparison: SensorComparison, state: str) -> 
             reading.batch.torque_sd,
         ),
         **{
-            key: [one.get(key) for one in figures[:3]]
+            key: [axis.get(key) for axis in figures[:3]]
             for key in ("rmse_n", "bias_n", "stated_sd_n")
         },
-        "moment_rmse_nm": [one.get("rmse_n") for one in figures[3:]],
-        "inside_95_pct": [one.get("inside_95_pct") for one in figures],
+        "moment_rmse_nm": [axis.get("rmse_n") for axis in figures[3:]],
+        "inside_95_pct": [axis.get("inside_95_pct") for axis in figures],
         "averages": int(where.sum()),
     }
 
@@ -179,10 +179,10 @@ def _source(data: Path | None, readings: dict[tuple[str, str], Lara8Reading]) ->
 
 
 def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]]:
-    """RMSE of the joints in motion, N m, as it is and with one piece of knowledge left out."""
+    """RMSE of the joints in motion, N m: with all that is used, and with one part left out."""
 
-    def moving(own: Lara8Reading, truth: Array = log.truth) -> list[float | None]:
-        return by_joint(rms, log.moving, own.batch.tau_ext - truth)
+    def moving(variant: Lara8Reading, truth: Array = log.truth) -> list[float | None]:
+        return by_joint(rms, log.moving, variant.batch.tau_ext - truth)
 
     def with_friction(**change: Any) -> list[float | None]:
         return moving(read_log(log, "urdf", controller_friction(log.name, **change)))
@@ -192,7 +192,6 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
         return rms(error - A @ np.linalg.lstsq(A, error, rcond=None)[0])
 
     zero_left = log.joint_torque(log.sensor_wrench(replace(log.mounting, tare=np.zeros(6))))
-    signals = reading.error, log.recording.v, np.abs(reading.transmitted)
     return {
         "as_it_is": moving(reading),
         "controllers_rigid_body": moving(read_log(log, "controller_model")),
@@ -203,8 +202,14 @@ def _parts(log: Lara8Log, reading: Lara8Reading) -> dict[str, list[float | None]
             reading, log.joint_torque(log.recording.extra["wrench"])
         ),
         "zero_of_the_sensor_left": moving(reading, zero_left),
-        # What no friction law of speed, load and direction could take off; it is given the sensor.
-        "friction_fitted_to_this_sensor": by_joint(without_law, log.moving, *signals),
+        # The error that no friction law of speed, load and direction removes, though fitted here.
+        "friction_fitted_to_this_sensor": by_joint(
+            without_law,
+            log.moving,
+            reading.error,
+            log.recording.v,
+            np.abs(reading.transmitted),
+        ),
     }
 
 
@@ -230,8 +235,8 @@ def _stiction(reading: Lara8Reading) -> dict[str, Any]:
     """Stiction of joints at rest: RMS of the reading less the sensor's, and their sliding level."""
     level = controller_friction(reading.log.name)
     slow = level.coulomb + level.stribeck + level.load * np.abs(reading.transmitted)
-    rest = by_joint(rms, _rows(reading.log, "rest"), reading.error)
-    return {"rest_rmse_nm": rest, "level_nm": slow.mean(axis=0)}
+    rest_rmse = by_joint(rms, _rows(reading.log, "rest"), reading.error)
+    return {"rest_rmse_nm": rest_rmse, "level_nm": slow.mean(axis=0)}
 
 
 def _torque_figure(readings: dict[tuple[str, str], Lara8Reading], names: list[str]) -> Figure:

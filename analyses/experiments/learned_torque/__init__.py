@@ -1,1 +1,1 @@
-"""A recurrent network that predicts contact-free torque, against a model and on top of it."""
+"""The experiment `learned-torque`: `arms` fits and reads the logs, `experiment` judges them."""

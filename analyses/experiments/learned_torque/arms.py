@@ -81,31 +81,37 @@ class Ur10e:
         self.robot, self._data = Robot.load("ur10e"), data
         whole = [self._read(name.removesuffix(".csv")) for name in FITTED]
         sets = {
-            name: [own[: round(share * own.num_samples)] for own in whole]
+            name: [recording[: round(share * recording.num_samples)] for recording in whole]
             for name, share in AMOUNTS.items()
         }
-        before = [self._read(name) for name in FREE if name not in LATER]
-        sets[WEEKS] = [*whole, *before]
+        earlier = [self._read(name) for name in FREE if name not in LATER]
+        sets[WEEKS] = [*whole, *earlier]
         sets[REPEATED] = [*whole, self._read(LATER[0])]
         three = identify_ur10e(data, self.robot, LAW).model
         self.predictors, self.models, self.seconds = {}, {}, {}
         for k, (name, recordings) in enumerate(sets.items()):
             progress(k / len(sets), f"{name}: model and networks")
-            own = name == THREE or quick
-            self.models[name] = three if own else identify(recordings, self.robot, [], LAW).model
+            takes_three_runs = name == THREE or quick
+            self.models[name] = (
+                three if takes_three_runs else identify(recordings, self.robot, [], LAW).model
+            )
             # A joint that stands carries any torque within its stiction: no model is fitted there.
-            single = [self._read(own) for own in SINGLE_JOINTS] if name == WEEKS else []
+            single = [self._read(log_name) for log_name in SINGLE_JOINTS] if name == WEEKS else []
             logs = [
-                torque_log(own, self.robot, self.models[name]) for own in (*recordings, *single)
+                torque_log(recording, self.robot, self.models[name])
+                for recording in (*recordings, *single)
             ]
             motions = [log.motion for log in logs]
-            self.seconds[name] = float(sum(own.time_step * own.used.sum() for own in motions))
-            logs, more = logs[: len(recordings)], motions[len(recordings) :]
+            self.seconds[name] = float(
+                sum(motion.time_step * motion.used.sum() for motion in motions)
+            )
+            logs = logs[: len(recordings)]
+            network_motions = motions[len(recordings) :]
             share = QUICK if quick else 1.0
             self.predictors[name] = (
                 three_run_predictors(data, self.robot, seed, share)
                 if name == THREE
-                else Predictors(logs, seed, share, more)
+                else Predictors(logs, seed, share, network_motions)
             )
             if name == THREE:
                 state = np.vstack([_state(log)[log.motion.used] for log in logs])
@@ -130,8 +136,8 @@ class Ur10e:
         mass = LOADED_LOGS[name]
         force = mass * payload_reference(self.robot, recording, FILTER.cutoff, p_EP)
         J_P = jacobian_at(J, R_WE, p_EP)[:, 3:]
-        known = np.einsum("kaj,ka->kj", J_P, force)
-        motion = replace(log.motion, torque=log.motion.torque + known)
+        load_torque = np.einsum("kaj,ka->kj", J_P, force)
+        motion = replace(log.motion, torque=log.motion.torque + load_torque)
         judged = Judged.at_point(replace(log, motion=motion), J_P, self._covariance)
         return judged.narrowed(np.arange(len(tau)) >= LEARNING)
 
@@ -155,7 +161,7 @@ def contact_errors(data: Path | None, arm: Ur10e) -> dict[str, dict[str, Errors]
     three runs, to which the torque of the tool's masses is added. The model is that of these runs,
     with the friction that this robot's motion in the air shows.
     """
-    found: dict[str, list[dict[str, Errors]]] = {key: [] for key in JUDGED}
+    errors: dict[str, list[dict[str, Errors]]] = {key: [] for key in JUDGED}
     predictors = arm.predictors[THREE]
     all_runs = [read_run(path) for path in find_runs(data)]
     for controller in CONTROLLERS:
@@ -164,14 +170,14 @@ def contact_errors(data: Path | None, arm: Ur10e) -> dict[str, dict[str, Errors]
         air = [(run.log, run.is_free) for run in runs]
         refit = refit_specimen(air, robot, arm.models[THREE]).model if runs else arm.models[THREE]
         for run in runs:
-            for own in contact_pieces(run, robot, refit, predictors.covariance["model"]):
+            for piece in contact_pieces(run, robot, refit, predictors.covariance["model"]):
                 for interval in JUDGED:
-                    first, last = run.intervals.get(interval, (np.inf, np.inf))
-                    judged = own.narrowed((own.log.t >= first) & (own.log.t <= last))
-                    found[interval].append(predictors.errors(judged))
+                    begin, end = run.intervals.get(interval, (np.inf, np.inf))
+                    judged = piece.narrowed((piece.log.t >= begin) & (piece.log.t <= end))
+                    errors[interval].append(predictors.errors(judged))
     return {
-        interval: {m: Errors.pooled([own[m] for own in parts]) for m in METHODS}
-        for interval, parts in found.items()
+        interval: {m: Errors.pooled([part[m] for part in parts]) for m in METHODS}
+        for interval, parts in errors.items()
     }
 
 
@@ -181,20 +187,20 @@ def lara8_errors(data: Path | None, seed: int, quick: bool) -> dict[str, dict[st
     The model is not fitted on this arm: the maker's masses, the controller's friction.
     """
     logs: dict[str, tuple[TorqueLog, Array]] = {}
-    for own in read_logs(data):
-        external = own.truth
-        known = np.flatnonzero(np.isfinite(external).all(axis=1))
-        rows = slice(int(known[0]), int(known[-1]) + 1)
-        piece = own.recording[rows]
+    for lara8_log in read_logs(data):
+        external = lara8_log.truth
+        known_rows = np.flatnonzero(np.isfinite(external).all(axis=1))
+        rows = slice(int(known_rows[0]), int(known_rows[-1]) + 1)
+        piece = lara8_log.recording[rows]
         if piece.duration < 2.0 * SHORTEST / FILTER.cutoff:
             continue
-        model = stated_model(own.robot, controller_friction(own.name))
-        log = torque_log(piece, own.robot, model, external[rows], True)
-        logs[own.name] = log, np.asarray(own.robot.chain.jacobian(log.motion.q))[:, 3:]
-    found = {}
+        model = stated_model(lara8_log.robot, controller_friction(lara8_log.name))
+        log = torque_log(piece, lara8_log.robot, model, external[rows], True)
+        logs[lara8_log.name] = log, np.asarray(lara8_log.robot.chain.jacobian(log.motion.q))[:, 3:]
+    errors = {}
     for name, (log, J) in logs.items():
         others = [other for key, (other, _) in logs.items() if key != name]
         predictors = Predictors(others, seed, QUICK if quick else 1.0)
         judged = Judged.at_point(log, J, predictors.covariance["model"])
-        found[name] = predictors.errors(judged)
-    return found
+        errors[name] = predictors.errors(judged)
+    return errors

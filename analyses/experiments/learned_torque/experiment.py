@@ -1,9 +1,9 @@
 """Experiment `learned-torque`: a recurrent network in the place of a model, or on top of one.
 
-A network learns the torque of contact-free motion from the last half second of q and v, and what
-is left is read as contact (`recurrent_network`). Here it is held against an identified model with
-the friction law that `identify --friction best` chooses, and put on top of it (`hybrid`). How all
-are filtered and read alike: `torque_predictors`; which log is fitted and which judged: `arms`.
+A network learns the torque of contact-free motion from the last half second of q and v; the
+residual is read as contact (`recurrent_network`). It is compared with an identified model that has
+the friction law of `identify --friction best`, and put on top of it (`hybrid`).
+`torque_predictors` filters and reads all alike; `arms` says which log is fitted and which judged.
 
 ur10e          fitted on the three runs, judged on every other contact-free motion and two loads
 ur10e_weeks    fitted on these and all free motion of the weeks before (the network alone also where
@@ -75,7 +75,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     arm = Ur10e(context.data, context.seed, context.quick, context.part(0.0, 0.7))
     three, all_weeks = arm.predictors[THREE], arm.predictors[WEEKS]
     free = {name: arm.free(name, THREE) for name in FREE}
-    errors = {name: three.errors(own) for name, own in free.items()}
+    errors = {name: three.errors(judged) for name, judged in free.items()}
     loads = {name: three.errors(arm.loaded(name, THREE)) for name in LOADED_LOGS}
     later = {name: all_weeks.errors(arm.free(name, WEEKS)) for name in LATER}
     later[LOAD] = all_weeks.errors(arm.loaded(LOAD, WEEKS))
@@ -104,13 +104,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         },
         "range": _by_range(arm, [free[name] for name in others]),
     }
-    what = (
+    caption = (
         "Torque error by the motion (s) that was fitted, and over samples within and beyond its "
         "range: geometric mean of the joints."
     )
     return ExperimentResult(
         metrics=metrics,
-        figures=[("errors", _figure(metrics), what)],
+        figures=[("errors", _figure(metrics), caption)],
         comparison=[row for row in _comparison() if has_contact or CONTACT not in row.key],
         notes=[note for note in NOTES if has_contact or CONTACT not in note],
         configuration={
@@ -123,20 +123,20 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _metrics(errors: Mapping[str, ByMethod]) -> dict[str, Any]:
-    return {name: {m: own.metrics() for m, own in log.items()} for name, log in errors.items()}
+    return {name: {m: error.metrics() for m, error in log.items()} for name, log in errors.items()}
 
 
 def _held_out(parts: Sequence[ByMethod]) -> dict[str, dict[str, Any]]:
     """By method, of several logs together."""
-    pooled = {method: Errors.pooled([own[method] for own in parts]) for method in METHODS}
+    pooled = {method: Errors.pooled([part[method] for part in parts]) for method in METHODS}
     reference = rms(pooled["model"].torque)
     return {
         method: {
-            "held_out_rmse_nm": rms(own.torque),
-            "held_out_rmse_n": rms(own.force),
-            "times_model": _mean_ratio(rms(own.torque), reference),
+            "held_out_rmse_nm": rms(error.torque),
+            "held_out_rmse_n": rms(error.force),
+            "times_model": _mean_ratio(rms(error.torque), reference),
         }
-        for method, own in pooled.items()
+        for method, error in pooled.items()
     }
 
 
@@ -146,22 +146,23 @@ def _mean_ratio(errors: Any, reference: Any) -> float:
 
 
 def _by_range(arm: Ur10e, logs: Sequence[Judged]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     for key, within in (("inside", True), ("beyond", False)):
-        parts = [own.narrowed(arm.inside(own) == within) for own in logs]
-        kept = [arm.predictors[THREE].errors(own) for own in parts]
-        found[key] = {"samples": sum(int(own.rows.sum()) for own in parts)} | _held_out(kept)
-    return found
+        parts = [judged.narrowed(arm.inside(judged) == within) for judged in logs]
+        errors = [arm.predictors[THREE].errors(part) for part in parts]
+        samples = sum(int(part.rows.sum()) for part in parts)
+        metrics[key] = {"samples": samples} | _held_out(errors)
+    return metrics
 
 
 def _figure(metrics: Mapping[str, Any]) -> Figure:
     groups = metrics["amount"] | metrics["range"]
     names = [
-        f"{name.replace('_', ' ')}, {own.get('fitted_s', own.get('samples')):.0f}"
-        for name, own in groups.items()
+        f"{name.replace('_', ' ')}, {group.get('fitted_s', group.get('samples')):.0f}"
+        for name, group in groups.items()
     ]
     series = {
-        label: [_mean_ratio(own[method]["held_out_rmse_nm"], 1.0) for own in groups.values()]
+        label: [_mean_ratio(group[method]["held_out_rmse_nm"], 1.0) for group in groups.values()]
         for method, label in LABELS.items()
     }
     figure = bar_rows({"torque RMSE [N m]": series}, names)

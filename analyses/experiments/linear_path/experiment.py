@@ -1,4 +1,4 @@
-"""The linear path, placed (section 4.3, Fig. 8): article, this program, and the article's solver.
+"""Experiment `linear-path`: placement of a straight path by condition number (section 4.3, Fig. 8).
 
 One metre is to be placed in a box before the robot. The search starts from the article's own guess,
 and again from random seeds without any guess; the article's PSO-GA runs on the same cost. A second
@@ -161,7 +161,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _timings(found: LinearPath) -> dict[str, Any]:
+def _timings(results: LinearPath) -> dict[str, Any]:
     """Seconds of computing, the first time below a cost that counts as the narrow basin, counts."""
 
     def of(result: PlacementResult) -> dict[str, Any]:
@@ -173,10 +173,10 @@ def _timings(found: LinearPath) -> dict[str, Any]:
         }
 
     return {
-        "from_guess": of(found.optimised),
-        "from_seeds": [of(result) for result in found.from_seeds],
-        "pso_ga": [of(result) for result in found.swarms],
-        "with_table": of(found.table),
+        "from_guess": of(results.optimised),
+        "from_seeds": [of(result) for result in results.from_seeds],
+        "pso_ga": [of(result) for result in results.swarms],
+        "with_table": of(results.table),
     }
 
 
@@ -208,28 +208,31 @@ def _comparison() -> list[ComparisonRow]:
     ]
 
 
-def _figures(out: OutputFolder, found: LinearPath) -> Iterator[FigureFile]:
+def _figures(out: OutputFolder, results: LinearPath) -> Iterator[FigureFile]:
     plain = (
         "Condition number along the article's initial path and along the path found (Fig. 8), and "
         "the joints on the latter."
     )
     table = "The same with a table below the robot, a board below the path, and clearance."
-    for name, own, what in (("path", found.optimised, plain), ("table", found.table, table)):
-        path = draw_profiles(out, name, own.initial, own.best, own.measure)
-        yield FigureFile(path.relative_to(out.path), what)
+    for name, placement, caption in (
+        ("path", results.optimised, plain),
+        ("table", results.table, table),
+    ):
+        path = draw_profiles(out, name, placement.initial, placement.best, placement.measure)
+        yield FigureFile(path.relative_to(out.path), caption)
 
 
-def _pages(context: ExperimentContext, found: LinearPath) -> list[FigureFile]:
+def _pages(context: ExperimentContext, results: LinearPath) -> list[FigureFile]:
     files = []
     # A workpiece stands where the best path is; the initial one would run through it.
     for name, result, title, with_initial in (
-        ("linear-path.html", found.optimised, "Linear path", True),
-        ("linear-path-table.html", found.table, "Linear path with table", False),
+        ("linear-path.html", results.optimised, "Linear path", True),
+        ("linear-path-table.html", results.table, "Linear path with table", False),
     ):
         write_placement_page(result, context.out / name, title, with_initial=with_initial)
         paths = "initial and the optimised" if with_initial else "optimised"
-        what = f"{title}: the arm along the {paths} path, coloured by its condition number."
-        files.append(FigureFile(Path(name), what))
+        caption = f"{title}: the arm along the {paths} path, coloured by its condition number."
+        files.append(FigureFile(Path(name), caption))
     return files
 
 

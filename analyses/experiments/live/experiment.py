@@ -1,15 +1,15 @@
-"""Experiment `live`: what a controller reads of a UR10e by `watch --track`, and how quickly.
+"""Experiment `live`: wrench error, rate and latency of a UR10e read by `watch --track`.
 
 The model is fitted on the three unloaded runs. Every other contact-free log of the same arm that
 moves, and the two with a known load, are read as `watch replay://LOG?rate=0 --track` reads them,
-sample by sample, with all its defaults. Judged are all samples from FROM on, valid or not; below
-`valid` those that a controller may use, below `untracked` the same without `--track`. Where nothing
-touches the arm the truth is zero; a load's truth is its weight and inertia at its point of action,
-which the first 10 s of the untracked reading tell.
+sample by sample, with all its defaults. All samples from FROM on are judged, valid or not. Below
+`valid` are those that a controller may use; below `untracked` the same without `--track`. Where
+nothing touches the arm the truth is zero. A load's truth is its weight and inertia at its point of
+action, found from the first 10 s of the untracked reading.
 
-Below `replay` and `rtde`: one log at real time, from its file and from a controller of ours on this
-computer that plays it at 500 Hz, read by the process that `watch` starts. Latency is from a
-sample's coming to its reading's going and depends on the computer, and on what else it does.
+`replay` and `rtde` are one log at real time: from its file, and from a controller of ours on this
+computer that plays it at 500 Hz. The process that `watch` starts reads them. Latency is the time
+from a sample's arrival to its reading's departure. It depends on the computer and its load.
 """
 
 import tempfile
@@ -95,11 +95,16 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "inside [%]": [metrics[log] for log in masses],
         "inside, without --track [%]": [metrics[log]["untracked"] for log in masses],
     }
-    shares = {words: axes_of([own["inside_95_pct"] for own in one]) for words, one in rows.items()}
-    what = f"by log, as `watch --track` reads them after {FROM:g} s, and without."
+    shares = {
+        label: axes_of([log_metrics["inside_95_pct"] for log_metrics in by_log])
+        for label, by_log in rows.items()
+    }
+    conditions = f"by log, as `watch --track` reads them after {FROM:g} s, and without."
     return ExperimentResult(
         metrics=metrics,
-        figures=[("live", bar_rows(shares, list(masses)), f"Share inside the 95 % band, {what}")],
+        figures=[
+            ("live", bar_rows(shares, list(masses)), f"Share inside the 95 % band, {conditions}")
+        ],
         comparison=_comparison(),
         notes=NOTES,
         configuration={"loads_kg": masses},
@@ -111,8 +116,8 @@ def _moves(name: str) -> bool:
 
 
 def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> list[Reading]:
-    """What `watch` reads of a log's first seconds, without its processes and views."""
-    settings, robot, known = load_watched(
+    """Reads a log's first seconds as `watch` does, without its processes and views."""
+    settings, robot, model_read = load_watched(
         WatchSettings(
             source=f"replay://{quote(str(log))}?rate=0",
             robot="ur10e",
@@ -121,15 +126,15 @@ def read_log(log: Path, model: Path, track: bool, seconds: float = np.inf) -> li
         )
     )
     source = open_source(settings.source, robot)
-    reader = make_live(settings, robot, known, source)
+    reader = make_live(settings, robot, model_read, source)
     readings: list[Reading] = []
 
     def go_on() -> bool:
         return not readings or readings[-1].t - readings[0].t < seconds
 
-    # As the process that reads does: samples come one by one.
+    # As in the reading process, samples come one by one.
     with one_thread(), closing(source):
-        checks = StartChecks(robot, known, settings.watch)
+        checks = StartChecks(robot, model_read, settings.watch)
         read_stream(
             source,
             reader,
@@ -152,10 +157,10 @@ def truth_of(readings: list[Reading], robot: Robot, model: IdentifiedModel, mass
 
 
 def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
-    """What the force says of the truth (N, 3), N, by axis."""
+    """Coverage, RMSE and share of valid samples of the force, against a truth (N, 3) N, by axis."""
     t = np.array([r.t for r in readings])
-    kept = (t >= t[0] + FROM) & (t <= t[-1] - MARGIN)
-    kept &= np.array([not r.dropout for r in readings])
+    judged_rows = (t >= t[0] + FROM) & (t <= t[-1] - MARGIN)
+    judged_rows &= np.array([not r.dropout for r in readings])
     valid = np.array([r.valid for r in readings])
     error = np.array([r.wrench[3:] for r in readings]) - truth
     sd = np.array([r.sd[3:] for r in readings])
@@ -168,26 +173,26 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
             "rmse_n": np.sqrt(np.mean(error[rows] ** 2, axis=0)),
         }
 
-    share = 100.0 * float(valid[kept].mean())
-    return {**counted(kept), "share_valid_pct": share, "valid": counted(kept & valid)}
+    share = 100.0 * float(valid[judged_rows].mean())
+    return {**counted(judged_rows), "share_valid_pct": share, "valid": counted(judged_rows & valid)}
 
 
 def sources(log: Path, model: Path, robot: Robot, seconds: float) -> dict[str, Any]:
     """Rate, loss and latency of a log at real time, from its file and from a controller."""
     recording = read_recording(log, robot=robot)
     recording = recording[recording.t < recording.t[0] + seconds + 1.0]
-    found = {"replay": source_metrics(f"replay://{quote(str(log))}", model, seconds)}
+    metrics = {"replay": source_metrics(f"replay://{quote(str(log))}", model, seconds)}
     uniform = resampled(recording, STEP)
     with RtdeController([uniform], port=0) as controller:
         url = f"rtde://127.0.0.1:{controller.port}"
-        found["rtde"] = source_metrics(url, model, seconds)
-    return found
+        metrics["rtde"] = source_metrics(url, model, seconds)
+    return metrics
 
 
 def source_metrics(url: str, model: Path, seconds: float) -> dict[str, Any]:
-    """What comes of a source within the first seconds of its clock.
+    """Rate, loss and latency of a source within the first seconds of its clock.
 
-    A sample that was bridged is lost, too.
+    A bridged sample counts as lost.
     """
     times, latencies, bridged = [], [], 0
     with live(url, "ur10e", model) as session:

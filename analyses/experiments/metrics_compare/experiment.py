@@ -1,4 +1,4 @@
-"""Which number tells beforehand how wrong the force will be? (The question of section 3.2.)
+"""Experiment `metrics-compare`: measures of a posture as predictors of the force error (3.2).
 
 The article chooses configurations by the condition number of J, which bounds the relative error of
 the wrench in the worst case. Here postures, wrenches and model errors are drawn at random, and each
@@ -139,7 +139,7 @@ def draw(
     robot: Robot,
     seed: int,
     num_postures: int,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, action: None,
 ) -> Draws:
     """Draws postures, wrenches and model errors, and reads the wrenches back."""
     rng = np.random.default_rng(seed)
@@ -165,7 +165,7 @@ def draw(
         dry = friction_error(robot, q, v, free - tau_ext)
         inertial = robot.chain.regressor(q, v, vdot) @ inertial_errors.draw(rng)
         residual = dry + inertial
-        # What the owner sees in the logs of free motion, and takes as the torque covariance.
+        # Residuals of free motion, whose covariance an owner takes for the torque's.
         calm = friction_error(robot, q, v, free) + inertial
         covariance = np.cov(calm[:NUM_CALIBRATION].T)
         task = slice(NUM_CALIBRATION, total)
@@ -323,11 +323,11 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _correlations_figure(found: dict[str, dict[str, list[float]]]) -> Figure:
+def _correlations_figure(correlations: dict[str, dict[str, list[float]]]) -> Figure:
     figure, ((ax,),) = new_figure(1, 1, height=3.4)
     names = list(PREDICTORS)
     for index, method in enumerate(METHODS):
-        value, low, high = np.transpose([found[method][name] for name in names])
+        value, low, high = np.transpose([correlations[method][name] for name in names])
         ax.errorbar(
             value,
             np.arange(len(names)) + 0.16 * (2 * index - 1),

@@ -3,23 +3,24 @@
 The UR10e's model is fitted on three unloaded runs and read on all its other logs: as they are (the
 truth is zero), with pushes put in (`put_in_pushes`), and with a known load, read where it acts. The
 simulated arm has the model of its own logs. Excitation 2, which it was not fitted on, is read, with
-and without pushes; the torque error is learnt from excitation 1 with each joint mirrored within its
-range, a motion of its own, as fast as what is read: slow passes cannot tell it. Each observer has
-its default settings; the UR10e's currents are samples of a continuous signal.
+and without pushes. The torque error is learnt from excitation 1 with each joint mirrored within its
+range: another motion, as fast as the one that is read; slow passes do not show this error. Each
+observer has its default settings; the UR10e's currents are samples of a continuous signal.
 
-Of each reading: error, lasting error (`bias_n`), the shift in time at which it fits the truth best
-(`delay_s`, where the truth changes), what is faster than NOISE_CUTOFF in it (`noise_n`), and the
-share inside the stated 95 % band. By `force_only`, whose band holds the torque error alone; below
-`bayesian` the same with the live prior. `kalman-smoothed` is no observer: it knows what comes after
-each sample, too (`models.estimation.smoothing`). Figure and notes judge valid samples. Where no
-observer's reading of a log is valid, they judge all its samples, and say so.
+The figures of each reading are its error, its mean error (`bias_n`), the shift in time at which it
+fits the truth best (`delay_s`, where the truth changes), the part faster than NOISE_CUTOFF
+(`noise_n`), and the share inside the stated 95 % band. They are those of `force_only`, whose band
+holds the torque error alone; below `bayesian` the same with the live prior. `kalman-smoothed` is no
+observer: it reads also the samples after each one (`models.estimation.smoothing`). Figure and notes
+judge valid samples. Where no observer's reading of a log is valid, they judge all its samples, and
+say so.
 
 Not blind: the kalman observer's bandwidth and its share of white noise were settled on the three
 fitted runs with pushes and slow forces put in. That stiction lasts as long as a joint rests was put
-into the kalman observer after `ur-20_01_17-p1` had been seen, and the torque error's law was
-settled with p1 to p5 in sight. How the kalman observer tells that a force has changed was settled
-on `simulated-pushes` of seed 0, with the UR10e's logs in sight; how smoothing does, on these pushes
-and `ur-20_02_10-20sec_7harm`, with and without.
+into the kalman observer after `ur-20_01_17-p1` had been seen. The torque error's law was settled
+with p1 to p5 in sight. The kalman observer's rule for a changed force was settled on
+`simulated-pushes` of seed 0, with the UR10e's logs in sight. The rule of smoothing was settled on
+these pushes and `ur-20_02_10-20sec_7harm`, with and without.
 """
 
 from collections.abc import Mapping
@@ -131,8 +132,8 @@ def _real_scenes(context: ExperimentContext) -> dict[str, Scene]:
         if name in PUSHED:
             rng = np.random.default_rng([context.seed, PUSHED.index(name)])
             forces = push_forces(N, TIME_STEP, PUSH, PUSH_TIME, PAUSE, rng)
-            there = pushed(uniform, robot, forces)
-            scenes[f"{name}-pushes"] = Scene(there, forces, robot, model, step)
+            pushed_log = pushed(uniform, robot, forces)
+            scenes[f"{name}-pushes"] = Scene(pushed_log, forces, robot, model, step)
     return scenes
 
 
@@ -154,10 +155,10 @@ def _simulated_scenes(context: ExperimentContext) -> dict[str, Scene]:
     forces = push_forces(
         N, recording.time_step, PUSH, PUSH_TIME, PAUSE, np.random.default_rng(context.seed)
     )
-    there = pushed(recording, robot, forces)
+    pushed_log = pushed(recording, robot, forces)
     return {
         "simulated": Scene(recording, np.zeros((N, 3)), robot, model, step, "held"),
-        "simulated-pushes": Scene(there, forces, robot, model, step, "held"),
+        "simulated-pushes": Scene(pushed_log, forces, robot, model, step, "held"),
     }
 
 
@@ -232,9 +233,9 @@ def _delay(truth: Array, force: Array, rows: Any, step: float) -> float | None:
     return float(DELAYS[int(np.argmin(misses))])
 
 
-def total(own: Mapping[str, Any], key: str = "rmse_n") -> float:
+def total(metrics: Mapping[str, Any], key: str = "rmse_n") -> float:
     """Norm over the axes of a figure per axis."""
-    return float(np.linalg.norm(own[key]))
+    return float(np.linalg.norm(metrics[key]))
 
 
 def never_valid(metrics: Mapping[str, Any]) -> list[str]:
@@ -249,18 +250,18 @@ def never_valid(metrics: Mapping[str, Any]) -> list[str]:
 def _summary(metrics: Mapping[str, Any]) -> Drawing:
     logs, unread = list(next(iter(metrics.values()))), never_valid(metrics)
 
-    def drawn(own: Mapping[str, Any], log: str, key: str) -> Any:
-        value = own[log][key if log in unread else f"valid_{key}"]
+    def drawn(by_log: Mapping[str, Any], log: str, key: str) -> Any:
+        value = by_log[log][key if log in unread else f"valid_{key}"]
         return [np.nan] * 3 if value is None else value
 
     rows = {
         "RMSE [N]": {
-            name: [np.linalg.norm(drawn(own, log, "rmse_n")) for log in logs]
-            for name, own in metrics.items()
+            name: [np.linalg.norm(drawn(by_log, log, "rmse_n")) for log in logs]
+            for name, by_log in metrics.items()
         },
         "inside [%]": {
-            name: [np.mean(drawn(own, log, "inside_95_pct")) for log in logs]
-            for name, own in metrics.items()
+            name: [np.mean(drawn(by_log, log, "inside_95_pct")) for log in logs]
+            for name, by_log in metrics.items()
         },
     }
     caption = (
@@ -283,10 +284,12 @@ def _notes(metrics: Mapping[str, Any]) -> list[str]:
             if entry["valid_rmse_n"] is not None
             and metrics[default][log]["valid_rmse_n"] is not None
         ]
-        better = sum(entry < before for entry, before in errors)
+        better = sum(error < default_error for error, default_error in errors)
         notes.append(f"`{name}` errs less than `{default}` on {better} of {len(errors)} logs.")
     for name, entry in metrics.items():
-        logs = [one["valid_inside_95_pct"] for log, one in entry.items() if log not in unread]
+        logs = [
+            figures["valid_inside_95_pct"] for log, figures in entry.items() if log not in unread
+        ]
         shares = [share for share in logs if share is not None]
         if shares:
             low, high = np.min(shares), np.max(shares)

@@ -1,10 +1,10 @@
 """Experiment `panda-wrench`: wrench from a real arm's joint torques, against a real sensor.
 
 A Franka Emika Panda holds a pad at ten configurations, the same load is laid on it, and a
-force/torque sensor beneath measures it. Logged are the robot's own external joint torque and the
+force/torque sensor beneath measures it. The logs hold the controller's external torque and the
 Jacobian, so that this tests the step from torque to wrench alone.
 
-What the estimate needs beside them comes from the torques of all ten logs, by the rule of
+Prior and torque noise of the estimate come from the torques of all ten logs, by the rule of
 `analyses.methods.external_torque.force_readings`, as in `wrenchsight estimate` of these logs.
 """
 
@@ -106,8 +106,8 @@ def _force_figure(logs: Sequence[PoseLog], readings: dict[str, MethodReading]) -
         for i in range(3):
             ax = axes[i, column]
             sd = np.sqrt(reading.covariance[:, i, i])
-            own = inverse.logs[k].force[:, i]
-            ax.plot(log.t, own, color=COLOUR["before"], lw=1.0, label="eq. 22")
+            inverse_force = inverse.logs[k].force[:, i]
+            ax.plot(log.t, inverse_force, color=COLOUR["before"], lw=1.0, label="eq. 22")
             fill_band(ax, log.t, reading.force[:, i], 2.0 * sd, "± 2 stated sd")
             ax.plot(log.t, reading.force[:, i], color=COLOUR["estimate"], label="Bayesian")
             ax.plot(log.t, log.sensor_force[:, i], color=COLOUR["truth"], lw=1.0, label="sensor")

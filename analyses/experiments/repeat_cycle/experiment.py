@@ -1,10 +1,10 @@
 """Experiment `repeat-cycle`: the force that repeated motion reads where nothing touches the arm.
 
 The arm goes twice along a path and back (section 4.5, Figs. 15 and 16). The torques of the first
-cycle are tau_d of eq. 4 in the second one: the model's error cancels, and the rest, noise and
-what friction does not repeat, is read as a force that grows with the condition number.
+cycle are tau_d of eq. 4 in the second one: the model's error cancels. The remainder, noise and
+friction that does not repeat, is read as a force that grows with the condition number.
 
-As the article has it, eq. 4 takes the drives' torque as it comes, without the observer's low-pass.
+As in the article, eq. 4 takes the raw torque of the drives, without the observer's low-pass.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.path_runs.article_paths import branch_start, followed
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathPage, path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     AFTER,
     BEFORE,
@@ -74,30 +74,30 @@ def noise_alone(robot: Robot, torque_sd: Array) -> dict[str, Any]:
     def worst(name: str, sd: Array) -> float:
         return float(np.sqrt((squares[name] @ sd**2).max()))
 
-    def reduction(before: float, after: float) -> float:
-        return 100.0 * (1.0 - after / before)
+    def reduction(initial: float, optimised: float) -> float:
+        return 100.0 * (1.0 - optimised / initial)
 
     table: dict[str, Any] = {}
     for name, law in laws.items():
-        before, after = (over_time(path, law, torque_sd) for path in (BEFORE, AFTER))
+        initial, optimised = (over_time(path, law, torque_sd) for path in (BEFORE, AFTER))
         table[name] = {
-            "initial_rmse_y_n": before,
-            "optimised_rmse_y_n": after,
-            "reduction_rmse_y_pct": reduction(before, after),
+            "initial_rmse_y_n": initial,
+            "optimised_rmse_y_n": optimised,
+            "reduction_rmse_y_pct": reduction(initial, optimised),
         }
     table["reduction_max_sd_y_pct"] = reduction(worst(BEFORE, torque_sd), worst(AFTER, torque_sd))
     joints = np.diag(torque_sd)
     table["one_joint_alone"] = {
         "share_of_initial_variance_pct": [
-            100.0 * (over_time(BEFORE, thirds, one) / table["thirds"]["initial_rmse_y_n"]) ** 2
-            for one in joints
+            100.0 * (over_time(BEFORE, thirds, joint_sd) / table["thirds"]["initial_rmse_y_n"]) ** 2
+            for joint_sd in joints
         ],
         "reduction_rmse_y_pct": [
-            reduction(over_time(BEFORE, thirds, one), over_time(AFTER, thirds, one))
-            for one in joints
+            reduction(over_time(BEFORE, thirds, joint_sd), over_time(AFTER, thirds, joint_sd))
+            for joint_sd in joints
         ],
         "reduction_max_sd_y_pct": [
-            reduction(worst(BEFORE, one), worst(AFTER, one)) for one in joints
+            reduction(worst(BEFORE, joint_sd), worst(AFTER, joint_sd)) for joint_sd in joints
         ],
     }
     return table
@@ -192,18 +192,20 @@ def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
     torque_sd = cycles.metrics["torque_sd_nm"]
-    more = {"noise_alone": noise_alone(context.robot(ROBOT), torque_sd)}
+    ablation = {"noise_alone": noise_alone(context.robot(ROBOT), torque_sd)}
     return path_result(
         context,
         cycles.runs,
-        cycles.metrics | more,
+        cycles.metrics | ablation,
         _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
-        title="Repeated cycles without contact",
-        passes=4,
-        variants=VARIANTS,
-        comparison=COMPARISON,
-        notes=NOTES,
+        PathPage(
+            title="Repeated cycles without contact",
+            passes=4,
+            variants=VARIANTS,
+            comparison=COMPARISON,
+            notes=NOTES,
+        ),
     )
 
 

@@ -8,7 +8,7 @@ article.
 from collections.abc import Iterator
 from typing import Any
 
-from wrenchsight.analyses.experiments.setups.path_runs.path_study import path_result
+from wrenchsight.analyses.experiments.setups.path_runs.path_study import PathPage, path_result
 from wrenchsight.analyses.experiments.setups.path_runs.repeated_cycles import (
     BEFORE,
     VARIANTS,
@@ -97,18 +97,20 @@ COMPARISON = (
 def run(context: ExperimentContext) -> ExperimentResult:
     """The experiment `repeat-cycle-push` of `study`."""
     cycles = repeat_cycles(context, SCENARIO)
-    more = {"sensor": _sensor(cycles)}
+    sensor_metrics = {"sensor": _sensor(cycles)}
     return path_result(
         context,
         cycles.runs,
-        cycles.metrics | more,
+        cycles.metrics | sensor_metrics,
         _figures(cycles),
         {"scenario": cycles.scenario, "paths": list(PATHS)},
-        title="Repeated cycles, pushed by hand",
-        passes=4,
-        variants=VARIANTS,
-        comparison=COMPARISON,
-        notes=NOTES,
+        PathPage(
+            title="Repeated cycles, pushed by hand",
+            passes=4,
+            variants=VARIANTS,
+            comparison=COMPARISON,
+            notes=NOTES,
+        ),
     )
 
 

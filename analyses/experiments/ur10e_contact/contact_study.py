@@ -90,7 +90,7 @@ class ReadRun:
     readings: Mapping[str, ForceReading]
 
     def judged(self, method: str, interval: str) -> Judgement | None:
-        """A method over an interval; None where the run has it not, or no reading there."""
+        """Judges a method over an interval; None where the run lacks it or has no reading there."""
         return judge_interval(self.prepared, self.readings[method], interval)
 
 
@@ -106,14 +106,14 @@ def read_runs(
         identified: model of another specimen.
     """
     law, torque_sd = plain_law(prepared)
-    own = {run.run.name.controller: run.robot for run in prepared}
+    robots = {run.run.name.controller: run.robot for run in prepared}
     air = air_refits(prepared, identified)
-    known = replace(identified, friction=carried_over(presliding_of(identified)))
+    carried_model = replace(identified, friction=carried_over(presliding_of(identified)))
     runs = []
     with TemporaryDirectory() as name:
         folder = Path(name)
-        for controller, robot in own.items():
-            save_model(folder / f"{controller}_other", robot, known)
+        for controller, robot in robots.items():
+            save_model(folder / f"{controller}_other", robot, carried_model)
         for k, (run, file) in enumerate(zip(prepared, files, strict=True)):
             progress(k / len(prepared))
             controller, log = run.run.name.controller, folder / file.name
@@ -164,20 +164,20 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
             for path in paths:
                 judged.setdefault(path, []).append(judgement)
     metrics: dict[str, Any] = {}
-    for path, own in judged.items():
+    for path, judgements in judged.items():
         node = metrics
         for key in path[:-1]:
             node = node.setdefault(key, {})
-        node[path[-1]] = pooled_judgement(own)
+        node[path[-1]] = pooled_judgement(judgements)
     return metrics
 
 
 def _paths() -> list[tuple[str, ...]]:
-    """Of the metrics that are there also where no run is of their kind."""
+    """Paths of the metrics that exist also where no run is of their kind."""
     kinds = product(SCENES, CONTROLLERS, SPEEDS, (*INTERVALS, "all"), METHODS)
     slides = [f"{scene}_slide_{speed}" for scene in ("straight", "ramp") for speed in SPEEDS]
     return [
-        *((f"{scene}_{controller}", *rest) for scene, controller, *rest in kinds),
+        *((f"{scene}_{controller}", *keys) for scene, controller, *keys in kinds),
         *(("summary", method, kind) for method in METHODS for kind in ("rest", "slide", *slides)),
         *product(("settled", "checked"), ("rest", "slide"), METHODS),
     ]

@@ -3,13 +3,14 @@
 The arm presses a roller on a workpiece that stands on a force/torque sensor, holds still, rolls
 along it and holds still again, at several forces and speeds, with two force controllers. It is
 another specimen than the one identified in `ur10e-identification`; its friction is found from its
-motion in the air. `contact_reading` says what each method may use. `command`, and `no_sensor`, is
-what a person gets: `identify --refresh MODEL --other-specimen` on the motion in the air, then
+motion in the air. `contact_reading` says what each method may use. `command` and `no_sensor` are
+what a user gets: `identify --refresh MODEL --other-specimen` on the motion in the air, then
 `estimate --tool --contact-axis tool_z`. `calibrated` adds `--reference` on the other runs of the
 same controller; `carried_over` takes the friction of the other specimen as it is.
 """
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
@@ -79,13 +80,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
     prepared = []
     for k, path in enumerate(files):
         context.progress(0.3 + 0.1 * k / len(files), "reading the runs")
-        own = read_run(path)
-        prepared.append(prepare(own, robots[own.name.controller], identified))
+        contact_run = read_run(path)
+        prepared.append(prepare(contact_run, robots[contact_run.name.controller], identified))
     reads, air = read_runs(
         prepared, files, identified, lambda share: context.progress(0.4 + 0.5 * share, "forces")
     )
     metrics = contact_metrics(reads)
-    metrics["friction"] = {own: refit.metrics() for own, refit in air.items()}
+    metrics["friction"] = {controller: refit.metrics() for controller, refit in air.items()}
     metrics["runs"] = _run_metrics(reads)
     context.progress(0.9, "figures")
     return ExperimentResult(
@@ -110,14 +111,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 def _run_metrics(reads: Sequence[ReadRun]) -> dict[str, Any]:
     """Without a sensor, run by run; keys without dots, which part a metric's path."""
-    return {
-        read.prepared.run.name.stem.replace(".", "p"): {
-            interval: {key: judged.metrics()[key] for key in _JUDGED_BY}
-            for interval in JUDGED
-            if (judged := read.judged("command", interval)) is not None
-        }
-        for read in reads
-    }
+    metrics: dict[str, Any] = {}
+    for read in reads:
+        by_interval = {}
+        for interval in JUDGED:
+            judged = read.judged("command", interval)
+            if judged is not None:
+                by_interval[interval] = {key: judged.metrics()[key] for key in _JUDGED_BY}
+        metrics[read.prepared.run.name.stem.replace(".", "p")] = by_interval
+    return metrics
 
 
 def _one_run_a_group(reads: Sequence[ReadRun]) -> list[ReadRun]:
@@ -126,8 +128,8 @@ def _one_run_a_group(reads: Sequence[ReadRun]) -> list[ReadRun]:
     for read in reads:
         groups.setdefault(read.prepared.run.name.group, []).append(read)
     chosen = []
-    for _, own in sorted(groups.items(), reverse=True):
-        ranked = sorted(own, key=lambda r: (r.prepared.run.name.force, r.prepared.run.name))
+    for _, group in sorted(groups.items(), reverse=True):
+        ranked = sorted(group, key=lambda r: (r.prepared.run.name.force, r.prepared.run.name))
         chosen.append(ranked[len(ranked) // 2])
     return chosen
 
@@ -185,10 +187,10 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         key = f"summary.{method}.rest.rmse_n"
         rows.append(ComparisonRow(text, key, plain, "K i - gravity", "plain subtraction"))
     states = (("rest", "at rest"), ("slide", "sliding"))
-    for method, how, state, label in ((*m, *s) for m in _SHOWN.items() for s in states):
+    for (method, label), (state, words) in product(_SHOWN.items(), states):
         key = f"summary.{method}.{state}.inside_95_pct"
         if look_up(metrics, key) is not None:
-            text = f"share of the true force inside the 95 % band, {label}, {how}"
+            text = f"share of the true force inside the 95 % band, {words}, {label}"
             rows.append(ComparisonRow(text, key, 95.0, "wanted", "the band's own claim"))
     for speed in ("v10", "v25"):
         key = f"ramp_ur.{speed}.slide.command.share_valid_pct"

@@ -1,4 +1,4 @@
-"""Experiment `ur10e-identification`: how well does a model predict a real arm's torque?
+"""Experiment `ur10e-identification`: torque of a real arm, predicted by an identified model.
 
 Fitted on three unloaded excitation runs of a UR10e, checked on two others: another excitation
 (14harm50sec), and a point-to-point motion with long rests (ptp_10_points), where the wrist's
@@ -43,12 +43,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     for k, law in enumerate(other for other in LAWS if other not in results):
         context.progress(0.35 + 0.06 * k, f"friction law {law}")
         results[law] = identify_ur10e(context.data, robot, IdentificationConfig(friction=law))
-    metrics |= {law: _law_metrics(one) for law, one in results.items()}
+    metrics |= {law: _law_metrics(fitted) for law, fitted in results.items()}
     context.progress(0.75, "the physically consistent fit")
     consistent = identify_ur10e(context.data, robot, IdentificationConfig(consistent=True))
     context.out.joinpath("robot.urdf").write_text(consistent.urdf(), encoding="utf-8")
     metrics["consistent"] = _consistency_metrics(consistent, result)
-    best = best_law({law: one.held_out[law] for law, one in results.items()})
+    best = best_law({law: fitted.held_out[law] for law, fitted in results.items()})
     metrics["best"] = {"law": best, **_law_metrics(results[best])}
     consistent = identify_ur10e(
         context.data, robot, IdentificationConfig(friction=best, consistent=True)
@@ -64,13 +64,15 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.9, "figures")
     figures = [_drawing(fit, robot.joint_names) for fit in result.validation]
     figures += [_drawing(fit, robot.joint_names, best) for fit in results[best].validation]
-    what = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
+    caption = "Share of each joint's torque that a friction law leaves unexplained, held-out runs."
     rows = {
-        f"{fit.name} [%]": {law: 100.0 * own.validation[k].relative for law, own in results.items()}
+        f"{fit.name} [%]": {
+            law: 100.0 * fitted.validation[k].relative for law, fitted in results.items()
+        }
         for k, fit in enumerate(result.validation)
     }
     names = [joint.removesuffix("_joint") for joint in robot.joint_names]
-    figures.append(("friction_laws", bar_rows(rows, names), what))
+    figures.append(("friction_laws", bar_rows(rows, names), caption))
     result.model.save(context.out / "model.yaml")
     results[best].model.save(context.out / "model_best.yaml")
     return ExperimentResult(
@@ -82,12 +84,12 @@ def run(context: ExperimentContext) -> ExperimentResult:
     )
 
 
-def _short_metrics(result: IdentificationResult, *more: str) -> dict[str, Any]:
+def _short_metrics(result: IdentificationResult, *other_keys: str) -> dict[str, Any]:
     metrics = result.metrics()
     return {
         "cross_validation": {"rmse_nm": metrics["cross_validation"]["rmse_nm"]},
         "validation": {
-            name: {key: fit[key] for key in ("rmse_nm", *more)}
+            name: {key: fit[key] for key in ("rmse_nm", *other_keys)}
             for name, fit in metrics["validation"].items()
         },
     }
@@ -123,8 +125,8 @@ def _drawing(fit: TorqueFit, joint_names: tuple[str, ...], law: str = "") -> Dra
     stem = f"torque_{fit.name}_{law}".rstrip("_").replace("+", "_")
     kind = f"validation, UR10e{', ' if law else ''}{law}"
     with_law = f" with the friction law {law}" if law else ""
-    what = f"Measured and predicted joint torque over {fit.name}, a run that was not fitted"
-    return stem, torque_figure(fit, joint_names, kind), f"{what}{with_law}."
+    caption = f"Measured and predicted joint torque over {fit.name}, a run that was not fitted"
+    return stem, torque_figure(fit, joint_names, kind), f"{caption}{with_law}."
 
 
 def _comparison() -> list[ComparisonRow]:
@@ -136,7 +138,7 @@ def _comparison() -> list[ComparisonRow]:
         return ComparisonRow(label, key, pct, remark, plain)
 
     torque, key = "Torque RMSE over 14harm50sec", "validation.14harm50sec.rmse_nm"
-    of_best, own = [1.09, 1.15, 0.53, 0.22, 0.24, 0.20], [1.97, 3.11, 1.30, 0.44, 0.40, 0.34]
+    of_best, of_plain = [1.09, 1.15, 0.53, 0.22, 0.24, 0.20], [1.97, 3.11, 1.30, 0.44, 0.40, 0.34]
     filtered = "the regressor is filtered like the torque"
     other, figaroh = "least squares with sgn friction", [2.52, 3.52, 1.42, 0.54, 0.50, 0.43]
     rests = "at rest, stiction carries what friction as a function of velocity cannot"
@@ -144,7 +146,7 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow(f"{torque}{best}, joints 1 to 6", f"best.{key}", of_best, "", plain),
         share("best.validation", best, 5, 7.7),
         share("best.validation", best, 6, 19.3),
-        ComparisonRow(f"{torque}, joints 1 to 6", key, own, filtered, plain),
+        ComparisonRow(f"{torque}, joints 1 to 6", key, of_plain, filtered, plain),
         ComparisonRow(
             "torque RMSE over 14harm50sec, against the package figaroh",
             key,

@@ -1,14 +1,15 @@
-"""Experiment `ur10e-payload`: does the estimator read a known force on a real arm?
+"""Experiment `ur10e-payload`: error of the force that a known payload exerts on a real arm.
 
-A UR10e carries a payload of 2.805 kg that its model knows nothing of. On the flange then acts
-F = m (g - a_E): some 27 N downwards, plus what accelerating the payload takes. The model comes from
-the three unloaded runs (`ur10e-identification`), the estimator is causal: raw encoders and motor
-currents on a uniform grid, momentum observer with K_0 = 15 /s, and each method of reading a wrench.
+A UR10e carries a payload of 2.805 kg that its model does not include. The payload exerts
+F = m (g - a_E) on the flange: some 27 N downwards, and the force of its acceleration. The model
+comes from the three unloaded runs (`ur10e-identification`). The estimator is causal: raw encoders
+and motor currents on a uniform grid, momentum observer with K_0 = 15 /s, and each method of reading
+a wrench.
 
 **Sigma_tau** is the model's residual covariance: the second moment of the torque that each unloaded
 run leaves unexplained when the model is fitted on the other two. It is mostly friction, and so is
-what the observer sees; the same observer over an unloaded run that was not fitted shows by how much
-the two differ (`unloaded`).
+the error of the observer. Over an unloaded run that was not fitted, the same observer shows by how
+much the two differ (`unloaded`).
 
 **The prior** of `bayesian` is chosen by a rule that sees the log but not the payload: the force and
 moment standard deviations with the largest marginal likelihood of the observed joint torques
@@ -18,16 +19,16 @@ no log yet, half the weight of the rated payload with a lever of 5 cm
 
 **With the best friction law** (`best`; chosen on the unloaded runs alone) the same is done once
 more. The payload's centre of mass sits some 18 cm off the flange, so that a reading of a force at
-the flange is wrong there. Below `best.at_load` the point where the force acts, its mean and the sds
-of its deviations come from the first 10 s of the loaded run by their marginal likelihood
-(`wrenchsight.models.estimation.point_of_action`); the rest is the test, read at that point.
-`bayesian_zero_mean` there is the same prior without a mean, with sds of its own.
+the flange is wrong. Under `best.at_load` three things come from the first 10 s of the loaded run by
+their marginal likelihood: the point where the force acts, its mean and the sds of its deviations
+(`wrenchsight.models.estimation.point_of_action`). The remainder is the test, read at that point.
+`bayesian_zero_mean` there is the same prior without a mean, with other sds.
 
-Not blind: which rule finds that point, and that the friction's load is taken from the motor torque
-rather than from the model's own (`models.friction.presliding_friction`), were settled on this very
-recording (a prior of mean zero read 2 % too little mass). No number was fitted to the test part,
-but the margin to a stated mass may owe something to the choice; `best.point_rules` gives the other
-rules.
+Not blind: two choices were settled on this very recording, where a prior of mean zero read 2 % too
+little mass. They are the rule that finds the point, and that the friction's load is taken from the
+motor torque rather than from the model (`models.friction.presliding_friction`). No number was
+fitted to the test part, but the margin to a stated mass may owe something to the choice.
+`best.point_rules` gives the other rules.
 """
 
 from collections.abc import Mapping
@@ -103,9 +104,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
     context.progress(0.4, "finding the prior")
     Sigma_tau = model.residual_covariance
-    seen = batch.J[INNER], batch.tau_ext[INNER], Sigma_tau
-    prior = evidence_prior(*seen)
-    *free, noise_scale = evidence_prior_and_noise(*seen)
+    J, tau_ext = batch.J[INNER], batch.tau_ext[INNER]
+    prior = evidence_prior(J, tau_ext, Sigma_tau)
+    *free, noise_scale = evidence_prior_and_noise(J, tau_ext, Sigma_tau)
     priors = dict.fromkeys(METHODS, prior) | {"bayesian_live_prior": live_prior(robot.payload)}
     readings = _at_flange(batch, Sigma_tau, priors)
 
@@ -113,7 +114,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     _, empty = estimate_run(ur10e / UNLOADED, robot, model)
     unloaded = _at_flange(empty, Sigma_tau, {"bayesian": prior})["bayesian"]
     metrics: dict[str, Any] = {
-        name: payload_metrics(own, direction) for name, own in readings.items()
+        name: payload_metrics(estimate, direction) for name, estimate in readings.items()
     }
     metrics |= {
         "true_mass_kg": MASS,
@@ -188,19 +189,19 @@ def _with_best_law(
     prior = evidence_prior(batch.J[INNER], batch.tau_ext[INNER], Sigma_tau)
     flange: dict[str, Any] = {"force_sd_n": prior[0], "moment_sd_nm": prior[1]}
     readings = _at_flange(batch, Sigma_tau, dict.fromkeys(("bayesian", "force_only"), prior))
-    flange |= {name: payload_metrics(own, direction) for name, own in readings.items()}
+    flange |= {name: payload_metrics(estimate, direction) for name, estimate in readings.items()}
     at_load = {
         name: read_at_load(robot, loaded, batch, Sigma_tau, with_mean, free_noise)
         for name, (with_mean, free_noise) in POINT_RULES.items()
     }
     flange["point_rules"] = {
-        name: {"point_m": one.metrics["point_m"]}
+        name: {"point_m": reading.metrics["point_m"]}
         | {
             method: {key: metrics[key] for key in ("rmse_n", "mass_kg")}
-            for method, metrics in one.metrics.items()
+            for method, metrics in reading.metrics.items()
             if method in readings
         }
-        for name, one in at_load.items()
+        for name, reading in at_load.items()
     }
     return at_load["mean_and_noise"], flange
 
@@ -224,7 +225,7 @@ def _figure(t: Array, reading: WrenchEstimate, direction: Array) -> Figure:
 
 
 def _comparison() -> list[ComparisonRow]:
-    """What plain tools, whose friction had memory, Stribeck and load terms, read of this run."""
+    """Rows against the plain tools, whose friction had memory, Stribeck and load terms."""
 
     def row(label: str, key: str, value: float | None, remark: str = "") -> ComparisonRow:
         return ComparisonRow(label, key, value, remark, "plain tools")

@@ -1,19 +1,20 @@
-"""Experiment `ur10e-trust`: does the stated uncertainty hold on logs that nobody tuned to?
+"""Experiment `ur10e-trust`: coverage of the stated uncertainty on logs of other days.
 
-The model is fitted on the three unloaded runs; every other contact-free log of the same arm, from
+The model is fitted on the three unloaded runs. Every other contact-free log of the same arm, from
 seven weeks before to a week after, and two logs with a known load are read sample by sample as a
-controller would. Where nothing touches the arm the truth is zero; a load's truth is its weight and
-inertia, read at its point of action, which the first 10 s of the log tell.
+controller would. Where nothing touches the arm the truth is zero. A load's truth is its weight and
+inertia at its point of action, found from the first 10 s of the log.
 
-The figures are those of `force_only`, whose band holds the torque error alone; below `bayesian` the
-same with the live prior, which is right about a force that is zero and so holds it more often, and
-below `refreshed` those of the model whose friction was found again from the log's first
-REFRESH_SECONDS, over the rest of it; with a load, from those of the same motion's or day's log
-without. Below `widened`, where `estimate` says of a log that its friction is not the model's, the
-same with the drift, joint by joint, that it then allows for: the band of a whole log, which a
-controller that has read no second of it cannot have. Below `tracked`, from TRACKED_FROM on, the
-same as a controller reads it that follows friction (`wrenchsight.models.detection.
-tracked_estimator`), and has read nothing but these seconds.
+The figures are those of `force_only`, whose band holds the torque error alone. Further readings of
+the same log stand below it:
+
+    bayesian   with the live prior, which favours a force of zero and so covers it more often
+    refreshed  with friction found again from the log's first REFRESH_SECONDS, over the rest of it;
+               with a load, from the log without load of the same motion or day
+    widened    where `estimate` warns of drifted friction: with the drift, joint by joint, that it
+               then allows for; this needs the whole log, which no controller has
+    tracked    from TRACKED_FROM on, as a controller that follows friction reads it
+               (`wrenchsight.models.detection.tracked_estimator`), from these seconds alone
 
 **Rest** is where no joint has moved faster than REST_SPEED for .3 s, **reversal** where a joint
 turns round within .15 s, **sliding** all else.
@@ -23,7 +24,7 @@ the forms of the law and of the lag in the band. How long a joint takes to rest 
 reaches come from the three fitted runs.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,7 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
+from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -94,32 +96,36 @@ def run(context: ExperimentContext) -> ExperimentResult:
     for k, (log, mass) in enumerate(LOADS.items()):
         context.progress(0.6 + 0.35 * k / len(LOADS), log)
         recording = read_recording(log_file(context.data, log), robot=robot)
-        own = _log_metrics(recording, mass, robot, model, MARGIN)
+        log_metrics = _log_metrics(recording, mass, robot, model, MARGIN)
         begin = MARGIN
-        if mass == 0.0 and "sliding" in own:
+        if mass == 0.0 and "sliding" in log_metrics:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
             renewed[log] = refresh_model(recording, robot, model, config).model
             begin += round(REFRESH_SECONDS / TIME_STEP)
-            drift = _drift_told(recording, robot, model)
+            drift = _shown_drift(recording, robot, model)
             if drift is not None and model.torque_error is not None:
                 error = replace(model.torque_error, drift_shown=drift)
-                wide = replace(model, torque_error=error)
-                told = _log_metrics(recording, mass, robot, model, MARGIN, wide)
-                own["widened"] = {"drift": drift, **told}
-        if "sliding" in own:
-            first = round(TRACKED_FROM / TIME_STEP)
-            own["tracked"] = _log_metrics(recording, mass, robot, model, first, tracked=True)
+                model_with_drift = replace(model, torque_error=error)
+                widened = _log_metrics(recording, mass, robot, model, MARGIN, model_with_drift)
+                log_metrics["widened"] = {"drift": drift, **widened}
+        if "sliding" in log_metrics:
+            tracked_from = round(TRACKED_FROM / TIME_STEP)
+            log_metrics["tracked"] = _log_metrics(
+                recording, mass, robot, model, tracked_from, tracked=True
+            )
         source = REFRESHED_BY.get(log, log)
         if source in renewed:
-            own["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
-        metrics[log] = own
+            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
+        metrics[log] = log_metrics
     context.progress(0.95, "figure")
     none = {"all": {"inside_95_pct": [np.nan] * 3}}
     cases = {"inside [%]": list(metrics.values())}
     for case in ("widened", "refreshed"):
-        cases[f"inside, {case} [%]"] = [own.get(case, none) for own in metrics.values()]
+        cases[f"inside, {case} [%]"] = [
+            log_metrics.get(case, none) for log_metrics in metrics.values()
+        ]
     shares = {
-        words: axes_of([own["all"]["inside_95_pct"] for own in case])
+        words: axes_of([log_metrics["all"]["inside_95_pct"] for log_metrics in case])
         for words, case in cases.items()
     }
     return ExperimentResult(
@@ -146,15 +152,67 @@ def _config(recording: Recording, method: str = "bayesian") -> WrenchEstimatorCo
     )
 
 
-def _drift_told(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
+def _shown_drift(recording: Recording, robot: Robot, model: IdentifiedModel) -> Array | None:
     """(n,) drift that `estimate` allows for in the band of a contact-free log; None: nothing."""
     uniform = resampled(recording, TIME_STEP)
     estimator = WrenchEstimator(robot, model, _config(recording))
-    seen = estimator.observe(uniform.q, uniform.v, uniform.current)
-    watch = FrictionMonitor(model, estimator.chain, estimator.observer.pole, TIME_STEP)
-    known = seen.fresh & ~uniform.dropout
-    watch.add(uniform.t, uniform.q, uniform.v, seen.tau_ext, known, np.ones_like(known))
-    return watch.drifts()
+    observation = estimator.observe(uniform.q, uniform.v, uniform.current)
+    monitor = FrictionMonitor(model, estimator.chain, estimator.observer.pole, TIME_STEP)
+    is_measured = observation.fresh & ~uniform.dropout
+    monitor.add(
+        uniform.t, uniform.q, uniform.v, observation.tau_ext, is_measured, np.ones_like(is_measured)
+    )
+    return monitor.drifts()
+
+
+@dataclass(frozen=True, eq=False)
+class _PointLog:
+    """A log to be read at the point of action.
+
+    Attributes:
+        uniform: N samples on a uniform grid.
+        observation: of an observer along it.
+        J: (N, 6, n) at the point of action in axes of W.
+    """
+
+    uniform: Recording
+    observation: Observation
+    J: Array
+
+    def error(self, estimator: WrenchEstimator) -> TorqueError:
+        """The torque error that an estimator states along the log."""
+        state = estimator.error.initial_state()
+        uniform = self.uniform
+        return estimator.error.run(
+            state, uniform.q, uniform.v, self.observation.transmitted, self.J
+        )
+
+    def read(self, estimator: WrenchEstimator) -> WrenchEstimate:
+        """The wrench at the point of action."""
+        N = len(self.J)
+        return estimator.reading.run(
+            estimator.reading.initial_state(),
+            self.error(estimator),
+            self.J,
+            self.observation.tau_ext,
+            self.observation.fresh,
+            np.zeros(N, bool),  # no sample is lost
+            np.empty((N, 0)),
+        )
+
+
+def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> tuple[Array, Array, Flags]:
+    """Wrench, covariance and validity of a log whose friction is followed."""
+    uniform, estimator = log.uniform, follower.estimator
+    batch, _ = follower.run(uniform.q, uniform.v, uniform.current)
+    followed = replace(log, observation=log.observation._replace(tau_ext=batch.tau_ext))
+    error = followed.error(estimator)
+    friction_variance = batch.torque_sd**2 - error.sd**2
+    at_point = batch._replace(J_seen=error.J_seen, torque_sd=error.sd)
+    gain = ReadingGain(estimator).of(at_point)
+    estimate = followed.read(estimator)
+    friction_part = (gain * friction_variance[:, None, :]) @ gain.transpose(0, 2, 1)
+    return estimate.wrench, estimate.covariance + friction_part, estimate.valid
 
 
 def _log_metrics(
@@ -163,61 +221,48 @@ def _log_metrics(
     robot: Robot,
     model: IdentifiedModel,
     begin: int,
-    wide: IdentifiedModel | None = None,
+    model_with_drift: IdentifiedModel | None = None,
     tracked: bool = False,
 ) -> dict[str, Any]:
-    """What `model` reads, with the band of `wide`, if given, or with friction that is followed."""
+    """Reads a log by `model`, with the band of `model_with_drift` or with followed friction."""
     uniform = resampled(recording, TIME_STEP)
-    found: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
         config = _config(recording, method)
         estimator = WrenchEstimator(robot, model, config)
         if not estimator.learnt:
             raise ValueError("the model has no torque error")
-        seen = estimator.observe(uniform.q, uniform.v, uniform.current)
-        J, truth = seen.J, np.zeros((len(seen.J), 3))
+        observation = estimator.observe(uniform.q, uniform.v, uniform.current)
+        J, truth = observation.J, np.zeros((len(observation.J), 3))
         if mass > 0.0:
             Sigma_tau = model.residual_covariance
-            point, truth = force_of_load(robot, uniform, J, seen.tau_ext, Sigma_tau, mass)
+            point, truth = force_of_load(robot, uniform, J, observation.tau_ext, Sigma_tau, mass)
             J = jacobian_at(J, robot.chain.pose(uniform.q)[0], point)
 
-        def read(own: WrenchEstimator, J: Array = J, seen: Observation = seen) -> WrenchEstimate:
-            """The reading at the point of action."""
-            log = uniform.q, uniform.v, seen.transmitted, J
-            error = own.error.run(own.error.initial_state(), *log)
-            lost, observed = np.zeros(len(J), bool), np.empty((len(J), 0))
-            state = own.reading.initial_state()
-            return own.reading.run(state, error, J, seen.tau_ext, seen.fresh, lost, observed)
-
-        variance = None
+        log = _PointLog(uniform, observation, J)
         if tracked:
-            follower = TrackedEstimator(robot, model, config)
-            estimator = follower.estimator
-            batch, _ = follower.run(uniform.q, uniform.v, uniform.current)
-            seen = seen._replace(tau_ext=batch.tau_ext)
-            log = uniform.q, uniform.v, seen.transmitted, J
-            error = estimator.error.run(estimator.error.initial_state(), *log)
-            variance = batch.torque_sd**2 - error.sd**2
-            at_point = batch._replace(J_seen=error.J_seen, torque_sd=error.sd)
-            gain = ReadingGain(estimator).of(at_point)
-        wrench, covariance, _, valid = read(estimator, J, seen)
-        if variance is not None:
-            covariance = covariance + (gain * variance[:, None, :]) @ gain.transpose(0, 2, 1)
-        if wide is not None:
-            mean, covariance, _, still = read(WrenchEstimator(robot, wide, config))
-            covariance, valid = covariance_about(wrench, mean, covariance), valid & still
+            wrench, covariance, valid = _read_tracked(log, TrackedEstimator(robot, model, config))
+        else:
+            wrench, covariance, _, valid = log.read(estimator)
+        if model_with_drift is not None:
+            wide_estimator = WrenchEstimator(robot, model_with_drift, config)
+            mean, wide_covariance, _, wide_valid = log.read(wide_estimator)
+            covariance = covariance_about(wrench, mean, wide_covariance)
+            valid = valid & wide_valid
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
-        kept = ~uniform.dropout
-        kept[:begin] = kept[-MARGIN:] = False
+        judged = ~uniform.dropout
+        judged[:begin] = judged[-MARGIN:] = False
         parts = {
             name: _counted(
-                wrench[rows & kept, 3:] - truth[rows & kept], sd[rows & kept], valid[rows & kept]
+                wrench[rows & judged, 3:] - truth[rows & judged],
+                sd[rows & judged],
+                valid[rows & judged],
             )
             for name, rows in regimes(uniform.v).items()
-            if (rows & kept).sum() >= FEWEST
+            if (rows & judged).sum() >= FEWEST
         }
-        found |= parts if method == "force_only" else {method: parts}
-    return found
+        metrics |= parts if method == "force_only" else {method: parts}
+    return metrics
 
 
 def regimes(v: Array) -> dict[str, Flags]:
@@ -248,15 +293,15 @@ def _counted(error: Array, sd: Array, valid: Flags) -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    inside, before = "Inside the stated 95 % band, x y z", "ur-19_12_23_free"
+    inside, earlier = "Inside the stated 95 % band, x y z", "ur-19_12_23_free"
     rows = {
         "a week after the fit": "ur-20_02_19_15harm50sec",
-        "seven weeks before it": before,
-        "the same as `estimate` states it, by the drift that the log shows": f"{before}.widened",
+        "seven weeks before it": earlier,
+        "the same as `estimate` states it, by the drift that the log shows": f"{earlier}.widened",
         f"the same as a controller reads it after {TRACKED_FROM:g} s, friction followed": (
-            f"{before}.tracked"
+            f"{earlier}.tracked"
         ),
-        f"the same with friction refreshed from {REFRESH_SECONDS:g} s": f"{before}.refreshed",
+        f"the same with friction refreshed from {REFRESH_SECONDS:g} s": f"{earlier}.refreshed",
     }
     return [
         ComparisonRow(f"{inside}, {words}", f"{key}.all.inside_95_pct")
@@ -273,11 +318,14 @@ def _notes(metrics: dict[str, Any]) -> list[str]:
     }
     notes = []
     for words, case in cases.items():
-        logs = {name: own.get(case, {}) if case else own for name, own in metrics.items()}
+        logs = {
+            name: by_regime.get(case, {}) if case else by_regime
+            for name, by_regime in metrics.items()
+        }
         shares = "; ".join(
-            f"`{name}` " + " ".join(f"{share:.0f}" for share in own["all"]["inside_95_pct"])
-            for name, own in logs.items()
-            if own
+            f"`{name}` " + " ".join(f"{share:.0f}" for share in by_regime["all"]["inside_95_pct"])
+            for name, by_regime in logs.items()
+            if by_regime
         )
         notes += [f"Inside the 95 % band, x y z, {words}: {shares} %."] if shares else []
     return notes

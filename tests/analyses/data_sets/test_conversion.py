@@ -31,9 +31,9 @@ def test_pushes_are_those_known(published_pushes, data, ur10e, tmp_path):
     made = convert_pushes(published_pushes.parent)
     assert made["push_pose_1.csv"] == data("ur10e_pushes/push_pose_1.csv").read_text()
     spans = np.genfromtxt(made["pushes.csv"].splitlines(), delimiter=",", names=True)
-    known = np.genfromtxt(data("ur10e_pushes/pushes.csv"), delimiter=",", names=True)
+    published = np.genfromtxt(data("ur10e_pushes/pushes.csv"), delimiter=",", names=True)
     for name in spans.dtype.names:
-        np.testing.assert_array_equal(spans[name], known[name])
+        np.testing.assert_array_equal(spans[name], published[name])
     assert made["recording.yaml"] == data("ur10e_pushes/recording.yaml").read_text()
     folder = written(made, tmp_path)
     log = read_recording(folder / "push_pose_1.csv", folder / "recording.yaml", ur10e)

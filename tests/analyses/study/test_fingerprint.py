@@ -53,11 +53,11 @@ def packages(tmp_path, monkeypatch):
     ],
 )
 def test_what_is_reached_by_imports_counts(packages, changed, counts):
-    before = software_hash("wrenchsight.analyses.one")
-    assert software_hash("wrenchsight.analyses.one") == before
+    hash_before = software_hash("wrenchsight.analyses.one")
+    assert software_hash("wrenchsight.analyses.one") == hash_before
     with (packages / changed).open("a") as file:
         file.write("# changed\n")
-    assert (software_hash("wrenchsight.analyses.one") != before) is counts
+    assert (software_hash("wrenchsight.analyses.one") != hash_before) is counts
 
 
 @pytest.mark.slow

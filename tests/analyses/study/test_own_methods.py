@@ -17,9 +17,9 @@ def folder(tmp_path, monkeypatch):
     """The working directory, which is not among the places of modules."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    before = set(sys.modules)
+    modules_before = set(sys.modules)
     yield tmp_path
-    for name in set(sys.modules) - before:
+    for name in set(sys.modules) - modules_before:
         del sys.modules[name]
 
 
@@ -30,9 +30,9 @@ def module(folder, name, text):
 def test_a_method_is_found_in_the_working_directory_and_named_by_its_module(folder):
     module(folder, "their_method", "def make(setting): return None\ndef other(setting): pass\n")
     texts = ["their_method:make", "their_method:other", "a-third=their_method:make"]
-    found = named_methods(texts)
-    assert [one.name for one in found] == ["their_method", "other", "a-third"]
-    assert found[0].load()(None) is None
+    methods = named_methods(texts)
+    assert [method.name for method in methods] == ["their_method", "other", "a-third"]
+    assert methods[0].load()(None) is None
 
 
 def test_an_entry_point_is_a_method_without_an_option(folder, monkeypatch):
@@ -65,7 +65,11 @@ def test_an_entry_point_is_a_method_without_an_option(folder, monkeypatch):
         ("no_function:make", "make = 3\n", "is no function, but a int"),
         ("no_colon", None, "expected MODULE:FUNCTION"),
         ("a/b.py:make", None, "expected MODULE:FUNCTION"),
-        ("ours=fine_method:make", "def make(setting): pass\n", "named 'ours' is there already"),
+        (
+            "ours=fine_method:make",
+            "def make(setting): pass\n",
+            "there is already a method named 'ours'",
+        ),
     ],
 )
 def test_what_is_no_method_is_refused_in_one_line(folder, text, content, words):
@@ -91,8 +95,8 @@ def test_a_changed_method_runs_anew_what_measures_it_and_nothing_else(folder):
         settings = StudySettings(
             (), (), folder, 0, False, "1", methods=named_methods(["changing_method:make"])
         )
-        own = "wrenchsight.analyses.study.own_methods"
-        return [settings.fingerprint(own, (), takes) for takes in (False, True)]
+        measured_module = "wrenchsight.analyses.study.own_methods"
+        return [settings.fingerprint(measured_module, (), takes) for takes in (False, True)]
 
     others, taking = fingerprints()
     module(folder, "changing_method", "def make(setting): return None\n")

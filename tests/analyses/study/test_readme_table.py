@@ -213,7 +213,7 @@ def test_campaigns_in_a_folder_each_make_one_table(study, readme, campaign, tmp_
     assert first == again
     del other["surface-path"]
     assert main([str(study), str(readme), str(folder), str(folder)]) == 2
-    assert "has worlds of repeat-cycle, which" in capsys.readouterr().err
+    assert "has worlds of repeat-cycle, as an earlier" in capsys.readouterr().err
     other["campaign"]["quick"] = True
     OutputFolder(tmp_path / "machining").write_json("metrics.json", other)
     assert main([str(study), str(readme), *map(str, folders)]) == 2

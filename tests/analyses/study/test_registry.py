@@ -51,14 +51,14 @@ def test_a_module_outside_runs_as_any_other_and_is_taken_out_again(toy, tmp_path
 
 
 def test_a_name_is_given_once(toy):
-    own = ExperimentRegistry()
-    own.register(toy)
+    toys = ExperimentRegistry()
+    toys.register(toy)
     with pytest.raises(ValueError, match="has an experiment toy already"):
-        own.register(toy)
-    own.unregister("toy")
+        toys.register(toy)
+    toys.unregister("toy")
     with pytest.raises(ValueError, match="no experiment toy was"):
-        own.unregister("toy")
-    assert own.entries() == {}
+        toys.unregister("toy")
+    assert toys.entries() == {}
 
 
 def test_an_installed_package_adds_one_by_an_entry_point(toy, monkeypatch):

@@ -159,7 +159,7 @@ def test_what_has_no_result_is_named_with_why(outcome, render, tmp_path):
         Outcome("bad", "failed", reason="ValueError: <odd>"),
         Outcome("away", "skipped", reason="needs the recordings data/ur10e"),
         Outcome("late", "interrupted"),
-        known=("one", "bad", "away", "late", "unasked"),
+        all_experiments=("one", "bad", "away", "late", "unasked"),
     )
     for text in ("ValueError: <odd>", "needs the recordings data/ur10e", "not run: unasked"):
         assert text in page.text
@@ -192,7 +192,7 @@ def test_a_shortened_study_and_an_earlier_result_say_so(outcome, render):
 
 
 def test_the_command_names_a_subset(outcome, render):
-    assert "wrenchsight study one --seed 5" in render(outcome("one"), asked=("one",)).text
+    assert "wrenchsight study one --seed 5" in render(outcome("one"), requested=("one",)).text
 
 
 def test_text_of_experiments_is_escaped(outcome, render, tmp_path):
@@ -240,12 +240,12 @@ def test_numbers(value, text):
 
 def test_comparisons_show_the_stated_decimals_and_signed_percentages():
     first, second, third = comparisons(METRICS, ROWS)
-    assert (first.stated, first.here) == (("24.86",), ("24.71",))
+    assert (first.stated, first.measured) == (("24.86",), ("24.71",))
     assert first.difference == "\u22120.6\u00a0%"
     assert second.stated == ("1.97", "3.11", "1.30", "0.44", "0.40", "0.34")
-    assert second.here == ("1.90", "3.00", "1.30", "0.40", "0.40", "0.30")
+    assert second.measured == ("1.90", "3.00", "1.30", "0.40", "0.40", "0.30")
     assert second.difference == "\u221212\u2009to\u20090\u00a0%"
-    assert (third.stated, third.here, third.difference) == ((), ("12\u202f345",), "")
+    assert (third.stated, third.measured, third.difference) == ((), ("12\u202f345",), "")
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_comparisons_show_the_stated_decimals_and_signed_percentages():
 def test_both_columns_have_the_same_decimals(stated, here, texts):
     row = ROWS[0] | {"key": "x", "article": stated}
     result = comparisons({"x": here}, [row])[0]
-    assert (" ".join(result.stated), " ".join(result.here)) == texts
+    assert (" ".join(result.stated), " ".join(result.measured)) == texts
 
 
 @pytest.mark.parametrize(

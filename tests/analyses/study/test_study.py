@@ -175,7 +175,7 @@ def _again(run, **options):
     """Runs `one` again; returns what is said before it starts, and its state at the end."""
     seen: list[Progress] = []
     result = run("one", watch=seen.append, **options)
-    return seen[0].what, {o.name: o.state for o in result.outcomes}["one"]
+    return seen[0].action, {o.name: o.state for o in result.outcomes}["one"]
 
 
 @pytest.mark.parametrize("other", [{"seed": 2}, {"quick": True}, {"truth": "plain"}])

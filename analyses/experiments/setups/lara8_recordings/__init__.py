@@ -1,1 +1,1 @@
-"""Recordings of a NEURA LARA 8, and how its motor torque is read."""
+"""Recordings of a NEURA LARA 8 in; the wrench from its motor torque, against a sensor, out."""

@@ -1,6 +1,6 @@
 """NEURA LARA 8: joint torque and wrench from motor torque, compared with the sensor at the wrist.
 
-Only one joint of this arm moves without a load in these recordings, so nothing is fitted on it:
+Only one joint of this arm moves without a load in these recordings. So nothing is fitted on it:
 
     kinematics, masses  the maker's URDF, or the controller's own rigid-body torque (`variant`);
                         where the URDF is not there, the latter with masses fitted to that torque
@@ -8,7 +8,7 @@ Only one joint of this arm moves without a load in these recordings, so nothing 
     its load share      that of the UR10e, whose drives are harmonic ones of the same size
     its sd              stated: a share of viscous and of load-dependent friction, stiction at rest
 
-The reading is the estimator's own (`models.estimation.estimator`), causal, at K_0 = 15 /s.
+The estimator (`models.estimation.estimator`) reads causally, at K_0 = 15 /s.
 """
 
 from collections.abc import Callable
@@ -118,7 +118,7 @@ class Lara8Log:
 
     @property
     def mounting(self) -> Mounting:
-        """Of the sensor, as stated by the data set: nothing is found."""
+        """Mounting of the sensor as the data set states it; nothing of it is identified."""
         tare = np.array([float(x) for x in self.config.tare.split(",")])
         return Mounting("tool", np.diag([-1.0, -1.0, 1.0]), -1, tare, DELAY)
 
@@ -170,31 +170,31 @@ class Lara8Reading:
         )
         collector = SensorLogCollector(recording.time_step)
         collector.add(samples.rows(slice(settled_from(recording), None)))
-        both = collector.log()
-        assert both is not None
-        return compare_with_sensor(both, self.log.config)
+        sensor_log = collector.log()
+        assert sensor_log is not None
+        return compare_with_sensor(sensor_log, self.log.config)
 
 
 MIN_ROWS: Final = 20
 
 
 def by_joint(
-    statistic: Callable[..., Any], where: Flags, error: Array, *more: Array
+    statistic: Callable[..., Any], where: Flags, error: Array, *other_signals: Array
 ) -> list[float | None]:
-    """A statistic of each joint's error and of `more` (N, n) of it, over the rows where it is
+    """A statistic of each joint's error and of `other_signals` (N, n), over the rows where it is
     wanted and the error is finite; None where they are fewer than MIN_ROWS.
     """
     result: list[float | None] = []
     for j, rows in enumerate((where & np.isfinite(error)).T):
-        columns = [signal[rows, j] for signal in (error, *more)]
+        columns = [signal[rows, j] for signal in (error, *other_signals)]
         result.append(float(statistic(*columns)) if rows.sum() >= MIN_ROWS else None)
     return result
 
 
 def settled_from(recording: Recording) -> int:
     """First sample that the observer has settled at; zero in a log that ends before twice that."""
-    first = round(5.0 / K_0 / recording.time_step)
-    return first if recording.num_samples > 2 * first else 0
+    settled = round(5.0 / K_0 / recording.time_step)
+    return settled if recording.num_samples > 2 * settled else 0
 
 
 def read_logs(data: Path | None) -> list[Lara8Log]:
@@ -235,7 +235,15 @@ def _log(path: Path, robot: Robot, variants: tuple[str, ...]) -> Lara8Log:
         rest_speed=REST_SPEED,
     )
     J = robot.chain.jacobian(recording.q)
-    return Lara8Log(path.stem, robot, recording, J, R_WE, config, variants)
+    return Lara8Log(
+        name=path.stem,
+        robot=robot,
+        recording=recording,
+        J=J,
+        R_WE=R_WE,
+        config=config,
+        variants=variants,
+    )
 
 
 def _zero(recording: Recording, R_WE: Array) -> Array:
@@ -252,7 +260,7 @@ def controller_friction(
     Args:
         name: of the recording, whose day the law is of.
         load_share: (n,) N m per N m; None: the UR10e's.
-        of_that_day: whether what that day's law held besides counts.
+        of_that_day: whether the further terms of that day's law count.
     """
     zero = np.zeros(NUM_JOINTS)
     coulomb, viscous = _C + _B, _B * _D
@@ -272,7 +280,7 @@ def controller_friction(
 
 
 def stated_model(robot: Robot, friction: PreslidingFriction) -> IdentifiedModel:
-    """The URDF's masses, that friction, and an error that is stated."""
+    """The URDF's masses, the given friction, and a stated torque error."""
     every = np.ones(NUM_JOINTS)
     error = TorqueErrorModel(
         constant=np.array(_CONSTANT),
@@ -308,8 +316,8 @@ def read_log(
     """Reads a log by one of VARIANTS.
 
     Args:
-        variant: whose rigid body: the controller's is put in the place of the URDF's by what the
-            two differ, at the target speed and acceleration that the controller's is of.
+        variant: whose rigid body is taken. The controller's torque is for target speed and
+            acceleration: its difference from the URDF's torque there is added to the URDF's.
         friction: None: `controller_friction`.
         without_rotors: whether the rotors' inertia is left out.
     """
@@ -326,5 +334,5 @@ def read_log(
         rigid = robot.chain.inverse_dynamics(recording.q, extra["v_target"], extra["a_target"])
         current = current - (extra["tau_model"] - rigid)
     batch = estimator.run(estimator.initial_state(), recording.q, recording.v, current)
-    seen = estimator.observe(recording.q, recording.v, current)
-    return Lara8Reading(log, batch, seen.tau_J - seen.tau_f)
+    observation = estimator.observe(recording.q, recording.v, current)
+    return Lara8Reading(log, batch, observation.tau_J - observation.tau_f)

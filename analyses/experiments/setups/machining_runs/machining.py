@@ -1,16 +1,16 @@
-"""What does the estimate read while the arm machines, and what force does it hold with it?
+"""One run of a machining task: readings of the force, and how well the normal force is held.
 
-One run of a machining task, from the approach to the lift, and the readings of it: of the force
-along the feed's direction and along the surface's normal, against the true contact force while the
-tool works, from the first to the last motion, turns included:
+The run goes from the approach to the lift. The force along the feed's direction and along the
+surface's normal is judged against the true contact force while the tool works. That is from the
+first to the last motion, turns included. The readings are:
 
     article          semi-parametric friction, K_0 = 20, eq. 22
     coulomb_viscous  the same with the identified law alone
-    ours             the estimator in the loop: presliding friction, which follows the joints
-                     through rest and reversal, and what an air pass has taught
-                     (`models.machining.air_pass`), less what a vibrating tool frees of friction
-                     (`models.machining.tool_vibration`), bayesian; its band by the state of each
-                     joint, learnt from another air pass
+    ours             the estimator in the loop, bayesian: presliding friction, which follows the
+                     joints through rest and reversal; the correction learnt on an air pass
+                     (`models.machining.air_pass`); less friction where the tool vibrates
+                     (`models.machining.tool_vibration`); its band by the state of each joint,
+                     learnt from another air pass
     known_friction   no estimator: the article's with the true friction taken off the torques
     sensor           no estimator: the sensor under the tool, behind its low-pass
 """
@@ -73,7 +73,7 @@ _TAUGHT = (*_LOGGED, "tool_vibration")
 
 @dataclass(frozen=True)
 class MachiningTask:
-    """What a study is about.
+    """A machining task and the article's figures of it.
 
     Attributes:
         scenario: bundled, with the sensor in its loop.
@@ -179,15 +179,15 @@ def run_machining(
     taught: TaughtTorque | None = None,
     reads: IdentifiedModel | None = None,
     page: Path | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, action: None,
 ) -> MachiningRun:
     """Machines, from the approach to the lift.
 
     Args:
         scenario: with machining.
-        models: what controller and estimator know; their robot has its simulated truth.
+        models: those of controller and estimator; their robot has its simulated truth.
         plan: of the scenario.
-        taught: by an air pass along the plan.
+        taught: the correction learnt on an air pass along the plan; None: no correction.
         reads: the model of the estimator; None: that of OURS.
         page: where to write the arm in motion (HTML).
         progress: called with the share done.
@@ -294,7 +294,7 @@ def errors_within_ways(reading: Array, truth: Array, ways: NDArray[np.int64]) ->
     parts = [
         (reading[entry], truth[entry]) for entry in (ways == k for k in np.unique(ways[ways > 0]))
     ]
-    centred = [(entry - entry.mean(), known - known.mean()) for entry, known in parts]
+    centred = [(entry - entry.mean(), true - true.mean()) for entry, true in parts]
     together = [np.concatenate(signal) for signal in zip(*centred, strict=True)]
     wanted = ("correlation", "rmse_n")
     each = [errors(*pair) for pair in centred]

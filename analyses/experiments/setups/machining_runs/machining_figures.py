@@ -76,7 +76,7 @@ def regulation_figure(
 
 
 def feed_figure(task: MachiningTask, metrics: Mapping[str, Any]) -> Figure:
-    """RMSE over the feed's duration: is slower harder? And how the force was held."""
+    """RMSE of the reading over the feed's duration, and error of the held force."""
     figure, axes = new_figure(1, 2, height=4.2)
     reading, held = axes[0]
     reading.plot(
@@ -134,5 +134,5 @@ def machining_figures(
     yield (
         "feeds",
         feed_figure(task, metrics),
-        "Is a slower feed harder? Errors of reading and of holding the force.",
+        "Errors of reading and of holding the force, by feed.",
     )

@@ -1,6 +1,6 @@
 """The studies of machining: each feed with a force/torque sensor in the force loop, and without.
 
-One way of the path in 15, 30 and 60 s, there and back (section 5). Each feed is machined twice:
+One way of the path takes 15, 30 or 60 s, forth and back (section 5). Each feed is machined twice:
 with a force/torque sensor in the force loop, the readings compared on the same run, and
 without any sensor, the loop closed by the estimate alone.
 """
@@ -161,7 +161,7 @@ def feed_metrics(
 
 
 def sources(models: ArmModels, runs: Mapping[float, MachiningRun]) -> dict[str, Any]:
-    """What makes a feed harder than another: friction that the law misses, by feed.
+    """Causes of the errors by feed: friction that the law misses.
 
     Speeds are planned; friction errors are those of the law at the measured speed, joint by joint,
     over the steady feed and over the rest of the work (starts, stops, turns).

@@ -1,1 +1,1 @@
-"""Recordings of a Panda's own external torque: beside a sensor, and touched by a hand."""
+"""Recordings of a Panda's reported external torque: beside a sensor, and touched by a hand."""

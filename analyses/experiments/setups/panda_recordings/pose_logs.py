@@ -33,7 +33,7 @@ R_PS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class PoseLog:
-    """One configuration: what the robot logs, and what the sensor says."""
+    """One configuration: the robot's log and the sensor's force."""
 
     t: Array  # (N,) s from the start
     tau_ext: Array  # (N, 7) N m
@@ -78,7 +78,7 @@ def _pose_log(recording: Recording) -> PoseLog:
 
 
 def knowledge_of_logs(logs: Sequence[PoseLog]) -> Knowledge:
-    """The rule: prior and torque noise (alike in all joints) of greatest evidence."""
+    """Prior and torque noise (alike in all joints) of greatest evidence: the rule in use."""
     return knowledge_by_evidence(*_joined(logs))
 
 

@@ -1,7 +1,7 @@
-"""Experiment `article-cycles`: what eq. 4 reads on the simulated arm, as the article has it.
+"""Experiment `article-cycles`: readings by eq. 4 on the simulated arm, as in the article.
 
-The same runs and readings as in `repeat-cycle` and `repeat-cycle-push`, number by number, without
-what this program adds to them. No part of a study: it is what a search over arms repeats.
+The runs and readings are those of `repeat-cycle` and `repeat-cycle-push`, number by number, without
+this program's additions. It is no part of a study; a search over arms repeats it.
 """
 
 from typing import Any
@@ -33,7 +33,7 @@ def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str,
         scenario: its name.
     """
     robot = context.robot(ROBOT)
-    found: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     for k, path in enumerate(_PATHS):
         context.progress(0.5 * k, f"{path} path")
         planned = planned_task(context, scenario, ONE_WAY_QUICK)
@@ -47,8 +47,8 @@ def method_by_repetition(context: ExperimentContext, scenario: str) -> dict[str,
             rows = slice(start, start + _BLOCK)
             J = robot.chain.jacobian(q[rows])
             force[rows] = np.linalg.solve(np.swapaxes(J, 1, 2), tau[rows, :, None])[:, 3:, 0]
-        found[path] = errors_alone(force_metrics(force, 0.0 * force, run.reference[period:]))
-    return {**reductions(found["initial"], found["optimised"]), **found}
+        metrics[path] = errors_alone(force_metrics(force, 0.0 * force, run.reference[period:]))
+    return {**reductions(metrics["initial"], metrics["optimised"]), **metrics}
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

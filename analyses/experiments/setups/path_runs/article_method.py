@@ -1,9 +1,9 @@
-"""Experiment `article-method`: what the article's method reads on the simulated arm, and no more.
+"""Experiment `article-method`: readings by the article's method alone on the simulated arm.
 
-The same logs, models and readings as in `identification`, `friction` and `combined`, without what
-this program adds to them: the numbers agree to a thousandth, the stated torque error being another
-(it keeps eq. 22 finite next to a singularity). No part of a study, which has the experiments
-themselves: it is what a search over arms repeats.
+The logs, models and readings are those of `identification`, `friction` and `combined`, without this
+program's additions. The numbers agree to a thousandth. They differ in the stated torque error,
+which keeps eq. 22 finite next to a singularity. It is no part of a study, which holds the
+experiments themselves; a search over arms repeats it.
 """
 
 from collections.abc import Mapping
@@ -44,15 +44,15 @@ def method_by_model(context: ExperimentContext) -> dict[str, Any]:
     turned = _task(context, robot, "FrictionAtReversal", "initial")
     friction = {law: figures(turned, law) for law in laws}
     context.progress(0.7, "combined")
-    before = figures(_task(context, robot, "Combined", "initial"), "coulomb_viscous")
-    after = figures(_task(context, robot, "Combined", "optimised"), "semi_parametric")
+    initial = figures(_task(context, robot, "Combined", "initial"), "coulomb_viscous")
+    optimised = figures(_task(context, robot, "Combined", "optimised"), "semi_parametric")
     return {
         "identification": {"cross_validation": {"rmse_nm": result.validation[0].rmse}},
         "friction": {
             **friction,
             **reductions(friction["coulomb_viscous"], friction["semi_parametric"]),
         },
-        "combined": {"initial": before, "optimised": after, **reductions(before, after)},
+        "combined": {"initial": initial, "optimised": optimised, **reductions(initial, optimised)},
     }
 
 

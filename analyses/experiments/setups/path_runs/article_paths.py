@@ -38,16 +38,16 @@ def found_path(
 ) -> tuple[StraightPath, Array]:
     """The path that `linear-path` finds, and its posture at the midpoint.
 
-    Its condition numbers do not change when it is turned about the first axis. A wrench in W sees
-    the difference: it is turned so that its midpoint lies straight ahead, like the article's.
+    A turn about the first axis does not change its condition numbers, but the axes of a wrench in
+    W. The path is turned so that its midpoint lies straight ahead, like the article's.
 
     Args:
         model: with it, the path whose Bayesian reading has the least force sd for this model's
             residual covariance, instead of the one with the least mean condition number.
     """
-    # What the arm truly is has no part in it: in all worlds the same.
-    known = robot.with_truth(SimulatedTruthConfig())
-    arguments = known, seed, model
+    # The simulated truth has no part in it: the path is the same in all worlds.
+    nominal_robot = robot.with_truth(SimulatedTruthConfig())
+    arguments = nominal_robot, seed, model
     return shared(
         "found_path", arguments, lambda: _found_path(*arguments), everywhere=model is None
     )
@@ -62,12 +62,12 @@ def _found_path(
         # The force's sd often leads to a joint's limit, which the arm would pass between points.
         objective, task = "force-sd", replace(task, limit_margin_deg=_LIMIT_MARGIN)
     best = place(task, source, robot, objective=objective, model=model, seed=seed).best
-    ahead = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
-    c, s = np.cos(ahead), np.sin(ahead)
+    turn_angle = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
+    c, s = np.cos(turn_angle), np.sin(turn_angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     n_W = turn @ best.placement.n_W
     posture = best.fine.q[len(best.fine.q) // 2].copy()
-    posture[0] += ahead
+    posture[0] += turn_angle
     path = StraightPath(
         n_W=n_W if n_W[1] > 0.0 else -n_W,
         p_WM=turn @ best.placement.p_WM,

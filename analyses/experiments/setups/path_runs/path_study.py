@@ -1,6 +1,7 @@
-"""The skeleton of the experiments along the article's paths: their arm, runs and result."""
+"""Common parts of the experiments along the article's paths: their arm, runs and result."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -26,19 +27,34 @@ from wrenchsight.diagrams.scenario import Scenario
 ONE_WAY_QUICK = 8.0  # s, of a pushed pass
 
 
+@dataclass(frozen=True)
+class PathPage:
+    """Texts and rows of an experiment along the article's paths, for the report.
+
+    Attributes:
+        title: of the page on which the arm moves.
+        passes: along the path, in each run.
+        variants: rows of the table, each with a `key` of the metrics and a `label`.
+        comparison: rows of the table "article / here".
+        notes: for the report, see `filled`.
+        caption: of the figure of all variants.
+    """
+
+    title: str
+    passes: int
+    variants: Sequence[Any]
+    comparison: Sequence[ComparisonRow]
+    notes: Sequence[str]
+    caption: str = "Errors of every variant."
+
+
 def path_result(
     context: ExperimentContext,
     runs: Mapping[str, TaskRun],
     metrics: dict[str, Any],
     figures: Iterable[Drawing],
     configuration: Mapping[str, Any],
-    *,
-    title: str,
-    passes: int,
-    variants: Sequence[Any],
-    comparison: Sequence[ComparisonRow],
-    notes: Sequence[str],
-    caption: str = "Errors of every variant.",
+    page: PathPage,
 ) -> ExperimentResult:
     """The result of an experiment along the article's paths.
 
@@ -47,34 +63,29 @@ def path_result(
         metrics: with those of each variant.
         figures: besides that of all variants; not made where nobody looks at them.
         configuration: besides the variants.
-        title: of the page on which the arm moves.
-        passes: along the path, in each run.
-        variants: rows of the table, each with a `key` of the metrics and a `label`.
-        comparison: rows of the table "article / here".
-        notes: for the report, see `filled`.
-        caption: of the figure of all variants.
+        page: what the report says of it.
     """
     context.progress(0.93, "figures")
     pages = []
     if context.draws:
-        pages = [write_runs_page(context.robot(ROBOT), runs, passes, context.out, title)]
+        pages = [write_runs_page(context.robot(ROBOT), runs, page.passes, context.out, page.title)]
 
     def of_variants() -> Iterator[Drawing]:
-        labels = {variant.key: variant.label for variant in variants}
-        figure = variants_figure(metrics, labels, f"{title}: one change per row")
+        labels = {variant.key: variant.label for variant in page.variants}
+        figure = variants_figure(metrics, labels, f"{page.title}: one change per row")
         yield (
             "variants",
             figure,
-            f"{caption} Grey: where the share inside a correct 95 % band lies.",
+            f"{page.caption} Grey: where the share inside a correct 95 % band lies.",
         )
 
     return ExperimentResult(
         metrics=metrics,
         figures=chain(figures, of_variants()),
         recordings=pages,
-        comparison=comparison,
-        notes=notes,
-        configuration={**configuration, "variants": variants},
+        comparison=page.comparison,
+        notes=page.notes,
+        configuration={**configuration, "variants": page.variants},
     )
 
 

@@ -1,4 +1,4 @@
-"""What does repeated motion read? Two cycles along each path; the second is read with the first."""
+"""Two equal cycles along each path; the second is read with the torque of the first (eq. 4)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -113,24 +113,25 @@ def repeat_cycles(context: ExperimentContext, scenario_name: str) -> RepeatedCyc
         runs[path] = run
         torque = repetition_torque(run.recording, robot, period, K_0)
         torque_rms[path] = np.sqrt(np.mean(torque**2, axis=0))
-        here = [variant for variant in VARIANTS if variant.path == path]
+        path_variants = [variant for variant in VARIANTS if variant.path == path]
         readers = []
-        for variant in here:
+        for variant in path_variants:
             config = WrenchReconstructionConfig(variant.method).with_prior(*prior)
             error = errors[variant.K_0]
             reconstruction = WrenchReconstruction(config, error.correlation)
             readers.append(RepetitionReader(variant.label, reconstruction, error))
         read = read_repetition(run, robot, period, readers)
-        readings |= {variant.key: one for variant, one in zip(here, read, strict=True)}
-    metrics: dict[str, Any] = {one.key: readings[one.key].metrics() for one in VARIANTS}
-    before, after = metrics[BEFORE], metrics[AFTER]
-    metrics["found_against_initial"] = reductions(before, metrics["found"])
+        for variant, reading in zip(path_variants, read, strict=True):
+            readings[variant.key] = reading
+    metrics: dict[str, Any] = {variant.key: readings[variant.key].metrics() for variant in VARIANTS}
+    initial, optimised = metrics[BEFORE], metrics[AFTER]
+    metrics["found_against_initial"] = reductions(initial, metrics["found"])
     metrics["filtered"] = reductions(metrics["initial_filtered"], metrics["optimised_filtered"])
-    metrics["ours_against_article"] = reductions(after, metrics[OURS])
+    metrics["ours_against_article"] = reductions(optimised, metrics[OURS])
     metrics["torque_sd_nm"] = errors[None].noise
     metrics["filtered_torque_sd_nm"] = errors[K_0].noise
     metrics["filtered_torque_rms_nm"] = torque_rms
-    return RepeatedCycles(runs, readings, scenario, {**reductions(before, after), **metrics})
+    return RepeatedCycles(runs, readings, scenario, {**reductions(initial, optimised), **metrics})
 
 
 def force_figure(cycles: RepeatedCycles, with_reference: bool) -> Figure:

@@ -1,10 +1,10 @@
-"""How far is eq. 4 off on the simulated arm? Contact-free logs in, its error out.
+"""Error of eq. 4 on the simulated arm, from contact-free logs.
 
-Motion as slow as a task's joints, done twice, shows what does not repeat: torque of the one run
-minus the other's. (Two periods of an excitation are too fast: drives are louder above .05 rad/s,
-and 20 s are too short for friction that wanders over half a second.) What a push does to friction,
-such runs cannot show: the Coulomb friction of the model that is identified from excitation 1 says
-how much may turn round (`wrenchsight.models.identification.repetition_error`).
+A motion as slow as a task's joints, done twice, shows what does not repeat: the torque of one run
+less that of the other. (Two periods of an excitation would be too fast: drives are louder above .05
+rad/s. And 20 s are too short for friction that wanders over half a second.) Such runs do not show
+how a push changes friction. The Coulomb friction of the model identified from excitation 1 says how
+much may turn round (`wrenchsight.models.identification.repetition_error`).
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ def repetition_errors(
     seed: int = 0,
     quick: bool = False,
 ) -> list[RepetitionError]:
-    """The error of eq. 4 behind each K_0 (1/s; None: raw); nothing of it is from a task's run.
+    """The error of eq. 4 behind each K_0 (1/s; None: raw), found without any task's run.
 
     Args:
         robot: with its simulated truth.
@@ -44,31 +44,33 @@ def repetition_errors(
     """
     postures = np.asarray(robot.home) + np.asarray(POSTURES[1:2] if quick else POSTURES[1:3])
     # The first of the two as in `wrenchsight.analyses.experiments.setups.simulated_arm.arm_models`.
-    first, second = (
+    first_cycles, second_cycles = (
         reversal_recordings(robot, postures, SPEEDS, seed + 100 * (1 + k), PERIOD) for k in range(2)
     )
     result, _ = identify_simulated_arm(robot, seed, quick)
     level = np.abs(result.model.friction.coulomb_viscous.coulomb)
-    resolution = position_resolution(np.vstack([log.q for log in first]))
+    resolution = position_resolution(np.vstack([log.q for log in first_cycles]))
     errors = []
     for K_0 in gains:
-        parts = [
-            repetition_torque(_after(*both), robot, len(both[0].t), K_0)[_settled(both[0])]
-            for both in zip(first, second, strict=True)
-        ]
+        parts = []
+        for first_cycle, second_cycle in zip(first_cycles, second_cycles, strict=True):
+            period = len(first_cycle.t)
+            tau_ext = repetition_torque(_after(first_cycle, second_cycle), robot, period, K_0)
+            parts.append(tau_ext[_settled(first_cycle)])
         errors.append(repetition_error(np.vstack(parts), level, resolution, K_0))
     return errors
 
 
-def _after(first: Recording, second: Recording) -> Recording:
-    """Two runs of one motion, the one after the other."""
-    both = (first, second)
+def _after(first_cycle: Recording, second_cycle: Recording) -> Recording:
+    """One recording of two runs of a motion, the one after the other."""
+    cycles = (first_cycle, second_cycle)
     return Recording(
-        t=first.time_step * np.arange(len(first.t) + len(second.t), dtype=np.float64),
-        q=np.vstack([log.q for log in both]),
-        v=np.vstack([log.v for log in both]),
-        current=np.vstack([log.current for log in both]),
-        source=first.source,
+        t=first_cycle.time_step
+        * np.arange(len(first_cycle.t) + len(second_cycle.t), dtype=np.float64),
+        q=np.vstack([log.q for log in cycles]),
+        v=np.vstack([log.v for log in cycles]),
+        current=np.vstack([log.current for log in cycles]),
+        source=first_cycle.source,
     )
 
 

@@ -1,10 +1,10 @@
-"""What does the arm record while it does a task? A scenario in, its log out; then readings of it.
+"""Runs of the simulated arm in a task, and readings of their logs.
 
-The true robot follows the path of a bundled scenario under the drives' own controller, which knows
-the robot's nominal model only. The log holds what a real controller sees, encoders and motor
-current; truth and the force/torque sensor's reading are kept beside it, as references. Each variant
-of the estimator reads the same log with `WrenchEstimator.run`, which gives row for row what the
-estimator's diagram gives.
+The true robot follows the path of a bundled scenario under the controller of its drives, which has
+the robot's nominal model only. The log holds what a real controller sees: encoders and motor
+current. The truth and the force/torque sensor's reading stand beside it as references. Each variant
+of the estimator reads the same log with `WrenchEstimator.run`, which equals the estimator's diagram
+row for row.
 
 Three paths: the article's initial and optimised one (section 4.3), and the one that `linear-path`
 finds, turned about the first axis to lie straight ahead.
@@ -92,12 +92,12 @@ class TaskRun:
 
     def between(self, start: float, end: float = np.inf) -> "TaskRun":
         """The part of the run from `start` to `end`, s."""
-        first, last = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
-        rows = slice(int(first), int(last))
+        begin, stop = np.searchsorted(self.recording.t, [start - 1e-9, end + 1e-9])
+        rows = slice(int(begin), int(stop))
         names = ("recording", "wrench_true", "ft_wrench", "tau_f_true", "q_exact")
         columns = {name: getattr(self, name) for name in names}
-        there = {name: own[rows] for name, own in columns.items() if own is not None}
-        return replace(self, **there)
+        part = {name: signal[rows] for name, signal in columns.items() if signal is not None}
+        return replace(self, **part)
 
 
 def line_of(scenario: Scenario) -> LineMotion:
@@ -112,7 +112,7 @@ def line_of(scenario: Scenario) -> LineMotion:
 
 
 def uniform_motion(motion: LineMotion) -> tuple[float, float]:
-    """From when to when, s, the arm moves evenly on its one pass: between the ramps.
+    """Start and end, s, of the even motion on the single pass, between the ramps.
 
     At rest before it, dry friction may hold any torque within stiction, which no law can predict.
     """
@@ -211,7 +211,7 @@ def _by_hand(segment: WrenchSegment, hand: Hand) -> WrenchSegment:
 
 
 def run_task(scenario: Scenario, robot: Robot, name: str = "task") -> TaskRun:
-    """Simulates a scenario in which nothing but a hand touches the arm; what was recorded.
+    """Simulates and records a scenario in which nothing but a hand touches the arm.
 
     Args:
         scenario: what happens; `is_free`.
@@ -226,13 +226,13 @@ def run_task(scenario: Scenario, robot: Robot, name: str = "task") -> TaskRun:
     if mechanisms is not None:
         recording = clocked(recording, mechanisms.clock, scenario.seed)
     return TaskRun(
-        name,
-        recording,
-        signals["wrench_true"],
-        signals.get("ft_wrench"),
-        signals["tau_f_true"],
-        signals["q"],
-        robot.chain,
+        name=name,
+        recording=recording,
+        wrench_true=signals["wrench_true"],
+        ft_wrench=signals.get("ft_wrench"),
+        tau_f_true=signals["tau_f_true"],
+        q_exact=signals["q"],
+        chain=robot.chain,
     )
 
 
@@ -259,7 +259,7 @@ def write_runs_page(
 def read_run(
     name: str, run: TaskRun, estimator: WrenchEstimator, tau_f: Array | None = None
 ) -> ForceReading:
-    """What an estimator reads of a run, its start (3 / K_0) left out.
+    """Reads a run with an estimator; the start (3 / K_0) is left out.
 
     Args:
         tau_f: (T, n) N m, friction known from elsewhere; None: by the estimator's law.
@@ -326,7 +326,7 @@ class RepetitionReader:
 def read_repetition(
     run: TaskRun, robot: Robot, period: int, readers: Sequence[RepetitionReader]
 ) -> list[ForceReading]:
-    """What eqs. 4 and 20 read in the second cycle, with the first one's torque as tau_d.
+    """Reads the second cycle by eqs. 4 and 20, with the first one's torque as tau_d.
 
     Args:
         run: of two cycles.
@@ -361,13 +361,13 @@ def read_repetition(
     ]
 
 
-def _reconstructed(own: RepetitionReader, J: Array, tau: Array, sd: Array) -> WrenchEstimate:
-    return own.reconstruction.reconstruct(J, tau, sd, J_now=J[:0])  # the run has conditions
+def _reconstructed(reader: RepetitionReader, J: Array, tau: Array, sd: Array) -> WrenchEstimate:
+    return reader.reconstruction.reconstruct(J, tau, sd, J_now=J[:0])  # the run has conditions
 
 
 def highest_speed(scenarios: Sequence[Scenario], robot: Robot) -> float:
     """The highest planned joint speed of the scenarios, on PATHS, rad/s."""
-    motions = (planned_motion(one, robot, everywhere=True) for one in scenarios)
+    motions = (planned_motion(scenario, robot, everywhere=True) for scenario in scenarios)
     return max(float(np.abs(motion.v).max()) for motion in motions)
 
 
@@ -375,13 +375,13 @@ def planned_motion(scenario: Scenario, robot: Robot, everywhere: bool) -> JointT
     """`make_trajectory`; within a study the same motion is planned once.
 
     Args:
-        robot: what it truly is has no part in its plan.
+        robot: its simulated truth has no part in the plan.
         everywhere: whether all worlds of a campaign have this motion, as they have PATHS.
     """
-    known = robot.with_truth(SimulatedTruthConfig())
+    nominal_robot = robot.with_truth(SimulatedTruthConfig())
     return shared(
         "planned_motion",
-        (known, scenario.motion, scenario.duration),
+        (nominal_robot, scenario.motion, scenario.duration),
         lambda: make_trajectory(scenario, robot),
         everywhere=everywhere,
     )

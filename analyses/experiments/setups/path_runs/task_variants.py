@@ -1,9 +1,8 @@
-"""What does each change of the estimator bring? Variants read the same runs, one change a row.
+"""Variants of the estimator that read the same runs, one change a row.
 
-A variant is a path, a friction law, a gain and a way from torque to wrench. Two rows that are no
-estimators stand beside them, made with the truth: the reading with the true friction known, and the
-true force behind the observer's low-pass. They show how much of the errors is due to friction and
-lag.
+A variant is a path, a friction law, a gain and a reconstruction of the wrench. Two rows beside them
+are no estimators, but made with the truth: the reading with the true friction known, and the true
+force behind the observer's low-pass. They show how much of the errors is due to friction and lag.
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,7 +67,7 @@ def read_variants(
 
 
 def inverse_estimator(robot: Robot, model: IdentifiedModel, gain: float = K_0) -> WrenchEstimator:
-    """Eq. 22; the stated covariance counts next to a singularity, where it keeps it finite."""
+    """The estimator of eq. 22; the stated covariance keeps it finite next to a singularity."""
     config = WrenchEstimatorConfig(
         MomentumObserverConfig([gain]), WrenchReconstructionConfig("inverse")
     )

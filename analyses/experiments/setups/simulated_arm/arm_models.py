@@ -1,30 +1,30 @@
-"""What can be known of the simulated arm before its task? Contact-free logs in, models out.
+"""Models of the simulated arm from its contact-free logs, one for each friction law.
 
 One identification as the article's (excitation 1, Coulomb-viscous friction) and passes of opposite
-direction in some postures give a model per friction law:
+direction in some postures give a model for each law:
 
     coulomb-viscous   the identified law
     semi-parametric   the article's: the same, with networks near zero velocity that were trained
                       on friction separated by reversal
     presliding        `models.friction.presliding_friction`, fitted with the inertias on these logs
 
-**The stated covariance.** What a model leaves unexplained in an identification is not the error of
-its observer in a task: an excitation is fast, a task may be slow, and near zero velocity a friction
-law's error is largest. So the torque error of each law is learnt as `identify` learns it, by the
-state of each joint (`models.identification.torque_error_model`), from the causal observer's own
-output along contact-free logs that no model was fitted on, behind the same K_0: excitation 2, and
-slow passes in three postures. Each of these has other signs of the joints' velocities. Friction has
-the sign of the velocity, so that passes of one pattern would show that pattern as the correlation
-of the errors; and it ripples over position, so that one posture's error is not the arm's.
+**The stated covariance.** The residual of an identification is not the error of the observer in a
+task. An excitation is fast, a task may be slow, and a friction law errs most near zero velocity. So
+the torque error of each law is learnt as `identify` learns it, by the state of each joint
+(`models.identification.torque_error_model`). It is learnt from the output of the causal observer
+with the same K_0, along contact-free logs that no model was fitted on: excitation 2, and slow
+passes in three postures. The postures differ in the signs of the joints' velocities. Friction has
+the sign of the velocity: passes of one pattern would show that pattern as the correlation of the
+errors. Friction also ripples over position: the error in one posture is not that of the arm.
 
-For planning, where no state is known yet, one Sigma_tau is found over those samples of excitation 2
-and of the first posture that are slower than the task's planned motion:
+Planning has no state yet. It takes one Sigma_tau over those samples of excitation 2 and of the
+first posture that are slower than the task's planned motion:
 
-    sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a lasting error is an error
+    sd_j        = RMS of tau_ext_j where |v_j| <= speed, about zero: a correlated error counts
     Sigma_tau   = D R D,  D = diag(sd),  R = the outputs' correlations (about zero) over all samples
 
-Nothing of it comes from a task's run. Eq. 4, where the first cycle's torque stands for the model,
-has an error of its own: `wrenchsight.analyses.experiments.setups.path_runs.repetition_errors`.
+Nothing of it comes from a task's run. Eq. 4 takes the first cycle's torque in place of a model; for
+its error see `wrenchsight.analyses.experiments.setups.path_runs.repetition_errors`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,9 +58,9 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
 LAWS = ("coulomb-viscous", "semi-parametric", "presliding")
-# Passes as slow as a task's joints, with travel enough that the drives' own compliance does not
-# take it up. Without them networks know nothing of the speeds at which tasks are done: trained on
-# passes from 0.01 rad/s on with a period of 2 s alone, they halve neither error nor peak.
+# Passes as slow as a task's joints, with more travel than the compliance of the drives takes up.
+# Without them the networks lack the speeds of a task: trained on passes from 0.01 rad/s on with a
+# period of 2 s alone, they halve neither error nor peak.
 SLOW_SPEEDS = (0.003, 0.01, 0.03)  # rad/s
 SLOW_PERIOD = 8.0  # s
 # Dry friction jumps at zero velocity. The networks start with a jump as wide as v_crit / STEEPEST,
@@ -74,20 +74,20 @@ FEWEST = 200  # samples below the speed; with fewer the joint's sd is that of al
 
 @dataclass(frozen=True, eq=False)
 class ArmModels:
-    """What the contact-free logs of an arm say.
+    """The models of an arm, and the contact-free logs that show their torque error.
 
     Attributes:
         models: by law, as in LAWS.
         held_out: contact-free logs that no model was fitted on.
-        passes: more of them, which planning does without.
+        passes: further contact-free logs, which planning leaves out.
     """
 
     robot: Robot
     models: Mapping[str, IdentifiedModel]
     held_out: tuple[Recording, ...]
     passes: tuple[Recording, ...] = ()
-    # By law and K_0: variants of one estimator differ in what comes after
-    _known: dict[tuple[str, float], tuple[Array, TorqueErrorModel]] = field(
+    # By law and K_0: variants of one estimator share the observer and differ in what follows it
+    _observed_by_law: dict[tuple[str, float], tuple[Array, TorqueErrorModel]] = field(
         default_factory=dict, repr=False
     )
 
@@ -110,13 +110,22 @@ class ArmModels:
         return WrenchEstimator(self.robot, model, config)
 
     def observed(self, law: str, K_0: float) -> tuple[Array, TorqueErrorModel]:
-        """tau_ext (N, n) N m that a law's observer (K_0, 1/s) reads of the settled held-out logs,
-        and the torque error that these and the passes show; once for all that have this arm.
+        """Output of a law's observer along the held-out logs, and the torque error of the law.
+
+        Args:
+            law: one of LAWS.
+            K_0: 1/s.
+
+        Returns:
+            tau_ext (N, n) N m of the settled samples, and the torque error that these logs and the
+            passes show. Both are computed once for all experiments with this arm.
         """
-        if (law, K_0) not in self._known:
-            own = self.robot, self.models[law], self.held_out, self.passes, K_0
-            self._known[law, K_0] = shared("observed", own, lambda: self._observed(law, K_0))
-        return self._known[law, K_0]
+        if (law, K_0) not in self._observed_by_law:
+            arguments = self.robot, self.models[law], self.held_out, self.passes, K_0
+            self._observed_by_law[law, K_0] = shared(
+                "observed", arguments, lambda: self._observed(law, K_0)
+            )
+        return self._observed_by_law[law, K_0]
 
     def _observed(self, law: str, K_0: float) -> tuple[Array, TorqueErrorModel]:
         config = WrenchEstimatorConfig(MomentumObserverConfig([K_0]))
@@ -125,25 +134,25 @@ class ArmModels:
         logs = *self.held_out, *self.passes
         readings = [read_contact_free(estimator, log, K_0, _settled(log, K_0)) for log in logs]
         held_out = zip(readings, self.held_out, strict=False)  # the first of them
-        tau_ext = np.vstack([own.tau_ext[_settled(log, K_0)] for own, log in held_out])
+        tau_ext = np.vstack([reading.tau_ext[_settled(log, K_0)] for reading, log in held_out])
         return tau_ext, fit_torque_error(readings)
 
 
 def read_contact_free(
     estimator: WrenchEstimator, log: Recording, K_0: float, used: Flags
 ) -> HeldOutReading:
-    """What an observer (K_0, 1/s) reads where nothing touches the arm; `used` (N,) samples."""
-    seen = estimator.observe(log.q, log.v, log.current)
+    """Reads a contact-free log with an observer (K_0, 1/s); `used` (N,): the samples that count."""
+    observation = estimator.observe(log.q, log.v, log.current)
     return HeldOutReading(
-        seen.tau_ext,
-        log.q,
-        log.v,
-        seen.tau_J - seen.tau_f,
-        seen.fresh & used,
-        estimator.friction,
-        log.time_step,
-        np.full(log.num_joints, K_0),
-        position_resolution(log.q),
+        tau_ext=observation.tau_ext,
+        q=log.q,
+        v=log.v,
+        transmitted=observation.tau_J - observation.tau_f,
+        used=observation.fresh & used,
+        friction=estimator.friction,
+        time_step=log.time_step,
+        K_0=np.full(log.num_joints, K_0),
+        resolution=position_resolution(log.q),
     )
 
 
@@ -156,7 +165,7 @@ def identify_arm(
     robot: Robot,
     seed: int = 0,
     quick: bool = False,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, action: None,
     contact_noise: bool = True,
 ) -> ArmModels:
     """Simulates the contact-free logs and identifies a model per law.
@@ -204,7 +213,7 @@ def article_models(
         robot: with its simulated truth.
         quick: shorter logs, fewer postures.
     """
-    config = replace(CONFIG, cross_validate=False)  # asks what its observer errs by
+    config = replace(CONFIG, cross_validate=False)  # which estimates the observer's error
     result, _ = identify_simulated_arm(robot, seed, quick, config, contact_noise=False)
     fast, slow = _reversals(robot, seed, quick, held_out=False)
     return result, _with_networks(robot, result, [*fast, *slow], seed)

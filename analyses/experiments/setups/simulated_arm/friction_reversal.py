@@ -1,10 +1,10 @@
-"""What is the friction of these joints, without a torque sensor? Passes both ways in, friction out.
+"""Friction of joints without a torque sensor, separated from passes in both directions.
 
-Two sources: a planned motion of the simulated arm
-(`models.planning.excitation.friction_reversal`, the article's eqs. 16-19), and recordings of any
-arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
-Either gives friction samples over velocity, on which the networks of the article's law are trained
-near zero velocity, and the asymmetric part that eq. 15 neglects.
+There are two sources. One is a planned motion of the simulated arm
+(`models.planning.excitation.friction_reversal`, the article's eqs. 16-19). The other is recordings
+of any arm whose joints pass equal positions both ways, such as the UR10e's `joint_1` to `joint_6`.
+Either gives friction samples over velocity, and the asymmetric part that eq. 15 neglects. The
+samples near zero velocity train the networks of the article's law.
 """
 
 from collections.abc import Sequence
@@ -58,8 +58,11 @@ class SeparatedFriction:
         The asymmetric part is left out, as the article does.
         """
         columns = [
-            (np.r_[own.speed, -own.speed], np.r_[own.symmetric, -own.symmetric])
-            for own in self.samples
+            (
+                np.r_[joint_samples.speed, -joint_samples.speed],
+                np.r_[joint_samples.symmetric, -joint_samples.symmetric],
+            )
+            for joint_samples in self.samples
         ]
         rows = max(len(v) for v, _ in columns)
         table = np.full((2, rows, len(columns)), np.nan)
@@ -116,9 +119,9 @@ def separate_recordings(
         if tau is None:
             tau = robot.joint_torque(uniform.current)
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
-        signals = uniform.t, q, v, derivative(v, step), tau
+        vdot = derivative(v, step)
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            result[j].append(separate(chain, *signals, j, REST, 1.0 / cutoff))
+            result[j].append(separate(chain, uniform.t, q, v, vdot, tau, j, REST, 1.0 / cutoff))
     return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
 
 
@@ -130,7 +133,7 @@ def reversal_recordings(
     period: float = PERIOD,
     ways: ArrayLike | None = None,
 ) -> list[Recording]:
-    """What the simulated arm's controller records in planned reversals, all joints together.
+    """Simulates the logs of planned reversals, all joints together.
 
     Args:
         robot: with its simulated truth; the controller is the drives' own.
@@ -157,8 +160,14 @@ def _joined(joint: int, parts: Sequence[ReversalSamples]) -> ReversalSamples:
     def column(name: str) -> Array:
         return np.concatenate([getattr(part, name) for part in parts] or [np.zeros(0)])
 
-    names = ("position", "speed", "acceleration", "symmetric", "asymmetric")
-    return ReversalSamples(joint, *(column(name) for name in names))
+    return ReversalSamples(
+        joint,
+        position=column("position"),
+        speed=column("speed"),
+        acceleration=column("acceleration"),
+        symmetric=column("symmetric"),
+        asymmetric=column("asymmetric"),
+    )
 
 
 def semi_parametric_model(
@@ -167,9 +176,9 @@ def semi_parametric_model(
     separated: SeparatedFriction,
     training: TrainingConfig | None = None,
 ) -> tuple[IdentifiedModel, TrainedNetworks]:
-    """The article's way: symmetric friction by reversal; odd networks on the plain law.
+    """The article's law: odd networks on the plain law, trained on symmetric friction by reversal.
 
-    The plain law's torque error is not that of this law: the model has none.
+    The torque error of the plain law does not hold for this law: the model returned has none.
     """
     v, torque = separated.table()
     law = plain.model.friction.coulomb_viscous

@@ -1,4 +1,4 @@
-"""The simulated arm's model from its own logs: every simulated experiment has it from here.
+"""Identification of the simulated arm from its logs; all simulated experiments take it from here.
 
 A Coulomb-viscous model is identified from a log along excitation 1 and predicts the torque along
 excitation 2. Both were found by `excite` and lie beside the robot as coefficients.
@@ -35,18 +35,18 @@ def identify_simulated_arm(
 ) -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
     """Identifies the simulated arm from its own log along excitation 1, checked on excitation 2.
 
-    This is where every simulated experiment has its model from; within a study it is found once.
+    Every simulated experiment takes its model from here; a study identifies it once.
 
     Args:
         robot: with its simulated truth.
         quick: one period of each excitation in the place of PERIODS.
-        contact_noise: of `identify`; a world of a campaign, whose model nobody keeps, has none.
+        contact_noise: of `identify`; a world of a campaign, whose model is not kept, has none.
     """
 
     periods, config = 1 if quick else PERIODS, replace(config, seed=seed)
 
     def identified() -> tuple[IdentificationResult, tuple[SimulatedLog, SimulatedLog]]:
-        first, second = (
+        fitted_log, validation_log = (
             simulate_excitation(
                 robot,
                 stored_excitation(robot, k + 1),
@@ -56,8 +56,14 @@ def identify_simulated_arm(
             )
             for k in range(2)
         )
-        logs = [first.recording], robot, [second.recording]
-        return identify(*logs, config, contact_noise=contact_noise), (first, second)
+        result = identify(
+            [fitted_log.recording],
+            robot,
+            [validation_log.recording],
+            config,
+            contact_noise=contact_noise,
+        )
+        return result, (fitted_log, validation_log)
 
     arguments = robot, seed, periods, config, contact_noise
     return shared("identify_simulated_arm", arguments, identified)
@@ -85,5 +91,5 @@ def with_known_friction(
         tau = robot.joint_torque(recording.current)
         return replace(recording, tau_J=tau - log.tau_f_true)
 
-    config = replace(CONFIG, cross_validate=False)  # what its observer errs by is not asked
+    config = replace(CONFIG, cross_validate=False)  # the observer's error is not needed
     return identify([without(logs[0])], robot, [without(logs[1])], config)

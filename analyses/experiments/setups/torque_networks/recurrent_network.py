@@ -62,7 +62,7 @@ class Motion:
         return torch.from_numpy(np.concatenate([self.q, self.v], axis=1).astype(np.float32)[at])
 
     def rows(self) -> NDArray[np.intp]:
-        """Samples that count and have a whole history that does."""
+        """Rows that count and whose whole history counts."""
         reach = int(self._back()[-1]) + 1
         return np.flatnonzero(
             np.convolve(self.used, np.ones(reach))[: len(self.used)] > reach - 0.5
@@ -77,7 +77,7 @@ class TorqueNetwork:
     """A trained network: sin q, cos q and v in, the torques of all joints out, all normalised.
 
     Attributes:
-        limit: (n,) N m, bound of what it says: twice the largest torque that it was trained on.
+        limit: (n,) N m, bound of its output: twice the largest torque that it was trained on.
     """
 
     def __init__(self, motions: Sequence[Motion], config: NetworkConfig) -> None:
@@ -88,11 +88,11 @@ class TorqueNetwork:
         """
         import torch
 
-        rows = [own.rows() for own in motions]
-        if not any(len(own) for own in rows):
+        rows = [motion.rows() for motion in motions]
+        if not any(len(history_rows) for history_rows in rows):
             raise ValueError("no motion is as long as the network's history")
-        x = torch.cat([own.histories(k) for own, k in zip(motions, rows, strict=True)])
-        y = np.concatenate([own.torque[k] for own, k in zip(motions, rows, strict=True)])
+        x = torch.cat([motion.histories(k) for motion, k in zip(motions, rows, strict=True)])
+        y = np.concatenate([motion.torque[k] for motion, k in zip(motions, rows, strict=True)])
         self._mean, self._scale = y.mean(axis=0), y.std(axis=0) + 1e-9
         self.limit = 2.0 * np.abs(y).max(axis=0)
         newest = _signals(x)[:, -1]
@@ -105,7 +105,7 @@ class TorqueNetwork:
             self._descend(x, torch.from_numpy(normal), config)
 
     def torque(self, motion: Motion) -> Array:
-        """(N, n) N m."""
+        """(N, n) N m, the predicted torque of a motion."""
         import torch
 
         every = np.arange(len(motion.q))

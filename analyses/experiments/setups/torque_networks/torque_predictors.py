@@ -1,13 +1,14 @@
-"""Three predictors of contact-free torque, and what their error does to a force.
+"""Three predictors of contact-free torque, and the force error that their torque error causes.
 
     model    inverse dynamics and friction law of an identified model
     network  the recurrent network alone
-    hybrid   the model, and the network of what it leaves
+    hybrid   the model, and a network of its residual
 
-All see the same zero-phase low-passed q and v, and are held against torque with the same low-pass.
-A force is read from the error alone, F = (J S^-1 J^T)^-1 J S^-1 tau_ext, J of a point contact and S
-the covariance of the model's error, whichever predictor is judged: no observer, no prior. Postures
-in which such an error reads as more than READABLE are left out, of all predictors alike.
+All read the same zero-phase low-passed q and v, and are compared with torque that went through the
+same low-pass. The force is F = (J S^-1 J^T)^-1 J S^-1 tau_ext of the error alone, without observer
+or prior. J is that of a point contact; S is the covariance of the model's error for every
+predictor. Postures in which such an error reads as more than READABLE are left out for all
+predictors alike.
 """
 
 from collections.abc import Sequence
@@ -98,7 +99,7 @@ class Judged:
         log: the log.
         rows: (N,).
         gain: (N, axes, n) force from joint torque.
-        covariance: (n, n) (N m)^2, which says what is readable.
+        covariance: (n, n) (N m)^2, which decides what is readable.
     """
 
     log: TorqueLog
@@ -134,9 +135,12 @@ class Errors:
 
     @classmethod
     def pooled(cls, parts: Sequence["Errors"]) -> "Errors":
-        """All of several logs."""
-        keys = ("torque", "force", "sd")
-        return cls(*(np.concatenate([getattr(one, key) for one in parts]) for key in keys))
+        """The errors of several logs together."""
+        return cls(
+            torque=np.concatenate([part.torque for part in parts]),
+            force=np.concatenate([part.force for part in parts]),
+            sd=np.concatenate([part.sd for part in parts]),
+        )
 
     def metrics(self) -> dict[str, Any]:
         """Lists per joint and axis, as written to metrics.json."""
@@ -155,9 +159,13 @@ class Predictors:
     """
 
     def __init__(
-        self, logs: Sequence[TorqueLog], seed: int, share: float = 1.0, more: Sequence[Motion] = ()
+        self,
+        logs: Sequence[TorqueLog],
+        seed: int,
+        share: float = 1.0,
+        network_motions: Sequence[Motion] = (),
     ) -> None:
-        """Args: `share` of the epochs are trained; `more` is motion for the network alone."""
+        """Args: `share` of the epochs are trained; `network_motions` are for the network alone."""
         alone, over, ends = [], [], []
         for log in logs:
             rows = np.flatnonzero(log.motion.used)
@@ -167,7 +175,7 @@ class Predictors:
             ends.append(log.motion.used & ~early)
         self._alone, self._over = (
             TorqueNetwork(motions, replace(config, seed=seed, epochs=share * config.epochs))
-            for motions, config in (([*alone, *more], ALONE), (over, ON_MODEL))
+            for motions, config in (([*alone, *network_motions], ALONE), (over, ON_MODEL))
         )
         self.covariance = {}
         for method in METHODS:
@@ -177,24 +185,24 @@ class Predictors:
             self.covariance[method] = error.T @ error / len(error)
 
     def torque_alone(self, motion: Motion) -> Array:
-        """(N, n) N m, what the network alone says of a motion."""
+        """(N, n) N m, the torque of a motion as the network alone predicts it."""
         return self._alone.torque(motion)
 
     def errors(self, judged: Judged) -> dict[str, Errors]:
         """By method."""
         G, S = judged.gain[judged.rows], judged.covariance
         clear = (np.einsum("kai,ij,kaj->ka", G, S, G) <= READABLE**2).all(axis=1)
-        found = {}
+        errors = {}
         for method in METHODS:
             torque = self.error(method, judged.log)[judged.rows]
             variance = np.einsum("kai,ij,kaj->ka", G, self.covariance[method], G)
             force = np.einsum("kaj,kj->ka", G, torque)
-            found[method] = Errors(torque, force[clear], np.sqrt(variance[clear]))
-        return found
+            errors[method] = Errors(torque, force[clear], np.sqrt(variance[clear]))
+        return errors
 
     def error(self, method: str, log: TorqueLog) -> Array:
         """(N, n) N m, predicted less measured, by one of METHODS."""
         if method == "network":
             return self._alone.torque(log.motion) - log.motion.torque
-        more = self._over.torque(log.motion) if method == "hybrid" else 0.0
-        return np.asarray(log.model + more - log.motion.torque)
+        correction = self._over.torque(log.motion) if method == "hybrid" else 0.0
+        return np.asarray(log.model + correction - log.motion.torque)

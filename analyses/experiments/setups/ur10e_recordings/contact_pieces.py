@@ -1,4 +1,4 @@
-"""Contact runs as torque predictors read them: the stretches whose motion is known."""
+"""Stretches of contact runs whose motion is known, prepared for the torque predictors."""
 
 from dataclasses import replace
 
@@ -22,28 +22,28 @@ def contact_pieces(
     run: ContactRun, robot: Robot, refit: IdentifiedModel, covariance: Array
 ) -> list[Judged]:
     """The stretches of a run whose motion is known, read along the tool, less the tool's torque."""
-    known = np.isfinite(run.q).all(axis=1) & np.isfinite(run.log.v).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]]))).reshape(-1, 2)
+    is_known = np.isfinite(run.q).all(axis=1) & np.isfinite(run.log.v).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_known.astype(int), [0]]))).reshape(-1, 2)
     carrying = with_tool_of(refit, robot)
 
     def pressing(q: Array) -> tuple[Array, Array]:
         """Jacobian (N, 3, n) at the contact, and the axis (N, 3) along which it is pushed back."""
         return np.asarray(robot.chain.jacobian(q))[:, 3:], -robot.chain.pose(q)[0][:, :, 2]
 
-    found = []
-    for first, end in edges.tolist():
-        piece = run.log[first:end]
+    pieces = []
+    for begin, end in edges.tolist():
+        piece = run.log[begin:end]
         if piece.duration < 1.5 * SHORTEST / FILTER.cutoff:
             continue
         J, axis = pressing(piece.q)
-        external = run.sensor_force[first:end, None] * np.einsum("kaj,ka->kj", J, axis)
+        external = run.sensor_force[begin:end, None] * np.einsum("kaj,ka->kj", J, axis)
         log = torque_log(piece, robot, carrying, external, True)
-        own = log.motion
-        state = own.q, own.v, derivative(own.v, own.time_step)
-        tool = carrying.chain(robot).inverse_dynamics(*state)
-        tool = tool - refit.chain(robot).inverse_dynamics(*state)
-        J, axis = pressing(own.q)
-        judged = Judged.at_point(log.less(tool), J, covariance)
+        motion = log.motion
+        vdot = derivative(motion.v, motion.time_step)
+        with_tool = carrying.chain(robot).inverse_dynamics(motion.q, motion.v, vdot)
+        without_tool = refit.chain(robot).inverse_dynamics(motion.q, motion.v, vdot)
+        J, axis = pressing(motion.q)
+        judged = Judged.at_point(log.less(with_tool - without_tool), J, covariance)
         along = np.einsum("ka,kaj->kj", axis, judged.gain)[:, None, :]
-        found.append(replace(judged, gain=along))
-    return found
+        pieces.append(replace(judged, gain=along))
+    return pieces

@@ -1,6 +1,6 @@
 """The contact runs read by several methods, all on one grid of time.
 
-    command     what `estimate` writes of a run
+    command     output of `estimate` for a run
     article     momentum observer, Coulomb-viscous friction, eq. 22
     by_hand     K (i - i_target) through the inverse of J^T
     two_joints  K (i - i_target) of joints 2 and 3 alone, by least squares on the force
@@ -63,13 +63,13 @@ class PreparedRun:
     """A run and what does not depend on any friction law.
 
     Attributes:
-        model: of its rigid body, masses as published; friction is put in.
+        model: of its rigid body, masses as published; the methods add their friction.
         normal: (T, 6) joint torque per newton along the tool; zero where q is not known.
         R_WE: (T, 3, 3).
         J: (T, 6, 6) at E in axes of W; NaN where q is not known.
-        excess: (T, 6) N m, torque of the rigid body less the motors': friction is still in it.
-        air: what its motion in the air says of friction.
-        measured: the same and the steady slide, with the sensor's force.
+        excess: (T, 6) N m, torque of the rigid body less the motors'; it includes friction.
+        air: rows of its motion in the air, for a fit of the friction.
+        measured: the same rows and those of the steady slide, with the sensor's force.
         truth: (N,) N, the sensor's force, mean over each block.
     """
 
@@ -88,10 +88,10 @@ class PreparedRun:
         """(M, WINDOW) blocks of each average in an interval; (0, WINDOW) if the run lacks it."""
         if interval not in self.run.intervals:
             return np.zeros((0, WINDOW), np.int64)
-        first, last = self.run.intervals[interval]
+        begin, end = self.run.intervals[interval]
         t = block_mean(self.run.t)
         half = 0.5 * BLOCK * self.run.log.time_step
-        inside = np.flatnonzero((t - half >= first) & (t + half <= last + half))
+        inside = np.flatnonzero((t - half >= begin) & (t + half <= end + half))
         count = len(inside) // WINDOW
         return inside[: count * WINDOW].reshape(count, WINDOW)
 
@@ -102,10 +102,10 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     Args:
         identified: model of another specimen.
     """
-    there = np.isfinite(run.q)
-    q = np.where(there, run.q, 0.0)
+    is_known = np.isfinite(run.q)
+    q = np.where(is_known, run.q, 0.0)
     R_WE, _ = robot.chain.pose(q)
-    whole = np.asarray(there.all(axis=1))
+    whole = np.asarray(is_known.all(axis=1))
     J = np.where(whole[:, None, None], robot.chain.jacobian(q), np.nan)
     normal = np.nan_to_num(-np.einsum("kaj,ka->kj", J[:, 3:], R_WE[:, :, 2]))
     published = replace(identified, inertial_parameters=robot.chain.inertial_parameters)
@@ -113,17 +113,17 @@ def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> Prepa
     excess = np.where(terms.known[:, None], terms.rigid - terms.tau_J, np.nan)
     slide = np.zeros(len(run.t), np.bool_)
     if "slide" in run.intervals:
-        first, last = run.intervals["slide"]
-        slide = (run.t >= first) & (run.t <= last) & ~run.corners
+        begin, end = run.intervals["slide"]
+        slide = (run.t >= begin) & (run.t <= end) & ~run.corners
     model, external = with_tool_of(identified, robot), normal * run.sensor_force[:, None]
     return PreparedRun(
-        run,
-        robot,
-        published,
-        normal,
-        R_WE,
-        J,
-        excess,
+        run=run,
+        robot=robot,
+        model=published,
+        normal=normal,
+        R_WE=R_WE,
+        J=J,
+        excess=excess,
         air=LogRows.of(run.log, run.is_free, robot, model),
         measured=LogRows.of(run.log, run.is_free | slide, robot, model, external),
         truth=block_mean(run.sensor_force),
@@ -145,9 +145,7 @@ def save_model(folder: Path, robot: Robot, model: IdentifiedModel) -> None:
 def air_refits(
     prepared: Sequence[PreparedRun], identified: IdentifiedModel
 ) -> dict[str, SpecimenRefit]:
-    """Another specimen's model with the friction that the runs' motion in the air shows, by
-    controller.
-    """
+    """Another specimen's model by controller, with friction from the runs' motion in the air."""
     robots = {run.run.name.controller: run.robot for run in prepared}
     return {
         controller: refit_rows(
@@ -158,9 +156,7 @@ def air_refits(
 
 
 def plain_law(prepared: Sequence[PreparedRun]) -> tuple[PreslidingFriction, Array]:
-    """Coulomb-viscous friction that the motion in the air shows, and the sd (6,) N m of what it
-    leaves.
-    """
+    """Coulomb-viscous friction of the motion in the air, and the sd (6,) N m of its residual."""
     fit = fit_rows([run.air.level for run in prepared], plain_friction())
     return fit.law, np.where(np.isfinite(fit.scatter), fit.scatter, _UNKNOWN_SCATTER)
 
@@ -181,7 +177,7 @@ def plain_friction() -> PreslidingFriction:
 
 
 def judge_interval(prepared: PreparedRun, reading: ForceReading, interval: str) -> Judgement | None:
-    """A reading over an interval; None where the run has it not, or no reading there."""
+    """Judges a reading over an interval; None where the run lacks the interval, or its reading."""
     windows = prepared.windows(interval)
     if not len(windows):
         return None
@@ -190,7 +186,7 @@ def judge_interval(prepared: PreparedRun, reading: ForceReading, interval: str) 
 
 
 def block_mean(signal: Array) -> Array:
-    """Means over successive blocks of the first axis; a rest at the end is left out."""
+    """Means over successive blocks of the first axis; an incomplete last block is left out."""
     N = len(signal) // BLOCK
     return np.asarray(signal[: N * BLOCK].reshape(N, BLOCK, *signal.shape[1:]).mean(axis=1))
 
@@ -198,8 +194,8 @@ def block_mean(signal: Array) -> Array:
 def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
     """A reading of blocks, averaged over windows (M, WINDOW) of them.
 
-    The sd of an average is the mean of its blocks': their errors last longer than an average. It
-    is valid where all of its blocks are.
+    The sd of an average is the mean of its blocks' sds, since their errors are correlated for
+    longer than an average. It is valid where all of its blocks are.
     """
     force = reading.force[windows].mean(axis=1)
     sd = None if reading.sd is None else reading.sd[windows].mean(axis=1)
@@ -230,11 +226,11 @@ def read_article(prepared: PreparedRun, law: PreslidingFriction, torque_sd: Arra
         check_samples=False,  # velocities are rebuilt, and jump
     )
     estimator = WrenchEstimator(prepared.robot, model, config)
-    seen = estimator.observe(log.q, log.v, log.current)
+    observation = estimator.observe(log.q, log.v, log.current)
     inverse = _normal_rows(prepared)
-    force = np.einsum("kj,kj->k", inverse, seen.tau_ext)
+    force = np.einsum("kj,kj->k", inverse, observation.tau_ext)
     sd = np.sqrt(np.einsum("kj,j->k", inverse**2, torque_sd**2))
-    valid = block_mean((seen.fresh & np.isfinite(force)).astype(float)) == 1.0
+    valid = block_mean((observation.fresh & np.isfinite(force)).astype(float)) == 1.0
     return ForceReading(block_mean(force), block_mean(sd), valid)
 
 
@@ -255,14 +251,14 @@ def read_gravity(prepared: PreparedRun) -> ForceReading:
 
 
 def _of_two_joints(prepared: PreparedRun, tau_ext: Array) -> ForceReading:
-    known = np.isfinite(prepared.J[:, 0, :1])
-    h = np.where(known, prepared.normal[:, _TWO_JOINTS], np.nan)
-    own = np.sum(h * tau_ext[:, _TWO_JOINTS], axis=1)
-    return ForceReading(block_mean(own / np.sum(h**2, axis=1)))
+    is_known = np.isfinite(prepared.J[:, 0, :1])
+    h = np.where(is_known, prepared.normal[:, _TWO_JOINTS], np.nan)
+    projection = np.sum(h * tau_ext[:, _TWO_JOINTS], axis=1)
+    return ForceReading(block_mean(projection / np.sum(h**2, axis=1)))
 
 
 def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> ForceReading:
-    """What `estimate --contact-axis tool_z --tool --no-check --no-check-samples` writes of a log.
+    """Reads a log as `estimate --contact-axis tool_z --tool --no-check --no-check-samples` does.
 
     Checks are off: the velocities are rebuilt, and do not belong to the positions where a corner is
     rounded.
@@ -293,9 +289,7 @@ def read_command(prepared: PreparedRun, log: Path, model: Path, out: Path) -> Fo
 
 
 def command_reading(run: PreparedRun, file: Path, model: IdentifiedModel) -> ForceReading:
-    """As `read_command`, of a run's file and the model that its motion in the air gives; read once
-    in a study.
-    """
+    """`read_command` of a run's file with the model of its motion in the air; once in a study."""
 
     def read() -> ForceReading:
         with TemporaryDirectory() as name:
@@ -309,14 +303,14 @@ def command_reading(run: PreparedRun, file: Path, model: IdentifiedModel) -> For
 
 
 def _excess_torque(prepared: PreparedRun) -> Array:
-    """What the drives spend beyond their targets, turned into torque from outside."""
+    """External torque (T, 6) N m by the drives' current beyond its target."""
     run = prepared.run
     return np.asarray(prepared.robot.joint_torque(run.current_desired - run.log.current))
 
 
 def _normal_rows(prepared: PreparedRun) -> Array:
     """(T, 6) row of J^-T that gives the force along the tool; NaN where J is not known."""
-    known = np.asarray(np.isfinite(prepared.J).all(axis=(1, 2)))
-    rows = np.linalg.inv(np.where(known[:, None, None], prepared.J, np.eye(6)))
+    is_known = np.asarray(np.isfinite(prepared.J).all(axis=(1, 2)))
+    rows = np.linalg.inv(np.where(is_known[:, None, None], prepared.J, np.eye(6)))
     along = -np.einsum("kji,ki->kj", rows[:, :, 3:], prepared.R_WE[:, :, 2])
-    return np.where(known[:, None], along, np.nan)
+    return np.where(is_known[:, None], along, np.nan)

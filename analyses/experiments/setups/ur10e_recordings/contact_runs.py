@@ -4,8 +4,9 @@ The files of data set `ur10e_contact` are found by their names alone,
 `<scene>_<controller>_F<force>_<setting>_v<speed>.csv`; nothing else in the folder is read.
 
 Positions and velocities are rebuilt from the scripted path. Where that path has a corner, the
-rebuilt velocity jumps; the robot rounds it off over the last 10 or 15 mm before (the scripts'
-blend radii; the measured currents show the pulse to begin there), and so does `rounded_corners`.
+rebuilt velocity jumps. The robot rounds the corner off over the last 10 or 15 mm before it: the
+scripts' blend radii, at which the measured currents show the pulse to begin. `rounded_corners` does
+the same.
 """
 
 import csv
@@ -58,7 +59,7 @@ _NAME = re.compile(r"(straight|ramp|direct)_(ACF|UR)_F(\d+)_([A-Za-z0-9.]+)_v(\d
 
 @dataclass(frozen=True, order=True)
 class RunName:
-    """What the name of a run says."""
+    """The fields of a run's file name."""
 
     scene: str  # one of SCENES
     controller: str  # "acf": an active flange regulates the force; "ur": the robot does
@@ -74,7 +75,14 @@ class RunName:
         if match is None:
             return None
         scene, controller, force, setting, speed = match.groups()
-        return cls(scene, controller.lower(), float(speed), int(force), setting, stem)
+        return cls(
+            scene=scene,
+            controller=controller.lower(),
+            speed=float(speed),
+            force=int(force),
+            setting=setting,
+            stem=stem,
+        )
 
     @property
     def group(self) -> str:
@@ -139,26 +147,26 @@ def find_runs(data: Path | None) -> list[Path]:
         InputError: there are no such files.
     """
     folder = data_set_folder(FOLDER, data)
-    found = sorted(path for path in folder.glob("*.csv") if RunName.parse(path.stem) is not None)
-    if not found:
+    files = sorted(path for path in folder.glob("*.csv") if RunName.parse(path.stem) is not None)
+    if not files:
         raise InputError(
             folder,
             "",
             "holds no run of the kind straight_ACF_F15_r0.0z0_v0.25.csv",
             "give the folder of the recordings with --data",
         )
-    return found
+    return files
 
 
 def read_run(path: Path) -> ContactRun:
     """Reads one run.
 
     Raises:
-        InputError: the file is missing or damaged, or named as no run is.
+        InputError: the file is missing or damaged, or not named like a run.
     """
     name = RunName.parse(path.stem)
     if name is None:
-        raise InputError(path, "", "is named as no run is", "expected straight_ACF_F15_..._v0.25")
+        raise InputError(path, "", "is not named like a run", "expected straight_ACF_F15_..._v0.25")
     log = read_recording(path, FORMAT)
     phase = log.extra["phase"][:, 0].astype(np.int64)
     speed = log.extra["tcp_speed_desired"][:, 0]
@@ -181,7 +189,7 @@ def _intervals(
     name: RunName, log: Recording, phase: NDArray[np.int64], speed: Array
 ) -> dict[str, tuple[float, float]]:
     """The intervals that a run has, by its phases and its target speed."""
-    t, found = log.t, {}
+    t, intervals = log.t, {}
 
     def ends(which: Flags) -> tuple[float, float] | None:
         rows = np.flatnonzero(which)
@@ -197,16 +205,16 @@ def _intervals(
         "hold2": (phase == _SECOND_HOLD, 0.0, _MARGIN),
         "lift": (phase == _LIFT, 0.0, 0.0),
     }
-    for key, (which, after, before) in margins.items():
+    for key, (which, margin_begin, margin_end) in margins.items():
         whole = ends(which)
         if whole is None or (key == "slide" and name.scene == "direct"):
             continue
-        first, last = whole[0] + after, whole[1] - before
+        begin, end = whole[0] + margin_begin, whole[1] - margin_end
         if key == "hold1" and name.controller == "acf":
-            first = max(first, _SETTLED)
-        if last > first:
-            found[key] = (first, last)
-    return found
+            begin = max(begin, _SETTLED)
+        if end > begin:
+            intervals[key] = (begin, end)
+    return intervals
 
 
 def rounded_corners(

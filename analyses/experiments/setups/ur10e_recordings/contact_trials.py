@@ -1,7 +1,7 @@
 """Pushes added to logs, and what a detector finds of them.
 
-A push is put in where the motors are: a force F at a point with Jacobian J takes J^T F off the
-torque that the same motion asks of them. Observer, friction and detector see the log as any other.
+A push is added to the motors' torque: a force F at a point with Jacobian J takes J^T F off the
+torque that the same motion needs. Observer, friction and detector read the log as any other.
 """
 
 from collections.abc import Sequence
@@ -102,22 +102,27 @@ class TrialLog:
         return len(self.t) * self.time_step / 3600.0
 
     def detector(self, rate: float) -> ContactDetector:
-        """With so many false alarms an hour."""
+        """The detector at a stated rate of false alarms an hour."""
         return ContactDetector.of(self.estimator, ContactDetectionConfig(rate))
 
     def detect(self, detector: ContactDetector, tau_ext: Array | None = None) -> Detection:
-        """What is found with a torque from outside (N, n) put in."""
+        """Detection along the log, with an external torque (N, n) N m added to it."""
         current = self.current
         if tau_ext is not None:
             current = np.asarray(current - self.robot.motor_current(tau_ext))
-        seen = self.estimator.observe(self.q, self.v, current)
+        observation = self.estimator.observe(self.q, self.v, current)
         samples = ArmSamples(
-            seen.torque_error, self.v, seen.transmitted, self.momentum, seen.tau_ext, seen.fresh
+            observation.torque_error,
+            self.v,
+            observation.transmitted,
+            self.momentum,
+            observation.tau_ext,
+            observation.fresh,
         )
         return Detection.of(detector.judge(detector.initial_state(), samples))
 
     def alarms(self, rate: float) -> NDArray[np.intp]:
-        """Samples at which contacts begin, with so many false alarms an hour."""
+        """Samples at which contacts begin, at a stated rate of false alarms an hour."""
         return onsets(self.detect(self.detector(rate)).contact)
 
 
@@ -137,7 +142,7 @@ def jacobian_on_link(J: Array, link: int) -> Array:
 
 @dataclass
 class Tally:
-    """What became of the pushes of a set."""
+    """Counts of the pushes of a set: found, missed, their delays and their links."""
 
     contacts: int = 0
     delays: list[float] = field(default_factory=list)  # s, of those that were found
@@ -162,7 +167,7 @@ class Tally:
         """
         late = round(LATE / time_step)
         if detection.contact[max(begin - 1, 0)]:
-            return  # the one before is not over
+            return  # the contact before it is not over
         self.contacts += 1
         result = np.flatnonzero(detection.contact[begin : end + late])
         if not len(result):
@@ -176,7 +181,12 @@ class Tally:
             report = detection.link[inside][touched]
             report = report[report > 0]
             named = int(np.bincount(report).argmax()) if 2 * len(report) > touched.sum() else 0
-            verdict = "untold" if named == 0 else "right" if named == link else "wrong"
+            if named == 0:
+                verdict = "untold"
+            elif named == link:
+                verdict = "right"
+            else:
+                verdict = "wrong"
             self.links[verdict] = self.links.get(verdict, 0) + 1
 
     def metrics(self) -> dict[str, Any]:
@@ -202,7 +212,7 @@ def onsets(contact: Flags) -> NDArray[np.intp]:
 
 
 def false_alarm_metrics(alarms: int, hours: float) -> dict[str, Any]:
-    """Rate of what was counted, and the least and the largest one that agree with it."""
+    """False alarms an hour, and the least and the largest rate that agree with the count."""
     lower = 0.5 * float(chi2.ppf(1.0 - CONFIDENCE, 2 * alarms)) if alarms else 0.0
     upper = 0.5 * float(chi2.ppf(CONFIDENCE, 2 * (alarms + 1)))
     return {
@@ -215,32 +225,34 @@ def false_alarm_metrics(alarms: int, hours: float) -> dict[str, Any]:
 
 
 def schedule(
-    v: Array, duration: float, pause: float, first: float, time_step: float, slowest: float
+    v: Array, duration: float, pause: float, lead: float, time_step: float, slowest: float
 ) -> list[tuple[int, int]]:
     """(begin, end) of pushes one after another while the arm moves.
 
     Args:
         v: (N, n) rad/s.
-        duration, pause, first: s: of a push, after it, and before the first one.
+        duration: s, of a push.
+        pause: s, after a push.
+        lead: s, before the first push.
         time_step: s.
         slowest: rad/s of the fastest joint, all through the push.
     """
-    size, rest = round(duration / time_step), round(pause / time_step)
+    size, gap = round(duration / time_step), round(pause / time_step)
     fast = np.abs(v).max(axis=1) >= slowest
-    result, begin = [], round(first / time_step)
-    while begin + size + rest < len(v):
+    result, begin = [], round(lead / time_step)
+    while begin + size + gap < len(v):
         if fast[begin : begin + size].all():
             result.append((begin, begin + size))
-            begin += size + rest
+            begin += size + gap
         else:
-            begin += max(1, rest // 10)
+            begin += max(1, gap // 10)
     return result
 
 
 def spans_of(v: Array, duration: float, turn: int) -> list[tuple[int, int]]:
     """(begin, end) of the pushes of one of ROUNDS through a log of v (N, n) rad/s."""
-    first = FIRST + turn * 0.5 * PAUSE
-    return schedule(v, duration, PAUSE, first, TIME_STEP, SLOWEST)
+    lead = FIRST + turn * 0.5 * PAUSE
+    return schedule(v, duration, PAUSE, lead, TIME_STEP, SLOWEST)
 
 
 def samples_of(spans: Sequence[tuple[float, float]], t: Array) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""What is read of a known payload on a real arm, and how far that is from its true force."""
+"""Readings of a known payload on a real arm, and their errors against its true force."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,8 +44,8 @@ MARGIN = 1.0  # s left out at both ends: the observer's start, the reference's f
 INNER = slice(round(MARGIN / TIME_STEP), -round(MARGIN / TIME_STEP))
 # Samples of them; the observer's band is far below their rate.
 LEARNING = slice(round(MARGIN / TIME_STEP), round(LEARNING_TIME / TIME_STEP), 5)
-# Every method that is compared, with what sets it apart; the prior of the others, where they have
-# use for one, is the one that the log suggests.
+# Every method that is compared, with its settings. The other settings are alike; a prior, where a
+# method needs one, is the log's by evidence.
 METHODS: dict[str, WrenchReconstructionConfig] = {
     "bayesian": WrenchReconstructionConfig("bayesian"),
     "bayesian_live_prior": WrenchReconstructionConfig("bayesian"),
@@ -80,7 +80,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
             "rmse_n": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
             "max_error_n": float(np.linalg.norm(error, axis=1).max()),
             "mass_kg": float(np.sum(force[rows] * along) / np.sum(along**2)),
-            "correlation": [correlation(own, true) for own, true in pairs],
+            "correlation": [correlation(read, true) for read, true in pairs],
             "inside_68_pct": 100.0 * np.mean(share <= SIGMA_68, axis=0),
             "inside_95_pct": 100.0 * np.mean(share <= SIGMA_95, axis=0),
         }
@@ -95,7 +95,7 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
         "share_valid_pct": 100.0 * float(estimate.valid.mean()),
         "valid": errors(estimate.valid),
         "rank_correlation_with_error": {
-            key: float(spearmanr(own, size).statistic) for key, own in ranked.items()
+            key: float(spearmanr(measure, size).statistic) for key, measure in ranked.items()
         },
     }
 
@@ -121,7 +121,7 @@ def payload_reference(
 def force_of_load(
     robot: Robot, motion: Recording, J: Array, tau_ext: Array, Sigma_tau: Array, mass: float
 ) -> tuple[Array, Array]:
-    """Where a load acts, found from the first seconds of a run, and the force that it exerts there.
+    """The point where a load acts, found from the first seconds of a run, and its force there.
 
     Args:
         motion: of N samples, TIME_STEP apart.
@@ -134,9 +134,8 @@ def force_of_load(
         p_EP (3,) m in axes of E, and the force (N, 3) N in axes of W.
     """
     R_WE, _ = robot.chain.pose(motion.q)
-    learnt = J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING]
-    place = find_point_of_action(*learnt, Sigma_tau).p_EP
-    return place, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, place)
+    p_EP = find_point_of_action(J[LEARNING], R_WE[LEARNING], tau_ext[LEARNING], Sigma_tau).p_EP
+    return p_EP, mass * payload_reference(robot, motion, REFERENCE_CUTOFF, p_EP)
 
 
 def estimator_config() -> WrenchEstimatorConfig:
@@ -150,13 +149,13 @@ def estimator_config() -> WrenchEstimatorConfig:
 
 @dataclass(frozen=True, eq=False)
 class AtLoad:
-    """What is read at the point where the load acts.
+    """Readings at the point where the load acts.
 
     Attributes:
         t: (N,) s, of the test part.
         bayesian: the reading.
         direction: (N, 3) m/s^2, `payload_reference` at that point.
-        metrics: by method, the point that the part before tells, and the priors.
+        metrics: by method, the point found from the first part, and the priors.
     """
 
     t: Array
@@ -173,7 +172,7 @@ def read_at_load(
     with_mean: bool,
     free_noise: bool,
 ) -> AtLoad:
-    """Finds the point of action from the first seconds and reads the rest there."""
+    """Finds the point of action from the first seconds, and reads the later samples there."""
     learnt, test = slice(LEARNING.start, LEARNING.stop), slice(LEARNING.stop, -LEARNING.start)
     R_WE, _ = robot.chain.pose(loaded.q)
     result = find_point_of_action(
@@ -186,13 +185,13 @@ def read_at_load(
     )
     J = jacobian_at(batch.J, R_WE, result.p_EP)
     Sigma = result.noise_scale**2 * Sigma_tau
-    entry = result.force_sd, result.moment_sd
+    with_prior = METHODS["bayesian"].with_prior(result.force_sd, result.moment_sd)
     zero_mean = evidence_prior(J[learnt], batch.tau_ext[learnt], Sigma)
     expected = J[:, 3:].transpose(0, 2, 1) @ result.mean_force_W
     plain = batch.tau_ext
     readings = {}
     for name, config, tau, mean in (
-        ("bayesian", METHODS["bayesian"].with_prior(*entry), plain - expected, result.mean_force_W),
+        ("bayesian", with_prior, plain - expected, result.mean_force_W),
         ("bayesian_zero_mean", METHODS["bayesian"].with_prior(*zero_mean), plain, np.zeros(3)),
         ("force_only", METHODS["force_only"].with_prior(*zero_mean), plain, np.zeros(3)),
     ):
@@ -201,7 +200,7 @@ def read_at_load(
         readings[name] = estimate
     direction = payload_reference(robot, loaded, REFERENCE_CUTOFF, result.p_EP)[test]
     metrics = {
-        **{name: payload_metrics(own, direction) for name, own in readings.items()},
+        **{name: payload_metrics(estimate, direction) for name, estimate in readings.items()},
         "point_m": result.p_EP,
         "mean_force_n": result.mean_force_W,
         "force_sd_n": result.force_sd,

@@ -16,8 +16,7 @@ from wrenchsight.models.numerics.arrays import Array
 
 
 def bar_rows(rows: Mapping[str, Mapping[str, ArrayLike]], names: Sequence[str]) -> Figure:
-    """Bars side by side for each name; in a panel "inside", of shares of a 95 % band, 90 to 98 % is
-    shaded.
+    """Bars side by side for each name; a panel "inside" (shares of a 95 % band) shades 90 to 98 %.
 
     Args:
         rows: by the label of a panel's y, heights (L,) of each series.
@@ -25,7 +24,9 @@ def bar_rows(rows: Mapping[str, Mapping[str, ArrayLike]], names: Sequence[str]) 
     """
     figure, axes = new_figure(len(rows), 1, height=1.7 * len(rows) + 1.8, share_x=True)
     for panel, (label, series) in zip(axes[:, 0], rows.items(), strict=True):
-        draw_bars(panel, {key: np.asarray(own, float) for key, own in series.items()}, names)
+        draw_bars(
+            panel, {key: np.asarray(heights, float) for key, heights in series.items()}, names
+        )
         panel.set_ylabel(label)
         if label.startswith("inside"):
             panel.axhspan(90.0, 98.0, color=COLOUR["truth"], alpha=0.12, lw=0, zorder=0)
@@ -35,5 +36,5 @@ def bar_rows(rows: Mapping[str, Mapping[str, ArrayLike]], names: Sequence[str]) 
 
 
 def axes_of(values: ArrayLike) -> dict[str, Array]:
-    """Series of what has three axes (L, 3): fx, fy and fz."""
+    """Series fx, fy and fz of values (L, 3)."""
     return dict(zip(("fx", "fy", "fz"), np.transpose(values), strict=True))

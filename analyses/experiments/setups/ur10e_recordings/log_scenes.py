@@ -1,4 +1,4 @@
-"""Logs with their truth: what a UR10e's known load exerts, read where it acts."""
+"""Logs with their truth: the force of a UR10e's known load, at the point where it acts."""
 
 from dataclasses import dataclass
 
@@ -37,16 +37,20 @@ class Scene:
 
 
 def loaded_scene(recording: Recording, mass: float, robot: Robot, model: IdentifiedModel) -> Scene:
-    """The log read where its load acts, which its first 10 s tell."""
+    """The log with E at the point where its load acts; this point is found from its first 10 s."""
     uniform, step = resampled(recording, TIME_STEP), position_resolution(recording.q)
     config = WrenchEstimatorConfig(
         MomentumObserverConfig(time_step=TIME_STEP, torque_samples="trapezoidal"),
         position_resolution=step.tolist(),
     )
-    seen = WrenchEstimator(robot, model, config).observe(uniform.q, uniform.v, uniform.current)
+    observation = WrenchEstimator(robot, model, config).observe(
+        uniform.q, uniform.v, uniform.current
+    )
     Sigma_tau = model.residual_covariance
-    point, truth = force_of_load(robot, uniform, seen.J, seen.tau_ext, Sigma_tau, mass)
+    point, truth = force_of_load(
+        robot, uniform, observation.J, observation.tau_ext, Sigma_tau, mass
+    )
     if any(robot.config.tool_frame.xyz) or any(robot.config.tool_frame.rpy):
         raise ValueError("the load's point is given in the flange")
-    there = robot.with_tool(robot.config.tool, PoseConfig([float(x) for x in point]))
-    return Scene(uniform, truth, there, model, step)
+    robot_at_load = robot.with_tool(robot.config.tool, PoseConfig([float(x) for x in point]))
+    return Scene(uniform, truth, robot_at_load, model, step)

@@ -1,8 +1,8 @@
 """The simulated twin of a real log: the same commanded motion, the true joints, the same clock.
 
-The motion is the log's own, low-passed: what the controller was told is not in the logs. The
-simulated arm follows it under the drives' own controller and is logged where the real log has its
-rows, rounded as it.
+The motion is the log's, low-passed, since the logs do not hold the controller's command. The
+simulated arm follows it under the controller of its drives. It is logged at the times of the real
+log's rows, rounded alike.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The UR10e's recordings: which runs a model is fitted on, and which are kept to judge it."""
+"""The UR10e's recordings: the runs that a model is fitted on, and those that judge it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -45,7 +45,7 @@ LOADS = dict.fromkeys(FREE_LOGS, 0.0) | LOADED_LOGS  # kg
 
 
 def log_file(data: Path | None, name: str) -> Path:
-    """A log's file, in whichever of both sets it is; it need not exist where MORE is not there.
+    """A log's file, in either of the two sets; it need not exist where the set MORE is missing.
 
     Args:
         data: the folder of recordings that is given.
@@ -54,8 +54,8 @@ def log_file(data: Path | None, name: str) -> Path:
         InputError: the set FOLDER is nowhere.
     """
     path = data_set_folder(FOLDER, data) / f"{name}.csv"
-    more = find_data_set(MORE, data)
-    return path if path.is_file() or more is None else more.folder / path.name
+    second_set = find_data_set(MORE, data)
+    return path if path.is_file() or second_set is None else second_set.folder / path.name
 
 
 def validation_recordings(data: Path | None, robot: Robot) -> list[Recording]:
@@ -71,7 +71,7 @@ def identify_ur10e(
     data: Path | None,
     robot: Robot,
     config: IdentificationConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float, str], None] = lambda fraction, action: None,
 ) -> IdentificationResult:
     """Fits the UR10e's model on the three unloaded runs.
 

@@ -45,10 +45,10 @@ def test_the_sweep_covers_every_gain_with_orthogonal_tones(lowest):
     np.testing.assert_allclose(frequency / lowest, np.round(frequency / lowest), atol=1e-9)
     assert frequency[-1] < 500.0  # half the sampling frequency
     for K_0 in GAINS:
-        own = sweep_frequencies([K_0], lowest)
-        assert set(own.round(6)) <= set(frequency.round(6)) | set(own[:-1].round(6))
-        assert 5.0 * K_0 / (2.0 * np.pi) <= own[-1] <= 5.0 * K_0 / (2.0 * np.pi) + lowest
-        assert own[-1] in frequency
+        of_gain = sweep_frequencies([K_0], lowest)
+        assert set(of_gain.round(6)) <= set(frequency.round(6)) | set(of_gain[:-1].round(6))
+        assert 5.0 * K_0 / (2.0 * np.pi) <= of_gain[-1] <= 5.0 * K_0 / (2.0 * np.pi) + lowest
+        assert of_gain[-1] in frequency
 
 
 def test_amplitude_and_phase_are_those_of_eq_30(metrics):
@@ -56,14 +56,14 @@ def test_amplitude_and_phase_are_those_of_eq_30(metrics):
     assert metrics["max_amplitude_error_pct"] < 1.0
     assert metrics["max_phase_error_deg"] < 1.0
     for K_0 in GAINS:
-        found = gain(metrics, K_0)
-        f = np.array(found["frequency_hz"])
+        gain_metrics = gain(metrics, K_0)
+        f = np.array(gain_metrics["frequency_hz"])
         assert f[-1] >= 5.0 * K_0 / (2.0 * np.pi)
         exact = 1.0 / (1.0 + 2j * np.pi * f / K_0)
-        np.testing.assert_allclose(found["amplitude"], np.abs(exact), rtol=0.01)
-        np.testing.assert_allclose(found["phase_deg"], np.angle(exact, deg=True), atol=1.0)
+        np.testing.assert_allclose(gain_metrics["amplitude"], np.abs(exact), rtol=0.01)
+        np.testing.assert_allclose(gain_metrics["phase_deg"], np.angle(exact, deg=True), atol=1.0)
         # Nothing is hidden in the tolerance: what is left is the sampling, known in closed form.
-        assert found["max_deviation_from_sampled_pct"] < 0.01
+        assert gain_metrics["max_deviation_from_sampled_pct"] < 0.01
 
 
 def test_one_tick_of_delay_would_be_seen(sts):
@@ -77,13 +77,15 @@ def test_one_tick_of_delay_would_be_seen(sts):
 
 def test_step_ramp_and_sine(metrics):
     for K_0 in GAINS:
-        found = gain(metrics, K_0)
-        assert found["step"]["time_constant_s"] == pytest.approx(1.0 / K_0, rel=0.01)
-        assert found["step"]["rise_time_s"] == pytest.approx(np.log(9.0) / K_0, rel=0.01)
-        assert found["ramp"]["lag_n"] == pytest.approx(10.0 / K_0, rel=0.01)
+        gain_metrics = gain(metrics, K_0)
+        assert gain_metrics["step"]["time_constant_s"] == pytest.approx(1.0 / K_0, rel=0.01)
+        assert gain_metrics["step"]["rise_time_s"] == pytest.approx(np.log(9.0) / K_0, rel=0.01)
+        assert gain_metrics["ramp"]["lag_n"] == pytest.approx(10.0 / K_0, rel=0.01)
         exact = K_0 / (K_0 + 2j * np.pi * 2.0)
-        assert found["sine"]["amplitude"] == pytest.approx(abs(exact), rel=0.01)
-        assert found["sine"]["phase_deg"] == pytest.approx(np.angle(exact, deg=True), abs=0.5)
+        assert gain_metrics["sine"]["amplitude"] == pytest.approx(abs(exact), rel=0.01)
+        assert gain_metrics["sine"]["phase_deg"] == pytest.approx(
+            np.angle(exact, deg=True), abs=0.5
+        )
 
 
 def test_noise_grows_with_the_gain_as_the_current_says(metrics):

@@ -52,10 +52,10 @@ def test_the_path_found_here_lies_ahead_and_reads_better(
     np.testing.assert_allclose(path.n_W, [0.0, 1.0, 0.0], atol=0.01)
     np.testing.assert_allclose(path.p_WM, [0.235, 0.0, 0.375], atol=2e-3)
     assert abs(posture[0]) < 0.01
-    found, article = metrics["found"], metrics["optimised"]["other_elbow"]
-    assert found["mean_jcn"] <= 10.976
-    assert found["max_jcn"] <= 17.0
-    assert found["max_error_y_n"] < article["max_error_y_n"]
+    of_found_path, article = metrics["found"], metrics["optimised"]["other_elbow"]
+    assert of_found_path["mean_jcn"] <= 10.976
+    assert of_found_path["max_jcn"] <= 17.0
+    assert of_found_path["max_error_y_n"] < article["max_error_y_n"]
 
 
 def test_the_first_draw_is_what_eq_22_makes_of_the_readings(sts: Robot) -> None:

@@ -20,9 +20,9 @@ OPTIONS = {"quick": True}
 
 def test_near_zero_counts_slow_samples_only():
     v = np.array([-0.2, -0.01, 0.02, 0.5])
-    own = NearZero(v, np.array([9.0, -1.0, 2.0, 9.0]), {"a": np.array([0.0, -4.0, 6.0, 0.0])})
-    assert own.rmse("a", 0.05) == pytest.approx(np.sqrt((9.0 + 16.0) / 2.0))
-    assert np.isnan(own.rmse("a", 0.001))
+    near_zero = NearZero(v, np.array([9.0, -1.0, 2.0, 9.0]), {"a": np.array([0.0, -4.0, 6.0, 0.0])})
+    assert near_zero.rmse("a", 0.05) == pytest.approx(np.sqrt((9.0 + 16.0) / 2.0))
+    assert np.isnan(near_zero.rmse("a", 0.001))
 
 
 @pytest.mark.slow

@@ -39,12 +39,12 @@ def test_bands_are_counted_from_the_fifth_second_on():
     wrench[700:751, 3] = 5.0  # of 501 samples in x
     valid = t < 8.0
     valid[700:720] = False
-    found = judged(readings(count, wrench, 2.0, valid), np.zeros((count, 3)))
-    np.testing.assert_allclose(found["inside_95_pct"], [100.0 * 450 / 501, 100.0, 100.0])
-    np.testing.assert_allclose(found["rmse_n"], [5.0 * np.sqrt(51 / 501), 0.0, 0.0])
+    metrics = judged(readings(count, wrench, 2.0, valid), np.zeros((count, 3)))
+    np.testing.assert_allclose(metrics["inside_95_pct"], [100.0 * 450 / 501, 100.0, 100.0])
+    np.testing.assert_allclose(metrics["rmse_n"], [5.0 * np.sqrt(51 / 501), 0.0, 0.0])
     inside = 300 - 20  # of which 31 are off
-    np.testing.assert_allclose(found["valid"]["inside_95_pct"][0], 100.0 * (1.0 - 31 / inside))
-    assert found["share_valid_pct"] == pytest.approx(100.0 * inside / 501)
+    np.testing.assert_allclose(metrics["valid"]["inside_95_pct"][0], 100.0 * (1.0 - 31 / inside))
+    assert metrics["share_valid_pct"] == pytest.approx(100.0 * inside / 501)
     nothing = judged(readings(count, wrench, 2.0, 0.0 * t), np.zeros((count, 3)))
     assert nothing["valid"]["rmse_n"] == [None] * 3
 
@@ -69,12 +69,12 @@ def test_a_log_is_read_for_its_first_seconds_with_and_without_tracking(data, ur1
 
 def test_two_sources_at_real_time(data, ur10e, model):
     log = data(f"{FOLDER}/{LOADED}")
-    found = sources(log, model, ur10e, 4.0)
-    assert found["replay"]["rate_hz"] == pytest.approx(100.0, rel=0.05)
-    assert found["rtde"]["rate_hz"] == pytest.approx(500.0, rel=1e-3)
-    assert found["rtde"]["lost"] == 0
-    for own in found.values():
-        assert 0.0 < own["latency_p50_ms"] <= own["latency_p99_ms"] < 1e3
+    metrics = sources(log, model, ur10e, 4.0)
+    assert metrics["replay"]["rate_hz"] == pytest.approx(100.0, rel=0.05)
+    assert metrics["rtde"]["rate_hz"] == pytest.approx(500.0, rel=1e-3)
+    assert metrics["rtde"]["lost"] == 0
+    for source in metrics.values():
+        assert 0.0 < source["latency_p50_ms"] <= source["latency_p99_ms"] < 1e3
 
 
 def test_what_is_missing_is_counted(ur10e, model, tmp_path):

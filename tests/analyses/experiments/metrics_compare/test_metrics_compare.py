@@ -21,7 +21,7 @@ def test_the_bootstrap_ranks_every_resampling_anew() -> None:
     rng = np.random.default_rng(0)
     x = rng.normal(size=300)
     y = np.exp(x) + rng.normal(size=300)
-    found, draws = bootstrap({"x": x}, y, 150, np.random.default_rng(7))
+    result, draws = bootstrap({"x": x}, y, 150, np.random.default_rng(7))
     # The same resamplings, row by row, with scipy's own ranks and ties.
     again = np.random.default_rng(7)
     counts = np.concatenate(
@@ -30,7 +30,7 @@ def test_the_bootstrap_ranks_every_resampling_anew() -> None:
     for k in (0, 99, 149):
         rows = np.repeat(np.arange(300), counts[k])
         assert draws["x"][k] == pytest.approx(spearmanr(x[rows], y[rows]).statistic, abs=1e-12)
-    value, low, high = found["x"]
+    value, low, high = result["x"]
     assert low < value < high
     # Fisher's interval for a rank correlation of this size: z +- 1.96 sqrt(1.06 / 297).
     width = (1.0 - value**2) * 2.0 * 1.96 * np.sqrt(1.06 / 297.0)

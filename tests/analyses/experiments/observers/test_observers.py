@@ -60,9 +60,9 @@ def test_a_push_that_is_put_in_reads_as_itself(ur10e: Robot) -> None:
         MomentumObserverConfig([40.0], STEP), WrenchReconstructionConfig("force_only")
     )
     estimator = WrenchEstimator(ur10e, model, config)
-    there = pushed(log, ur10e, forces)
-    found = estimator.run(estimator.initial_state(), there.q, there.v, there.current)
-    np.testing.assert_allclose(found.wrench[250, 3:], forces[250], rtol=1e-3, atol=1e-3)
+    pushed_log = pushed(log, ur10e, forces)
+    batch = estimator.run(estimator.initial_state(), pushed_log.q, pushed_log.v, pushed_log.current)
+    np.testing.assert_allclose(batch.wrench[250, 3:], forces[250], rtol=1e-3, atol=1e-3)
 
 
 def test_the_delay_is_that_of_the_reading() -> None:
@@ -71,9 +71,9 @@ def test_the_delay_is_that_of_the_reading() -> None:
     truth = push_forces(800, STEP, 30.0, 0.5, 1.0, rng)
     late = np.stack([np.interp(t - 0.04, t, axis) for axis in truth.T], axis=1)
     late += rng.normal(size=late.shape)
-    found = _delay(truth, late, np.arange(100, 700), STEP)
-    assert found is not None
-    assert abs(found - 0.04) <= np.diff(DELAYS)[0]
+    delay = _delay(truth, late, np.arange(100, 700), STEP)
+    assert delay is not None
+    assert abs(delay - 0.04) <= np.diff(DELAYS)[0]
     assert _delay(truth, late, np.arange(0), STEP) is None
 
 
@@ -128,6 +128,6 @@ def test_figures_of_a_log_that_is_never_valid_hold_a_delay() -> None:
     read: Any = SimpleNamespace(
         wrench=late, standard_deviation=1.0 + zeros, valid=np.zeros(N, bool)
     )
-    found = _measured(scene, read)
-    assert found["valid_rmse_n"] is None
-    np.testing.assert_allclose(found["delay_s"], 0.04)
+    figures = _measured(scene, read)
+    assert figures["valid_rmse_n"] is None
+    np.testing.assert_allclose(figures["delay_s"], 0.04)

@@ -12,8 +12,8 @@ FILES = ur10e_logs.FILES
 
 @pytest.mark.slow
 def test_predicts_torque_as_well_as_plain_least_squares(ran):
-    found = ran.metrics["validation"]["14harm50sec"]["rmse_nm"]
-    assert (found <= np.array([1.97, 3.11, 1.30, 0.44, 0.40, 0.34])).all()
+    metrics = ran.metrics["validation"]["14harm50sec"]["rmse_nm"]
+    assert (metrics <= np.array([1.97, 3.11, 1.30, 0.44, 0.40, 0.34])).all()
     assert (ran.metrics["validation"]["14harm50sec"]["similarity_pct"] > 90.0).all()
     assert len(ran.metrics["validation"]["ptp_10_points"]["relative_pct"]) == 6
 

@@ -8,12 +8,12 @@ from wrenchsight.analyses.experiments.ur10e_trust.experiment import TIME_STEP, r
 def test_each_sample_has_one_regime() -> None:
     t = TIME_STEP * np.arange(1000)
     v = np.stack([np.where(t < 6.0, np.cos(t), 0.0), np.where(t < 6.0, 0.5, 0.0)], axis=1)
-    found = regimes(v)
-    parts = np.stack([found[name] for name in ("rest", "reversal", "sliding")])
+    rows = regimes(v)
+    parts = np.stack([rows[name] for name in ("rest", "reversal", "sliding")])
     np.testing.assert_array_equal(parts.sum(axis=0), 1)
-    assert found["all"].all()
+    assert rows["all"].all()
     # Joint 1 turns at pi / 2 and 3 pi / 2; both stop at 6 s, and rest .3 s later.
-    assert found["reversal"][round(1.57 / TIME_STEP)]
-    assert found["reversal"][round(4.71 / TIME_STEP)]
-    assert found["sliding"][round(3.0 / TIME_STEP)]
-    np.testing.assert_array_equal(found["rest"], t >= 6.0 + 0.29 - 1e-9)
+    assert rows["reversal"][round(1.57 / TIME_STEP)]
+    assert rows["reversal"][round(4.71 / TIME_STEP)]
+    assert rows["sliding"][round(3.0 / TIME_STEP)]
+    np.testing.assert_array_equal(rows["rest"], t >= 6.0 + 0.29 - 1e-9)

@@ -129,10 +129,10 @@ def test_within_a_way_a_change_of_sign_tells_nothing():
     assert errors(blind[10:], truth[10:])["correlation"] > 0.99
     found = errors_within_ways(blind, truth, ways)
     assert abs(found["correlation"]) < 0.05  # ripple and noise are not in step
-    seen = errors_within_ways(sees, truth, ways)
-    assert seen["correlation"] == pytest.approx(1.0, abs=1e-12)
-    assert seen["rmse_n"] == pytest.approx(0.0, abs=1e-12)
-    assert seen["ways"]["rmse_n"] == pytest.approx([0.0, 0.0], abs=1e-12)
+    followed = errors_within_ways(sees, truth, ways)
+    assert followed["correlation"] == pytest.approx(1.0, abs=1e-12)
+    assert followed["rmse_n"] == pytest.approx(0.0, abs=1e-12)
+    assert followed["ways"]["rmse_n"] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 def test_directions_are_the_path_and_its_normal(made_up):

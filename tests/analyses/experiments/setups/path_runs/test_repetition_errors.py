@@ -22,14 +22,14 @@ def test_noise_is_what_differs_between_two_runs_once_they_have_settled(sts_rever
         seeds.append(seed)
         asked.append((np.array(postures), speeds, period))
         rng = np.random.default_rng(seed)
-        found = []
+        cycles = []
         for _ in postures:
             tau = 30.0 * np.sin(np.arange(N) * STEP)[:, np.newaxis] + size * rng.normal(size=(N, n))
             tau[:700] += 1e3 * len(seeds)  # before it has settled
             q = 1e-5 * np.rint(1e3 * rng.normal(size=(N, n)))
             t = STEP * np.arange(N)
-            found.append(Recording(t=t, q=q, v=0.0 * q, current=tau / drive, source="made"))
-        return found
+            cycles.append(Recording(t=t, q=q, v=0.0 * q, current=tau / drive, source="made"))
+        return cycles
 
     level = np.arange(1.0, n + 1.0)
     level[1] = -level[1]  # a fit may find it below zero

@@ -100,15 +100,15 @@ def test_each_session_is_pushed_by_the_hand_of_its_world(tmp_path):
     drawn = replace(plain, hand=hands.get)
     names = ("FrictionAtReversal", "Combined", "RepeatCyclePush")
     for name, hand in zip(names, hands.values(), strict=True):
-        own, other = (planned_task(context, name, 2.0) for context in (plain, drawn))
-        assert own == task_scenario(name, 3)
-        (mine,), (pushed,) = own.wrench, other.wrench
+        usual, other = (planned_task(context, name, 2.0) for context in (plain, drawn))
+        assert usual == task_scenario(name, 3)
+        (mine,), (pushed,) = usual.wrench, other.wrench
         assert pushed.force == pytest.approx([hand.force_sd] * 3)
         assert pushed.bandwidth == hand.bandwidth
         lever = np.divide(pushed.moment, pushed.force)
         np.testing.assert_allclose(lever, np.divide(mine.moment, mine.force))
         changed = replace(pushed, force=mine.force, moment=mine.moment, bandwidth=mine.bandwidth)
-        assert replace(other, wrench=[changed]) == own
+        assert replace(other, wrench=[changed]) == usual
     assert planned_task(drawn, "RepeatCycle", 2.0) == task_scenario("RepeatCycle", 3)
     quick = planned_task(replace(drawn, quick=True), "Combined", 2.0)
     assert quick.motion == task_scenario("Combined", 3, 2.0).motion
@@ -134,11 +134,11 @@ def test_readings_use_encoders_and_current_alone(sts, run):
     np.testing.assert_array_equal(reading.force, other.force)
     np.testing.assert_array_equal(reading.sd, other.sd)
     # Row for row what the estimator makes of the log, without its start.
-    own = estimator.run(
+    batch = estimator.run(
         estimator.initial_state(), run.recording.q, run.recording.v, run.recording.current
     )
     assert reading.t[0] == pytest.approx(0.15)
-    np.testing.assert_array_equal(reading.force, own.wrench[150:, 3:])
+    np.testing.assert_array_equal(reading.force, batch.wrench[150:, 3:])
     np.testing.assert_array_equal(reading.reference, run.ft_wrench[150:, 3:])
 
 

@@ -79,15 +79,17 @@ def test_the_torque_error_is_what_the_held_out_logs_show(sts):
 def test_all_experiments_of_an_arm_share_what_its_held_out_logs_say(sts, tmp_path, monkeypatch):
     model, log, _ = still(sts, 3000)
     fits = []
-    monkeypatch.setattr(arm_models, "fit_torque_error", lambda own: fits.append(own) or len(fits))
+    monkeypatch.setattr(
+        arm_models, "fit_torque_error", lambda readings: fits.append(readings) or len(fits)
+    )
     with sharing_in(tmp_path):
-        found = []
+        observed = []
         for K_0 in (20.0, 20.0, 60.0):  # three experiments
             models = ArmModels(sts, {"plain": model}, (log,))
-            found.append(models.observed("plain", K_0))
-    assert [error for _, error in found] == [1, 1, 2]
-    np.testing.assert_array_equal(found[0][0], found[1][0])
-    assert found[2][0].shape == (3000 - 50, 6)  # from 3 / K_0 on
+            observed.append(models.observed("plain", K_0))
+    assert [error for _, error in observed] == [1, 1, 2]
+    np.testing.assert_array_equal(observed[0][0], observed[1][0])
+    assert observed[2][0].shape == (3000 - 50, 6)  # from 3 / K_0 on
 
 
 def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
@@ -97,8 +99,8 @@ def test_more_passes_tell_of_the_readings_error_and_nothing_of_planning(sts):
     loud = replace(log, current=gravity + 3.0 * (log.current - gravity))
     alone = ArmModels(sts, {"plain": model}, (log,))
     both = ArmModels(sts, {"plain": model}, (log,), (loud,))
-    found, expected = (models.observed("plain", 20.0)[0] for models in (both, alone))
-    np.testing.assert_array_equal(found, expected)
+    observed, expected = (models.observed("plain", 20.0)[0] for models in (both, alone))
+    np.testing.assert_array_equal(observed, expected)
     motion = (
         log.q,
         log.v,
@@ -126,10 +128,10 @@ def test_held_out_logs_are_read_once_for_each_law_and_gain(sts, monkeypatch):
     )
     models = ArmModels(sts, laws, (log,))
     pairs = [("plain", 20.0), ("plain", 60.0), ("other", 20.0), ("plain", 20.0)]
-    found = [models.observed(*pair) for pair in pairs]
+    observed = [models.observed(*pair) for pair in pairs]
     assert len(read) == 3
-    for (tau_ext, error), pair in zip(found, pairs, strict=True):
-        own, fit = ArmModels(sts, laws, (log,)).observed(*pair)
+    for (tau_ext, error), pair in zip(observed, pairs, strict=True):
+        alone, fit = ArmModels(sts, laws, (log,)).observed(*pair)
         np.testing.assert_array_equal(fit.constant, error.constant)
-        np.testing.assert_array_equal(own, tau_ext)
-    assert len({float(error.constant[0]) for _, error in found}) == 3
+        np.testing.assert_array_equal(alone, tau_ext)
+    assert len({float(error.constant[0]) for _, error in observed}) == 3

@@ -56,8 +56,8 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated):
     both = SemiParametricFriction(law, trained.networks, trained.v_crit)
     near = np.isfinite(v) & (np.abs(v) <= trained.v_crit)
 
-    def rms(found):
-        return np.sqrt(np.mean((found - torque) ** 2, axis=0, where=near))
+    def rms(predicted):
+        return np.sqrt(np.mean((predicted - torque) ** 2, axis=0, where=near))
 
     filled = np.nan_to_num(v)
     assert (rms(both.torque(filled)) < 0.4 * rms(law.torque(filled))).all()
@@ -66,14 +66,14 @@ def test_a_network_on_it_beats_coulomb_viscous_near_zero(separated):
 def test_a_real_arms_friction_is_almost_odd(ur10e, data):
     path = data("ur10e/ur-20_01_22-joint_1.csv")
     log = read_recording(path, robot=ur10e, check=False)
-    found = separate_recordings(ur10e, [log], IdentifiedModel.nominal(ur10e), joints=[0])
-    samples = found.samples[0]
+    separated = separate_recordings(ur10e, [log], IdentifiedModel.nominal(ur10e), joints=[0])
+    samples = separated.samples[0]
     assert len(samples.speed) > 1000
     # The first axis is vertical: the nominal model's gravity has no part in it.
     assert np.mean(samples.asymmetric**2) < 0.05**2 * np.mean(samples.symmetric**2)
     slope, level = np.polyfit(samples.speed, samples.symmetric, 1)
     assert 8.0 < level < 25.0 and 10.0 < slope < 35.0
-    assert [len(s.speed) for s in found.samples[1:]] == [0] * 5
+    assert [len(s.speed) for s in separated.samples[1:]] == [0] * 5
 
 
 def test_recordings_and_joints_must_match(sts):

@@ -31,10 +31,10 @@ def test_a_force_at_the_point_is_read_and_its_band_holds():
     force = np.array([3.0, -20.0, 7.0])
     judged = Judged.at_point(log, J, np.diag(SD**2))
     np.testing.assert_allclose(judged.gain[0] @ J[0].T @ force, force, rtol=1e-12)
-    found = predictors.errors(judged)["model"].metrics()
-    np.testing.assert_allclose(found["torque_rmse_nm"], SD, rtol=0.05)
+    metrics = predictors.errors(judged)["model"].metrics()
+    np.testing.assert_allclose(metrics["torque_rmse_nm"], SD, rtol=0.05)
     # 6000 samples: sd .3 %; the covariance is of 900: 5 % of an sd, 1 % of the share.
-    np.testing.assert_allclose(found["inside_95_pct"], 95.0, atol=3.0)
+    np.testing.assert_allclose(metrics["inside_95_pct"], 95.0, atol=3.0)
 
 
 def test_postures_that_hide_a_force_are_left_out_of_forces_alone():
@@ -42,15 +42,15 @@ def test_postures_that_hide_a_force_are_left_out_of_forces_alone():
     J = np.tile(np.eye(3), (1000, 1, 1))
     J[:400, 2, 2] = 0.9 * SD[2] / READABLE  # a force along z that is this weak in the torques
     errors = predictors.errors(Judged.at_point(log, J, np.diag(SD**2)))
-    for own in errors.values():
-        assert len(own.torque) == 1000 and len(own.force) == 600
+    for method_errors in errors.values():
+        assert len(method_errors.torque) == 1000 and len(method_errors.force) == 600
 
 
 def test_a_torque_that_is_known_changes_no_error_of_the_model():
     log, predictors = noisy_log(1, 500), Predictors([noisy_log(0, 500)], 0, 0.01)
     J = np.tile(np.eye(3), (500, 1, 1))
     plain, less = (
-        predictors.errors(Judged.at_point(own, J, np.eye(3)))["model"].torque
-        for own in (log, log.less(np.full((500, 3), 4.0)))
+        predictors.errors(Judged.at_point(judged_log, J, np.eye(3)))["model"].torque
+        for judged_log in (log, log.less(np.full((500, 3), 4.0)))
     )
     np.testing.assert_allclose(plain, less, atol=1e-12)

@@ -66,11 +66,11 @@ def test_pushes_are_of_one_size_and_follow_the_jacobian():
 def test_pushes_are_put_where_the_arm_moves():
     v = np.zeros((2000, 2))
     v[600:1200, 1] = -0.2
-    found = schedule(v, 0.5, 1.0, 2.0, T, 0.1)
-    assert [end - begin for begin, end in found] == [50] * len(found)
-    assert found[0][0] >= 600
-    assert found[-1][1] <= 1200
-    assert all(b[0] - a[1] >= 100 for a, b in pairwise(found))
+    spans = schedule(v, 0.5, 1.0, 2.0, T, 0.1)
+    assert [end - begin for begin, end in spans] == [50] * len(spans)
+    assert spans[0][0] >= 600
+    assert spans[-1][1] <= 1200
+    assert all(b[0] - a[1] >= 100 for a, b in pairwise(spans))
     assert schedule(0.0 * v, 0.5, 1.0, 2.0, T, 0.1) == []
 
 
@@ -81,10 +81,10 @@ def test_what_is_found_late_or_not_at_all_is_told():
     contact[690:760] = True  # there already: says nothing of the push
     misfit = np.zeros(1000, bool)
     misfit[110:150] = True
-    found = detection(contact, misfit, link=3)
+    detected = detection(contact, misfit, link=3)
     tally = Tally()
     for begin in (100, 400, 700, 800):
-        tally.add(found, begin, begin + 50, T, 3)
+        tally.add(detected, begin, begin + 50, T, 3)
     metrics = tally.metrics()
     assert metrics["contacts"] == 3
     assert metrics["missed"] == 1
@@ -120,8 +120,8 @@ def test_the_push_reaches_the_reading(sts):
     )
     tau = put_in([(150, 250)], log.J[:, 3:], 30.0, np.random.default_rng(1))
     gain = sts.current_sign * sts.torque_per_ampere
-    seen = log.estimator.observe(log.q, log.v, log.current - tau / gain).tau_ext
+    read = log.estimator.observe(log.q, log.v, log.current - tau / gain).tau_ext
     free = log.estimator.observe(log.q, log.v, log.current).tau_ext
     # 1 s is 20 time constants; the force then follows the moving J with a lag of 1 / K_0.
-    np.testing.assert_allclose((seen - free)[245], tau[245], atol=0.05 * np.abs(tau).max())
+    np.testing.assert_allclose((read - free)[245], tau[245], atol=0.05 * np.abs(tau).max())
     assert log.hours == pytest.approx(3.0 / 3600.0)
