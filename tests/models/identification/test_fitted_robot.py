@@ -39,9 +39,9 @@ def test_torque_per_ampere_doubled(sts: Robot, saved: Path) -> None:
 def test_another_robot_that_is_meant_is_read_and_told(sts: Robot, saved: Path) -> None:
     other = sts.with_torque_per_ampere((2.0 * sts.torque_per_ampere).tolist())
     model = IdentifiedModel.load(saved, other, other_robot=True)
-    told = model.fitted_robot.differences(other)
-    assert [key for key, _ in told] == ["torque_per_ampere"] * sts.num_joints
-    assert "47.47 (joint_1)" in told[0][1] and "94.94" in told[0][1]
+    differences = model.fitted_robot.differences(other)
+    assert [key for key, _ in differences] == ["torque_per_ampere"] * sts.num_joints
+    assert "47.47 (joint_1)" in differences[0][1] and "94.94" in differences[0][1]
     assert model.fitted_robot.differences(sts) == []
 
 
@@ -76,4 +76,4 @@ def test_a_file_without_the_keys_loads_with_a_sentence(sts: Robot, tmp_path: Pat
     path.write_text(text[:begin] + text[text.index("complete") :])
     model = IdentifiedModel.load(path, sts)
     (sentence,) = model.fitted_robot.doubts(sts)
-    assert "does not say" in sentence
+    assert "does not state" in sentence
