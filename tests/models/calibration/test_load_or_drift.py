@@ -43,23 +43,23 @@ def log_of(robot, seed, load=None, drift=0.0, duration=25.0, since=0.0):
     [(None, 0.0, "none"), (None, 1.5, "drift"), (LOAD, 0.0, "load"), (LOAD, 1.5, "both")],
 )
 def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
-    found = weigh(log_of(ur10e, seed, load, drift), LAW, PRIOR)
-    assert sum(found.probability.values()) == pytest.approx(1.0)
-    assert found.probability[expected] > 0.9
-    assert found.is_told == (load is not None)
+    weighed = weigh(log_of(ur10e, seed, load, drift), LAW, PRIOR)
+    assert sum(weighed.probability.values()) == pytest.approx(1.0)
+    assert weighed.probability[expected] > 0.9
+    assert weighed.is_told == (load is not None)
     if load is not None:
-        error = (found.load.mass - 1.5) / found.load.standard_deviation[0]
+        error = (weighed.load.mass - 1.5) / weighed.load.standard_deviation[0]
         assert abs(error) < 3.0
-        line = found.sentence()
-        assert line.startswith(f"a load of {found.load.mass:.3g} +- ")
+        line = weighed.sentence()
+        assert line.startswith(f"unmodelled load: {weighed.load.mass:.3g} +- ")
         assert "mm from the flange, since the log's start" in line
-        assert ("friction that has drifted" in line) == (expected == "both")
+        assert ("together with friction drift" in line) == (expected == "both")
 
 
 def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
-    found = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
-    assert not found.is_steady
-    assert not found.is_told
+    weighed = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
+    assert not weighed.is_steady
+    assert not weighed.is_told
 
 
 @pytest.mark.parametrize(
@@ -67,17 +67,17 @@ def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
 )
 def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift):
     log = log_of(ur10e, seed, LOAD, drift, since=since)
-    found = weigh_begin(log, LAW, PRIOR)
-    assert found.is_told
-    assert found.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
-    assert found.begin_sd < 0.1
-    assert abs(found.load.mass - 1.5) < 3.0 * found.load.standard_deviation[0]
-    assert f"since t = {found.begin:.1f} +- 0.1 s" in found.sentence()
-    assert found.metrics()["begin_s"] == found.begin
-    row = int(np.searchsorted(log.rows.t, found.begin))
-    left = without_load(loaded_from(log, row), found.load).rows.residual
+    weighed = weigh_begin(log, LAW, PRIOR)
+    assert weighed.is_told
+    assert weighed.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
+    assert weighed.begin_sd < 0.1
+    assert abs(weighed.load.mass - 1.5) < 3.0 * weighed.load.standard_deviation[0]
+    assert f"since t = {weighed.begin:.1f} +- 0.1 s" in weighed.sentence()
+    assert weighed.metrics()["begin_s"] == weighed.begin
+    row = int(np.searchsorted(log.rows.t, weighed.begin))
+    remaining = without_load(loaded_from(log, row), weighed.load).rows.residual
     bare = log_of(ur10e, seed, None, drift).rows.residual
-    assert np.linalg.norm(left - bare) < 0.2 * np.linalg.norm(log.rows.residual - bare)
+    assert np.linalg.norm(remaining - bare) < 0.2 * np.linalg.norm(log.rows.residual - bare)
 
 
 @pytest.mark.parametrize("drift", [0.0, 1.5])
@@ -87,9 +87,9 @@ def test_nothing_is_taken_up_in_a_log_without_a_load(ur10e, seed, drift):
 
 
 def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
-    found = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
-    assert found.is_told
-    assert found.begin == pytest.approx(97.3, abs=0.15)
+    weighed = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
+    assert weighed.is_told
+    assert weighed.begin == pytest.approx(97.3, abs=0.15)
 
 
 def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
@@ -111,8 +111,10 @@ def test_what_lifts_the_arm_is_no_load(ur10e):
 def test_without_the_load_its_torque_is_gone(ur10e):
     log = log_of(ur10e, 3, LOAD)
     bare = log_of(ur10e, 3)
-    left = without_load(log, weigh(log, LAW, PRIOR).load).rows.residual
-    size = [np.linalg.norm(own - bare.rows.residual) for own in (log.rows.residual, left)]
+    remaining = without_load(log, weigh(log, LAW, PRIOR).load).rows.residual
+    size = [
+        np.linalg.norm(residual - bare.rows.residual) for residual in (log.rows.residual, remaining)
+    ]
     assert size[1] < 0.2 * size[0]
 
 

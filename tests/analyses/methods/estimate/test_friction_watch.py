@@ -104,7 +104,7 @@ def test_more_viscous_friction_is_named_with_the_command_to_run(sts, model, cuts
     assert (found.joint, found.term) == (2, "viscous")
     assert found.change == pytest.approx(6.0, rel=0.15)
     lines = watch.sentences("log.csv", "r", "model.yaml")
-    assert "friction of joint_3 is not the model's" in lines[0]
+    assert "friction of joint_3 differs from the model" in lines[0]
     command = "wrenchsight identify log.csv --robot r --refresh model.yaml --out refreshed"
     assert lines[1] == f"friction of today: {command}"
     assert watch.sentences("log.csv", "r", None) == []

@@ -70,7 +70,7 @@ def test_a_real_load_is_weighed(data, model_file, tmp_path, name, mass):
     # Two standard errors: the goal; three cover this quicker law.
     assert abs(load["mass_kg"] - mass) < 3.0 * load["mass_sd_kg"]
     assert load["mass_sd_kg"] < 0.1
-    assert result.contacts[0].startswith(f"a load of {load['mass_kg']:.3g} +- ")
+    assert result.contacts[0].startswith(f"unmodelled load: {load['mass_kg']:.3g} +- ")
     refresh = [line for line in result.warnings if line.startswith("friction of today")]
     assert all("without the load" in line for line in refresh)
 
