@@ -143,7 +143,7 @@ def _scale(settings: IdentifySettings, out: Path) -> None:
         shown = "–"
         if not isnan(found.torque_per_unit[j]):
             shown = f"{found.torque_per_unit[j]:.3g} ± {found.standard_error[j]:.2g}"
-        note = "" if found.seen[j] else " (not shown)"
+        note = "" if found.is_determined[j] else " (not shown)"
         table.add_row(name, shown + note, f"{result.stated[j]:.3g}", f"{found.gravity[j]:.2g}")
     show(
         table,

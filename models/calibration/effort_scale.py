@@ -28,7 +28,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 BLOCK = 2.5  # s that an error of a model at rest lasts
-SEEN = 0.1  # relative standard error below which a joint's scale is determined
+DETERMINED = 0.1  # relative standard error below which a joint's scale is determined
 _GRAVITY_SHARE = 0.1  # of the variance of gravity and inertia together
 _CUTOFF, _MOST_CUTOFF = 5.0, 0.2  # Hz; of the sampling rate
 _TURN = 0.02  # of the speed limit, within which friction's sign fades
@@ -55,10 +55,10 @@ class EffortScale:
     count: int
 
     @property
-    def seen(self) -> Flags:
-        """(n,) whether the joint's scale is known to within SEEN."""
+    def is_determined(self) -> Flags:
+        """(n,) whether the joint's scale is known to within DETERMINED."""
         with np.errstate(invalid="ignore"):
-            is_precise = self.standard_error < SEEN * np.abs(self.torque_per_unit)
+            is_precise = self.standard_error < DETERMINED * np.abs(self.torque_per_unit)
         return np.asarray(is_precise & np.isfinite(self.torque_per_unit))
 
 

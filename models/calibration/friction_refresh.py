@@ -83,7 +83,7 @@ class FrictionRefresh:
         return np.asarray(self.change / self.standard_deviation)
 
     @property
-    def told(self) -> Array:
+    def determined_share(self) -> Array:
         """(n, 3) share of the prior's variance that the log has removed, 0 to 1."""
         return np.asarray(1.0 - (self.standard_deviation / self.prior_deviation) ** 2)
 

@@ -56,7 +56,7 @@ def load_across_joints(
     """
     n = log.rows.num_joints
     weighed = weigh(log, law, prior)
-    if weighed is None or not weighed.is_told or weighed.load.mass < LEAST_MASS or n < 2:
+    if weighed is None or not weighed.is_shown or weighed.load.mass < LEAST_MASS or n < 2:
         return None
     masses = [estimate_load(_without_joint(log, j), law, prior).mass for j in range(n)]
     spread = np.std(masses) * np.sqrt(n - 1) * float(stdtrit(n - 1, 0.975)) / SIGMA_95

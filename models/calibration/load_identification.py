@@ -137,7 +137,7 @@ class LoadEstimate:
         return replace(self, mass=float(values[0]), com=values[1:4], inertia=inertia)
 
     @property
-    def inertia_told(self) -> Array:
+    def inertia_determined_share(self) -> Array:
         """(6,) share of the prior's variance that the motion has removed, 0 to 1."""
         remaining = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
         return np.asarray(np.maximum(1.0 - remaining, 0.0))

@@ -61,7 +61,7 @@ class LoadOrDrift:
     begin_sd: float = 0.0
 
     @property
-    def is_told(self) -> bool:
+    def is_shown(self) -> bool:
         """Whether the log shows a load."""
         loaded = self.probability["load"] + self.probability["both"]
         return self.is_steady and self.load.is_there and loaded > 1.0 - UNLIKELY
@@ -89,7 +89,7 @@ class LoadOrDrift:
         """As metrics.json holds them under `load`."""
         sd = self.load.standard_deviation
         return {
-            "told": self.is_told,
+            "told": self.is_shown,
             "mass_kg": self.load.mass,
             "mass_sd_kg": sd[0],
             "com_m": self.load.com,

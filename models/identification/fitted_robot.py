@@ -81,7 +81,7 @@ class FittedRobot:
                 differences.append((key, problem))
         return differences
 
-    def doubts(self, robot: Robot) -> list[str]:
+    def warnings(self, robot: Robot) -> list[str]:
         """Warnings about differences that may be meant, one sentence each."""
         if not self.torque_per_ampere:
             return [

@@ -218,7 +218,7 @@ def estimate(
     load = None if before.watch is None else before.watch.load()
     metrics["load"] = None if load is None else load.metrics()
     contacts = tuple(episodes.lines()) if model.torque_error is not None else ()
-    if load is not None and load.is_told:
+    if load is not None and load.is_shown:
         contacts = (load.sentence(), *contacts)
     if tracked is not None:
         metrics["friction_tracked"] = tracked.tracker.metrics()
@@ -265,7 +265,7 @@ def _model_warnings(robot: Robot, model: IdentifiedModel, settings: EstimateSett
             + ("" if settings.model else f", so that no reading is valid; first: {again}")
         )
     else:
-        warnings += model.fitted_robot.doubts(robot)
+        warnings += model.fitted_robot.warnings(robot)
     warnings += [
         f"read as asked for with another robot: {key}: {what}"
         for key, what in model.fitted_robot.differences(robot)

@@ -24,7 +24,7 @@ from wrenchsight.models.calibration.load_or_drift import (
     without_load,
 )
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -96,7 +96,8 @@ class FrictionWatch:
         self._free.append(free[at])
         if self._regressor is not None:
             self._columns.append(self._regressor.along(q, v, at))
-        log, sd = (t, q, v, self._chain.gravity_torque(q)), self._model.residual_covariance
+        log = LogSignals(t, q, v, self._chain.gravity_torque(q))
+        sd = self._model.residual_covariance
         self._rows.append(
             ResidualRows.of_law(
                 self._model.friction, log, -tau_ext[at], np.sqrt(np.diag(sd)), at, self._seen
@@ -177,13 +178,13 @@ class FrictionWatch:
                 law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
                 log = self._log_of(free, self._regressor)
                 found = weigh(log, law, prior)
-                if found is None or not (found.is_told or (found.is_steady and free.all())):
+                if found is None or not (found.is_shown or (found.is_steady and free.all())):
                     whole = self._log_of(np.ones_like(free), self._regressor)
                     begun = weigh_begin(whole, law, prior)
-                    if begun is not None and begun.is_told and begun.begin is not None:
+                    if begun is not None and begun.is_shown and begun.begin is not None:
                         found, since = begun, whole.rows.t >= begun.begin
                         log = loaded_from(whole, int(np.argmax(since)))[free | since]
-                if found is not None and found.is_told:
+                if found is not None and found.is_shown:
                     rows = without_load(log, found.load).rows
             self._weighed, self._judged = (self._count, found), rows
         return self._weighed[1]
@@ -260,7 +261,7 @@ class FrictionWatch:
             part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"
         where = "LOG (some seconds of free motion)" if touched and not part else log
         load = self.load()
-        if load is not None and load.is_told:
+        if load is not None and load.is_shown:
             where, part = "LOG (some seconds of free motion without the load)", ""
         command = f"wrenchsight identify {where} --robot {robot} --refresh {model}{part}"
         lines.append(f"friction of today: {command} --out refreshed")

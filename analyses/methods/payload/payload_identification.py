@@ -92,7 +92,7 @@ class PayloadResult:
     @property
     def inertia_observable(self) -> NDArray[np.bool_]:
         """(6,) whether the motion tells Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
-        return np.asarray(self.load.is_there & (self.load.inertia_told > INERTIA_TOLD))
+        return np.asarray(self.load.is_there & (self.load.inertia_determined_share > INERTIA_TOLD))
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""

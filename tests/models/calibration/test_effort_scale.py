@@ -35,7 +35,7 @@ def test_gravity_tells_the_scale_within_its_error(ur10e):
     """Over seeds: no bias, and standard errors of the size of the errors."""
     scales = [scale_from_gravity([_moving(ur10e, seed)], ur10e) for seed in range(8)]
     for scale in scales:
-        is_determined = scale.seen.tolist()
+        is_determined = scale.is_determined.tolist()
         assert is_determined == [False, True, True, True, is_determined[4], False]
     shown = [1, 2, 3]
     z = np.array([(scale.torque_per_unit - _UNITS)[shown] / scale.standard_error[shown]
@@ -81,7 +81,7 @@ def test_one_weight_in_two_postures(ur10e, postures):
     scale = scale_from_weight([empty], [laden], ur10e, weight)
     assert scale.count == postures
     np.testing.assert_allclose(scale.torque_per_unit[1:5], _UNITS[1:5], rtol=0.05)
-    assert not scale.seen[0]
+    assert not scale.is_determined[0]
     with pytest.raises(InputError, match=r"1 postures are held .* hold the same postures"):
         scale_from_weight([empty], [laden[:50]], ur10e, weight)
 

@@ -77,9 +77,9 @@ def test_a_joint_that_hardly_moves_keeps_its_numbers():
     rows = quiet_rows(amplitude=(0.5, 0.002))
     rng = np.random.default_rng(1)
     refresh = refresh_friction(noisy(rows, np.zeros((2, 3)), rng), LAW)
-    assert (refresh.told[0, :2] > 0.3).all()
+    assert (refresh.determined_share[0, :2] > 0.3).all()
     # The second joint rests nearly all the time: its standard errors are those of the prior.
-    assert (refresh.told[1] < 0.1).all()
+    assert (refresh.determined_share[1] < 0.1).all()
     assert (np.abs(refresh.change[1]) < refresh.prior_deviation[1]).all()
 
 

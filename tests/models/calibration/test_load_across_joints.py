@@ -40,7 +40,7 @@ def test_what_one_joint_shows_alone_is_no_load(ur10e, joint):
     # An error of the one joint that moves has the shape of a load; the others rest in stiction.
     log = log_of(ur10e, 1, 3.0, joints=[joint], duration=20.0, moving=[joint])
     weighed = weigh(log, LAW, PRIOR)
-    assert weighed.is_told
+    assert weighed.is_shown
     assert weighed.load.mass > LEAST_MASS
     assert load_across_joints(log, LAW, PRIOR) is None
 

@@ -163,4 +163,4 @@ def test_what_the_motion_does_not_tell_has_wide_errors(ur10e):
     # Joints 2 to 6 rest: each carries what its stiction takes.
     assert estimate.standard_deviation[0] > 5.0 * moving.standard_deviation[0]
     assert estimate.standard_deviation[1:4].max() > 5.0 * moving.standard_deviation[1:4].max()
-    assert (estimate.inertia_told <= moving.inertia_told + 0.01).all()
+    assert (estimate.inertia_determined_share <= moving.inertia_determined_share + 0.01).all()

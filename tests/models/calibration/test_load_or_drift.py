@@ -46,7 +46,7 @@ def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
     weighed = weigh(log_of(ur10e, seed, load, drift), LAW, PRIOR)
     assert sum(weighed.probability.values()) == pytest.approx(1.0)
     assert weighed.probability[expected] > 0.9
-    assert weighed.is_told == (load is not None)
+    assert weighed.is_shown == (load is not None)
     if load is not None:
         error = (weighed.load.mass - 1.5) / weighed.load.standard_deviation[0]
         assert abs(error) < 3.0
@@ -59,7 +59,7 @@ def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
 def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
     weighed = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
     assert not weighed.is_steady
-    assert not weighed.is_told
+    assert not weighed.is_shown
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
 def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift):
     log = log_of(ur10e, seed, LOAD, drift, since=since)
     weighed = weigh_begin(log, LAW, PRIOR)
-    assert weighed.is_told
+    assert weighed.is_shown
     assert weighed.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
     assert weighed.begin_sd < 0.1
     assert abs(weighed.load.mass - 1.5) < 3.0 * weighed.load.standard_deviation[0]
@@ -88,7 +88,7 @@ def test_nothing_is_taken_up_in_a_log_without_a_load(ur10e, seed, drift):
 
 def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
     weighed = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
-    assert weighed.is_told
+    assert weighed.is_shown
     assert weighed.begin == pytest.approx(97.3, abs=0.15)
 
 
@@ -97,7 +97,7 @@ def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
     log, gone = (log_of(ur10e, 4, LOAD, since=since) for since in (8.0, 14.0))
     torque = gone.rows.residual - log_of(ur10e, 4).rows.residual
     rows = replace(log.rows, residual=log.rows.residual - torque)
-    assert not weigh_begin(replace(log, rows=rows), LAW, PRIOR).is_told
+    assert not weigh_begin(replace(log, rows=rows), LAW, PRIOR).is_shown
 
 
 def test_too_short_on_either_side_of_a_beginning(ur10e):
@@ -105,7 +105,7 @@ def test_too_short_on_either_side_of_a_beginning(ur10e):
 
 
 def test_what_lifts_the_arm_is_no_load(ur10e):
-    assert not weigh(log_of(ur10e, 2, -LOAD), LAW, PRIOR).is_told
+    assert not weigh(log_of(ur10e, 2, -LOAD), LAW, PRIOR).is_shown
 
 
 def test_without_the_load_its_torque_is_gone(ur10e):
@@ -124,8 +124,8 @@ def test_errors_of_the_arms_own_model_are_no_load(ur10e):
     model, sd = log.load[:, :, :1], np.array([0.1])
     rows = replace(log.rows, residual=log.rows.residual + 0.15 * model[:, :, 0])
     loose = weigh(replace(log, rows=rows, model=model, model_sd=sd), LAW, PRIOR)
-    assert not loose.is_told
-    assert weigh(replace(log, rows=rows), LAW, PRIOR).is_told
+    assert not loose.is_shown
+    assert weigh(replace(log, rows=rows), LAW, PRIOR).is_shown
 
 
 def test_a_log_of_seconds_says_nothing(ur10e):

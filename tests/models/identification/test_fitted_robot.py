@@ -27,7 +27,7 @@ def saved(sts: Robot, tmp_path: Path) -> Path:
 def test_the_same_robot_is_not_asked_twice(sts: Robot, saved: Path) -> None:
     model = IdentifiedModel.load(saved, sts)
     assert model.fitted_robot == FittedRobot.of(sts)
-    assert model.fitted_robot.doubts(sts) == []
+    assert model.fitted_robot.warnings(sts) == []
 
 
 def test_torque_per_ampere_doubled(sts: Robot, saved: Path) -> None:
@@ -61,7 +61,7 @@ def test_another_tool_is_told_with_its_weight(sts: Robot, saved: Path) -> None:
     tool = ToolConfig(mass=2.0, com=[0.0, 0.0, 0.1], inertia=[0.01, 0.01, 0.01, 0.0, 0.0, 0.0])
     other = sts.with_tool(tool, PoseConfig())
     then = replace(FittedRobot.of(other), tool_mass=0.0, tool_com=[0.0, 0.0, 0.0])
-    (sentence,) = then.doubts(other)
+    (sentence,) = then.warnings(other)
     assert "a tool of 0 kg" in sentence and "has one of 2 kg" in sentence
     assert f"{2.0 * np.linalg.norm(sts.gravity):.3g} N" in sentence
     then.check(other, saved)
@@ -75,5 +75,5 @@ def test_a_file_without_the_keys_loads_with_a_sentence(sts: Robot, tmp_path: Pat
     begin = text.index("fitted_robot")
     path.write_text(text[:begin] + text[text.index("complete") :])
     model = IdentifiedModel.load(path, sts)
-    (sentence,) = model.fitted_robot.doubts(sts)
+    (sentence,) = model.fitted_robot.warnings(sts)
     assert "does not state" in sentence

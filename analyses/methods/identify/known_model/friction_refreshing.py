@@ -94,7 +94,7 @@ class RefreshResult:
                     f"change_sd_{unit}": result.standard_deviation[:, k],
                     f"prior_sd_{unit}": result.prior_deviation[:, k],
                     "standard_errors": result.standard_errors[:, k],
-                    "told_pct": 100.0 * result.told[:, k],
+                    "told_pct": 100.0 * result.determined_share[:, k],
                 }
                 for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
             },
@@ -250,7 +250,9 @@ def _source(whole: Sequence[ModelResidual], found: FrictionRefresh) -> FrictionS
 def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     outcome, names = result.refresh, robot.joint_names
     warnings = []
-    selected = [names[j] for j in np.flatnonzero((outcome.told[:, :2] < LITTLE).all(axis=1))]
+    selected = [
+        names[j] for j in np.flatnonzero((outcome.determined_share[:, :2] < LITTLE).all(axis=1))
+    ]
     if selected:
         warnings.append(
             f"the log says little about the friction of {', '.join(selected)}: "

@@ -24,7 +24,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
 from wrenchsight.models.calibration.load_identification import LoadRows
 from wrenchsight.models.calibration.load_parameters import load_columns
 from wrenchsight.models.calibration.model_uncertainty import uncertain_parameters
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -118,7 +118,7 @@ class ModelResidual:
         predicted = self._rigid + law.torque_along(log.q, log.v, carried)
         at = self._chosen
         residual = log.tau[at] - log.match(predicted)[at]
-        signals = log.t, log.q, log.v, carried
+        signals = LogSignals(log.t, log.q, log.v, carried)
         return ResidualRows.of_law(law, signals, residual, self.residual_sd, at, log.match)
 
     def load_rows(self, load: Array | None = None) -> LoadRows:

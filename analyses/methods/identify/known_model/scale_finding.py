@@ -11,7 +11,7 @@ from wrenchsight.analyses.methods.identify.identification_config import Identify
 from wrenchsight.analyses.methods.identify.known_model.load_calibration import known_load
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.effort_scale import (
-    SEEN,
+    DETERMINED,
     EffortScale,
     scale_from_gravity,
     scale_from_weight,
@@ -52,7 +52,7 @@ class ScaleResult:
             "standard_error_nm": found.standard_error,
             "stated_nm": self.stated,
             "known_torque_sd_nm": found.gravity,
-            "seen": found.seen,
+            "seen": found.is_determined,
             "rows": found.count,
             "of_torque": self.of_torque,
         }
@@ -112,13 +112,14 @@ def find_scale(
 def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
     """What a person should know of the result, one sentence each."""
     names = np.array(result.robot.joint_names)
-    hidden = ", ".join(names[~result.scale.seen])
+    hidden = ", ".join(names[~result.scale.is_determined])
     said = []
     if hidden:
         what = "the weight" if by_weight else "gravity"
         said.append(
-            f"{what} does not show {hidden} to {100 * SEEN:.0f} %: kept as stated; the drive's "
-            "data sheet has it, or a weight on a lever across that axis: --load LOG=KG,X,Y,Z"
+            f"{what} does not show {hidden} to {100 * DETERMINED:.0f} %: kept as stated; the "
+            "drive's data sheet has it, or a weight on a lever across that axis: "
+            "--load LOG=KG,X,Y,Z"
         )
     if by_weight:
         said.append(
@@ -137,12 +138,12 @@ def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
 
 
 def _or_stated(result: ScaleResult) -> Array:
-    return np.where(result.scale.seen, result.scale.torque_per_unit, result.stated)
+    return np.where(result.scale.is_determined, result.scale.torque_per_unit, result.stated)
 
 
 def _with_scale(robot: Robot, scale: EffortScale) -> Robot:
     found = dict(zip(robot.joint_names, scale.torque_per_unit, strict=True))
-    seen = dict(zip(robot.joint_names, scale.seen, strict=True))
+    seen = dict(zip(robot.joint_names, scale.is_determined, strict=True))
     drives = [
         replace(
             drive,

@@ -108,7 +108,7 @@ def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
     found = refresh_log(settings(tmp_path, logs), tmp_path / "out")
     error = found.refresh.after.viscous - 1.2 * VISCOUS
     assert (np.abs(error) < 3.0 * found.refresh.standard_deviation[:, 1]).all()
-    assert (found.refresh.told[:3, 1] > 0.3).all()
+    assert (found.refresh.determined_share[:3, 1] > 0.3).all()
     # Half a second of each end is the filter's, and .2 s of what borders on other stretches.
     assert 25 <= len(found.before.t) <= 45
     again = IdentifiedModel.load(tmp_path / "out" / "model.yaml", ur10e)
@@ -119,7 +119,7 @@ def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
 def test_two_and_a_half_seconds_are_enough(ur10e, model):
     log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
     found = refresh_model(log, ur10e, model, RefreshConfig(part=[0.0, 2.5]))
-    assert (found.refresh.told[:2, 1] > 0.3).all()
+    assert (found.refresh.determined_share[:2, 1] > 0.3).all()
 
 
 @pytest.mark.parametrize(

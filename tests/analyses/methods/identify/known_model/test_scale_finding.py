@@ -26,7 +26,7 @@ def test_a_real_arms_amperes(data, tmp_path, ur10e):
     settings = IdentifySettings(logs=[str(path)], robot="ur10e", scale=True)
     result = find_scale(settings, tmp_path / "out")
     seen = [1, 2, 3]
-    assert result.scale.seen[seen].all()
+    assert result.scale.is_determined[seen].all()
     want = (ur10e.torque_per_ampere * ur10e.current_sign / spoilt)[seen]
     np.testing.assert_allclose(result.scale.torque_per_unit[seen], want, rtol=0.1)
     assert (result.scale.standard_error[seen] < 0.03 * np.abs(want)).all()
@@ -36,7 +36,7 @@ def test_a_real_arms_amperes(data, tmp_path, ur10e):
     assert found[0] == ur10e.torque_per_ampere[0] * ur10e.current_sign[0]  # as it was
     assert read_recording(path, robot=again).num_samples == log.num_samples  # and passes the checks
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert metrics["seen"] == result.scale.seen.tolist()
+    assert metrics["seen"] == result.scale.is_determined.tolist()
     told = " ".join(sentences(result, False))
     assert "gravity does not show shoulder_pan_joint" in told
     assert "masses of the URDF" in told
