@@ -128,9 +128,8 @@ class FrictionTracker:
         self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
         self._covariances = self._joint_covariances()
         self._mean_square = np.ones(n)
-        self._borne_out, self._applied = np.zeros(
-            (2, n)
-        )  # sums of -tau_ext S x and (S x)^2, over N
+        # Sums of -tau_ext S x and (S x)^2, over N.
+        self._borne_out, self._applied = np.zeros((2, n))
         self.seconds = 0.0
         self.restart()
 

@@ -1,4 +1,4 @@
-"""A load's torque as the observer shows it, against the estimator's rows reading of a load."""
+"""A load's torque as the observer shows it, against the estimator's reading of a load."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -42,7 +42,7 @@ def test_a_loads_torque_through_the_pole(ur10e):
     np.testing.assert_allclose(np.concatenate(parts), whole.along(q, v, at)[0], atol=1e-12)
 
 
-def test_the_models_rows_columns_are_those_of_its_parameters(ur10e):
+def test_the_uncertain_parameters_columns_are_those_of_its_parameters(ur10e):
     q, v, vdot = motion(ur10e)
     nominal = IdentifiedModel.nominal(ur10e)
     links = ur10e.joint_names
