@@ -31,7 +31,7 @@ def _moving(robot: Robot, seed: int, duration: float = 60.0) -> Recording:
     return Recording(t, q, v, tau / _UNITS, "log")
 
 
-def test_gravity_tells_the_scale_within_its_error(ur10e):
+def test_gravity_determines_the_scale_within_its_error(ur10e):
     """Over seeds: no bias, and standard errors of the size of the errors."""
     scales = [scale_from_gravity([_moving(ur10e, seed)], ur10e) for seed in range(8)]
     for scale in scales:
@@ -44,14 +44,14 @@ def test_gravity_tells_the_scale_within_its_error(ur10e):
     assert np.abs(z.mean(axis=0)).max() < 1.2  # of 0.35 each
 
 
-def test_several_logs_tell_more_than_one(ur10e):
+def test_several_logs_have_a_smaller_standard_error(ur10e):
     logs = [_moving(ur10e, seed) for seed in range(4)]
     of_one_log, of_four_logs = scale_from_gravity(logs[:1], ur10e), scale_from_gravity(logs, ur10e)
     ratio = of_four_logs.standard_error[1:4] / of_one_log.standard_error[1:4]
     assert (ratio < 0.75).all()  # a half, but for the spread of standard errors
 
 
-def test_a_vertical_axis_shows_nothing(ur10e):
+def test_a_vertical_axis_has_no_scale(ur10e):
     scale = scale_from_gravity([_moving(ur10e, 1)], ur10e)
     assert np.isnan(scale.torque_per_unit[[0, 5]]).all()
     assert scale.gravity[0] == pytest.approx(0.0, abs=1e-9)
@@ -86,7 +86,7 @@ def test_one_weight_in_two_postures(ur10e, postures):
         scale_from_weight([empty], [laden[:50]], ur10e, weight)
 
 
-def test_what_cannot_be_told_is_one_line(ur10e, coupled_wrist):
+def test_short_logs_and_coupled_motors_are_refused(ur10e, coupled_wrist):
     with pytest.raises(InputError, match="lasts less than the 15 s"):
         scale_from_gravity([_moving(ur10e, 1, 8.0)], ur10e)
     with pytest.raises(InputError, match="motors that share joints"):

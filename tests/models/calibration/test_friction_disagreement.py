@@ -35,7 +35,7 @@ def rows(change, seed=0, duration=20.0, extra=0.0):
     return replace(residual_rows, residual=residual)
 
 
-def test_no_change_no_word():
+def test_unchanged_friction_gives_no_warning():
     logs = [rows(np.zeros((2, 3)), seed) for seed in range(60)]
     # Two joints, three coefficients each, at 6e-5 each: 0.02 alarms expected in 60 logs.
     assert not [disagreement for log in logs for disagreement in friction_disagreements(log, LAW)]

@@ -144,7 +144,7 @@ def test_frozen_it_keeps_what_it_knows_and_reset_forgets_it(sts, model):
     np.testing.assert_allclose(tracker.change, earlier, rtol=1e-12)
 
 
-def test_what_is_more_than_drift_is_bounded_and_said(sts, model):
+def test_a_change_beyond_drift_is_bounded_and_reported(sts, model):
     _, q, v = motion(sts)
     tracker = tracker_of(model)
     change = np.zeros((6, 3))
@@ -156,7 +156,7 @@ def test_what_is_more_than_drift_is_bounded_and_said(sts, model):
     assert all("identify --refresh" in line for line in lines)
 
 
-def test_what_is_no_drift_at_all_is_said(sts, model):
+def test_torque_that_is_no_drift_is_reported(sts, model):
     t, q, v = motion(sts)
     tracker = tracker_of(model)
     tau_ext = reading(v, np.zeros((6, 3)))

@@ -114,7 +114,7 @@ def test_without_noise_they_are_exact(ur10e, structure, start):
     np.testing.assert_allclose(calibration.ratio, RATIO, atol=3e-3)
 
 
-def test_without_a_weight_the_common_scale_is_not_told(ur10e, structure, start):
+def test_without_a_weight_the_common_scale_is_not_determined(ur10e, structure, start):
     """Of joints 2 and 3, which carry the same masses: each to the other, but not both alike."""
 
     def sd_of_common_and_relative(calibration):

@@ -29,7 +29,7 @@ def tilted(chain, degrees):
 
 
 @pytest.mark.parametrize("degrees", [3.0, 10.0, 40.0])
-def test_a_tilted_base_is_told_with_its_vector(sts, degrees):
+def test_a_tilted_base_is_reported_with_its_vector(sts, degrees):
     q = motion(sts)
     g = tilted(sts.chain, degrees)
     rng = np.random.default_rng(0)

@@ -28,7 +28,7 @@ def log_of(robot, seed, mass, joints=range(6), duration=5.0, moving=range(6)):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_seconds_tell_a_load_with_its_error(ur10e, seed):
+def test_seconds_determine_a_load_with_its_error(ur10e, seed):
     load = load_across_joints(log_of(ur10e, seed, 2.0), LAW, PRIOR)
     assert load is not None
     assert abs(load.mass - 2.0) < 3.0 * load.sd

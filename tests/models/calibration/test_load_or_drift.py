@@ -65,7 +65,7 @@ def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
 @pytest.mark.parametrize(
     ("seed", "since", "drift"), [(1, 12.5, 0.0), (2, 7.3, 1.5), (3, 18.0, 1.5)]
 )
-def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift):
+def test_a_load_that_is_taken_up_is_reported_with_its_time(ur10e, seed, since, drift):
     log = log_of(ur10e, seed, LOAD, drift, since=since)
     weighed = weigh_begin(log, LAW, PRIOR)
     assert weighed.is_shown

@@ -24,7 +24,7 @@ def saved(sts: Robot, tmp_path: Path) -> Path:
     return path
 
 
-def test_the_same_robot_is_not_asked_twice(sts: Robot, saved: Path) -> None:
+def test_the_same_robot_gives_no_warning(sts: Robot, saved: Path) -> None:
     model = IdentifiedModel.load(saved, sts)
     assert model.fitted_robot == FittedRobot.of(sts)
     assert model.fitted_robot.warnings(sts) == []
@@ -36,7 +36,9 @@ def test_torque_per_ampere_doubled(sts: Robot, saved: Path) -> None:
         IdentifiedModel.load(saved, other)
 
 
-def test_another_robot_that_is_meant_is_read_and_told(sts: Robot, saved: Path) -> None:
+def test_another_robot_that_is_meant_is_read_and_its_differences_listed(
+    sts: Robot, saved: Path
+) -> None:
     other = sts.with_torque_per_ampere((2.0 * sts.torque_per_ampere).tolist())
     model = IdentifiedModel.load(saved, other, other_robot=True)
     differences = model.fitted_robot.differences(other)
@@ -57,7 +59,7 @@ def test_gravity_changed(sts: Robot, saved: Path) -> None:
         IdentifiedModel.load(saved, other)
 
 
-def test_another_tool_is_told_with_its_weight(sts: Robot, saved: Path) -> None:
+def test_another_tool_gives_a_warning_with_its_weight(sts: Robot, saved: Path) -> None:
     tool = ToolConfig(mass=2.0, com=[0.0, 0.0, 0.1], inertia=[0.01, 0.01, 0.01, 0.0, 0.0, 0.0])
     other = sts.with_tool(tool, PoseConfig())
     then = replace(FittedRobot.of(other), tool_mass=0.0, tool_com=[0.0, 0.0, 0.0])
@@ -67,7 +69,7 @@ def test_another_tool_is_told_with_its_weight(sts: Robot, saved: Path) -> None:
     then.check(other, saved)
 
 
-def test_a_file_without_the_keys_loads_with_a_sentence(sts: Robot, tmp_path: Path) -> None:
+def test_a_file_without_the_keys_loads_with_a_warning(sts: Robot, tmp_path: Path) -> None:
     path = tmp_path / "model.yaml"
     IdentifiedModel.nominal(sts).save(path)
     text = path.read_text()

@@ -105,7 +105,7 @@ def test_known_sds_are_recovered() -> None:
         assert share == pytest.approx(0.95, abs=0.02)
 
 
-def test_of_many_samples_some_tell_where_to_look(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_of_many_samples_locates_the_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same top is reached with a fraction of the work, whatever the number that is enough."""
     many = [reading(seed, T=0.02) for seed in range(8)]
     likelihood, looked_at = torque_error_fit._minus_log_likelihood, list[int]()
@@ -199,7 +199,7 @@ def test_correlations_that_do_not_fit_each_other_leave_an_inverse() -> None:
     assert 0.5 < correlation[0, 1] < 0.6
 
 
-def test_correlation_time_and_what_lasts() -> None:
+def test_correlation_time_and_correlated_error() -> None:
     drawn = [reading(seed, T=0.3) for seed in range(3)]
     fitted_model = fitted(drawn)
     # 180 s hold 300 correlation times: some 10 % of one.
@@ -229,7 +229,7 @@ def test_without_any_error_the_floor_is_left() -> None:
         np.testing.assert_allclose(share, 0.0, atol=1e-4)
 
 
-def test_too_little_and_what_disagrees() -> None:
+def test_too_few_samples_and_readings_that_disagree_are_refused() -> None:
     log = reading(0)
     with pytest.raises(ValueError, match="no held-out"):
         fitted([])
