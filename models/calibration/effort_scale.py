@@ -1,20 +1,21 @@
-"""Torque per unit of what a log calls current or effort, joint by joint, from known weights.
+"""Effort scale: torque per unit of a log's current or effort, joint by joint, from known weights.
 
 The unit u of a joint's effort is not known: amperes, per mille of a rated current, N m behind a
-factor. What holds the arm is known, either
+factor. Known is the torque that the arm needs, either
 
 - the URDF's masses: u = b (gravity + inertia) + rotor vdot + Coulomb sgn(v) + viscous v + offset,
   by least squares over a motion (`scale_from_gravity`); or
 - one weight on the flange in two or more postures, each held with and without it: the difference
   of u is b times the weight's torque, whatever the arm weighs (`scale_from_weight`).
 
-The torque per unit is 1 / b. u holds the noise, the torque none, so that b is not biased. Errors
-last: their covariance is that of sums over BLOCK seconds (Liang and Zeger, Biometrika 73, 1986).
-What the standard errors do not hold is an error of the masses, which b takes over as it is.
+The torque per unit is 1 / b. Only u is noisy, so that b is not biased. Errors are correlated over
+time: their covariance is that of sums over BLOCK seconds (Liang and Zeger, Biometrika 73, 1986).
+An error of the stated masses goes into b in full; the standard errors do not include it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
 
 BLOCK = 2.5  # s that an error of a model at rest lasts
-SEEN = 0.1  # relative standard error from which on gravity does not show a joint
+DETERMINED = 0.1  # relative standard error below which a joint's scale is determined
 _GRAVITY_SHARE = 0.1  # of the variance of gravity and inertia together
 _CUTOFF, _MOST_CUTOFF = 5.0, 0.2  # Hz; of the sampling rate
 _TURN = 0.02  # of the speed limit, within which friction's sign fades
@@ -39,7 +40,7 @@ _SAME = 0.03  # rad or m by which a posture may differ when it is taken again
 
 @dataclass(frozen=True, eq=False)
 class EffortScale:
-    """What was found of each joint.
+    """Torque per unit of effort of each joint.
 
     Attributes:
         torque_per_unit: (n,) N m (N) per unit of effort, with its sign; nan where not known.
@@ -54,15 +55,15 @@ class EffortScale:
     count: int
 
     @property
-    def seen(self) -> Flags:
-        """(n,) whether the joint's scale is known to SEEN."""
+    def is_determined(self) -> Flags:
+        """(n,) whether the joint's scale is known to within DETERMINED."""
         with np.errstate(invalid="ignore"):
-            known = self.standard_error < SEEN * np.abs(self.torque_per_unit)
-        return np.asarray(known & np.isfinite(self.torque_per_unit))
+            is_precise = self.standard_error < DETERMINED * np.abs(self.torque_per_unit)
+        return np.asarray(is_precise & np.isfinite(self.torque_per_unit))
 
 
 def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortScale:
-    """From the masses of the robot's file.
+    """Returns the scale from the masses of the robot's file.
 
     Args:
         recordings: of free motion; `tau_J` is the effort where there is one, else `current`.
@@ -72,32 +73,26 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     """
     robot.require_inertias("identify --scale")
     _refuse_coupled(robot)
-    rows = [_rows(one, robot) for one in recordings]
+    rows = _joined([_motion_rows(recording, robot) for recording in recordings])
     n = robot.num_joints
-    effort, known, gravity, vdot, v, block = (
-        np.concatenate([part[k] for part in rows]) for k in range(6)
-    )
-    block += np.repeat(
-        np.cumsum([0, *(part[5].max(initial=0.0) + 1.0 for part in rows[:-1])]),
-        [len(part[5]) for part in rows],
-    )
-    if len(np.unique(block)) < _LEAST_BLOCKS:
+    if len(np.unique(rows.block)) < _LEAST_BLOCKS:
         least = _LEAST_BLOCKS * BLOCK
-        problem = f"lasts less than the {least:g} s that standard errors take"
+        problem = f"lasts less than the {least:g} s that standard errors need"
         raise InputError(recordings[0].source, "", problem, "log a longer motion")
     turn = _TURN * np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 1.0)
-    found, error = np.full(n, np.nan), np.full(n, np.inf)
+    torque_per_unit, error = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
-        # Gravity must show: a torque of inertia alone looks like the rotor's, which is not known.
-        if np.var(gravity[:, j]) < _GRAVITY_SHARE * np.var(known[:, j]) or not known[:, j].any():
+        torque, v = rows.torque[:, j], rows.v[:, j]
+        # Gravity must show: torque of inertia alone is not told apart from an unknown rotor's.
+        if np.var(rows.gravity[:, j]) < _GRAVITY_SHARE * np.var(torque) or not torque.any():
             continue
-        columns = [known[:, j], np.ones(len(known))]
-        motion = (vdot[:, j], np.tanh(v[:, j] / turn[j]), v[:, j])
+        columns = [torque, np.ones(len(torque))]
+        motion = (rows.vdot[:, j], np.tanh(v / turn[j]), v)
         columns += [column for column in motion if np.std(column) > 1e-6]
-        b, sd = _slope(np.stack(columns, axis=1), effort[:, j], block)
+        b, sd = _slope(np.stack(columns, axis=1), rows.effort[:, j], rows.block)
         if b != 0.0:
-            found[j], error[j] = 1.0 / b, sd / b**2
-    return EffortScale(found, error, np.std(gravity, axis=0), len(known))
+            torque_per_unit[j], error[j] = 1.0 / b, sd / b**2
+    return EffortScale(torque_per_unit, error, np.std(rows.gravity, axis=0), len(rows.block))
 
 
 def scale_from_weight(
@@ -106,7 +101,7 @@ def scale_from_weight(
     robot: Robot,
     parameters: Array,
 ) -> EffortScale:
-    """From one weight, in postures that are held with it and without it.
+    """Returns the scale from one weight, in postures that are held with it and without it.
 
     Args:
         empty, laden: logs without and with the weight.
@@ -116,14 +111,14 @@ def scale_from_weight(
         InputError: less than two postures are held in both; motors that share joints.
     """
     _refuse_coupled(robot)
-    before = [held for one in empty for held in _held(one)]
-    after = [held for one in laden for held in _held(one)]
+    held_empty = [held for recording in empty for held in _held_postures(recording)]
+    held_laden = [held for recording in laden for held in _held_postures(recording)]
     q, change = [], []
-    for posture, effort in after:
-        near = [u for at, u in before if np.abs(at - posture).max() < _SAME]
-        if near:
-            q.append(posture)
-            change.append(effort - np.mean(near, axis=0))
+    for held in held_laden:
+        efforts = [other.effort for other in held_empty if np.abs(other.q - held.q).max() < _SAME]
+        if efforts:
+            q.append(held.q)
+            change.append(held.effort - np.mean(efforts, axis=0))
     if len(q) < 2:
         problem = f"{len(q)} postures are held {_HELD:g} s with the weight and without it, expected"
         problem += " two or more"
@@ -135,17 +130,17 @@ def scale_from_weight(
     squares = (torque**2).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         b = (torque * u).sum(axis=0) / squares
-        left = u - b * torque
-        sd = np.sqrt((left**2).sum(axis=0) / (len(q) - 1) / squares)
-        found, error = 1.0 / b, sd / b**2
-    loaded = np.sqrt(squares / len(q)) > 1e-3 * np.sqrt(squares.max() / len(q))
-    found = np.where(loaded & np.isfinite(found), found, np.nan)
-    return EffortScale(found, error, np.sqrt(squares / len(q)), len(q))
+        residual = u - b * torque
+        sd = np.sqrt((residual**2).sum(axis=0) / (len(q) - 1) / squares)
+        torque_per_unit, error = 1.0 / b, sd / b**2
+    is_loaded = np.sqrt(squares / len(q)) > 1e-3 * np.sqrt(squares.max() / len(q))
+    torque_per_unit = np.where(is_loaded & np.isfinite(torque_per_unit), torque_per_unit, np.nan)
+    return EffortScale(torque_per_unit, error, np.sqrt(squares / len(q)), len(q))
 
 
 def _refuse_coupled(robot: Robot) -> None:
     if robot.is_coupled:
-        problem = "motors that share joints have no scale of their own"
+        problem = "motors that share joints: the scale of a single joint is not defined"
         raise InputError("identify", "--scale", problem, "state torque_per_ampere in robot.yaml")
 
 
@@ -153,8 +148,35 @@ def _effort(recording: Recording) -> Array:
     return recording.current if recording.tau_J is None else recording.tau_J
 
 
-def _rows(recording: Recording, robot: Robot) -> tuple[Array, ...]:
-    """Effort, known torque, gravity, vdot and v (N, n) and block (N,) of a log, low-passed."""
+class _MotionRows(NamedTuple):
+    """Low-passed rows of free motion.
+
+    Attributes:
+        effort: (N, n) in the log's unit.
+        torque: (N, n) N m (N), gravity and inertia of the robot's file.
+        gravity: (N, n) N m (N), its gravity part.
+        vdot: (N, n) rad/s^2 (m/s^2).
+        v: (N, n) rad/s (m/s).
+        block: (N,) number of the row's block of BLOCK seconds.
+    """
+
+    effort: Array
+    torque: Array
+    gravity: Array
+    vdot: Array
+    v: Array
+    block: Array
+
+
+def _joined(parts: Sequence[_MotionRows]) -> _MotionRows:
+    """Rows of several logs; each log has blocks of its own."""
+    rows = _MotionRows(*map(np.concatenate, zip(*parts, strict=True)))
+    num_blocks = [part.block.max(initial=0.0) + 1.0 for part in parts[:-1]]
+    first_block = np.repeat(np.cumsum([0, *num_blocks]), [len(part.block) for part in parts])
+    return rows._replace(block=rows.block + first_block)
+
+
+def _motion_rows(recording: Recording, robot: Robot) -> _MotionRows:
     step = float(f"{recording.time_step:.3g}")
     uniform = resampled(recording, step)
     cutoff = min(_CUTOFF, _MOST_CUTOFF / step)
@@ -168,10 +190,10 @@ def _rows(recording: Recording, robot: Robot) -> tuple[Array, ...]:
     whole[:trim] = whole[len(whole) - trim :] = False
     rows = np.flatnonzero(whole)[:: max(1, round(_EVERY / step))]
     q, v, vdot = (np.ascontiguousarray(x[rows]) for x in (q, v, vdot))
-    known = np.asarray(robot.chain.inverse_dynamics(q, v, vdot))
+    torque = np.asarray(robot.chain.inverse_dynamics(q, v, vdot))
     gravity = np.asarray(robot.chain.gravity_torque(q))
     block = np.floor((uniform.t[rows] - uniform.t[0]) / BLOCK)
-    return effort[rows], known, gravity, vdot, v, block
+    return _MotionRows(effort[rows], torque, gravity, vdot, v, block)
 
 
 def _slope(A: Array, y: Array, block: Array) -> tuple[float, float]:
@@ -188,13 +210,20 @@ def _slope(A: Array, y: Array, block: Array) -> tuple[float, float]:
     return float(x[0] / scale[0]), float(np.sqrt(covariance[0, 0]) / scale[0])
 
 
-def _held(recording: Recording) -> list[tuple[Array, Array]]:
-    """Posture (n,) and effort (n,) of each stretch in which the arm is held."""
+class _HeldPosture(NamedTuple):
+    """Means over a stretch in which the arm is held: q (n,) rad (m), effort (n,)."""
+
+    q: Array
+    effort: Array
+
+
+def _held_postures(recording: Recording) -> list[_HeldPosture]:
+    """Returns each stretch of at least _HELD seconds in which the arm is held."""
     still = (np.abs(recording.v) < _STILL).all(axis=1) & ~recording.dropout
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
     effort = _effort(recording)
     return [
-        (recording.q[begin:end].mean(axis=0), effort[begin:end].mean(axis=0))
+        _HeldPosture(recording.q[begin:end].mean(axis=0), effort[begin:end].mean(axis=0))
         for begin, end in edges.reshape(-1, 2)
         if recording.t[end - 1] - recording.t[begin] >= _HELD
     ]

@@ -1,15 +1,15 @@
-"""Does a log's friction contradict the model's? From what is read where nothing touches the arm.
+"""Friction disagreement: a log's friction contradicts the model's, judged from contact-free motion.
 
 A force at the tool does not depend on which way a joint turns; friction does. So the reading is
-regressed on what Coulomb, viscous and offset coefficients add to friction, joint by joint and with
+regressed on the torque of Coulomb, viscous and offset coefficients, joint by joint and with
 errors that are correlated over time (`models.calibration.friction_refresh`). A joint's friction
 contradicts the model if all of this holds:
 
 - its Coulomb or viscous coefficient differs by CLEAR standard errors (an offset alone is also what
   a load looks like);
 - the differences amount to more torque than the model leaves unexplained in any case;
-- they explain what is read: what remains is not far above the model's residual. A load or a contact
-  that happens to go with a joint's direction leaves more.
+- they explain the reading: the remainder is not far above the model's residual. A load or a contact
+  that happens to follow a joint's direction leaves more.
 
 All of it is judged where the joint moves: at rest stiction hides what friction's coefficients are.
 """
@@ -71,17 +71,19 @@ def friction_disagreements(rows: ResidualRows, law: CoulombViscous) -> list[Fric
     """
     if len(rows.t) < FEWEST:
         return []
-    found = refresh_friction(rows, law)
+    refresh = refresh_friction(rows, law)
     sliding = rows.sliding
-    left = rows.moving_rms(rows.residual - (sliding * found.change).sum(axis=2))
-    added = rows.moving_rms((sliding * found.change)[:, :, :2].sum(axis=2))
-    out = []
+    unexplained = rows.moving_rms(rows.residual - (sliding * refresh.change).sum(axis=2))
+    added = rows.moving_rms((sliding * refresh.change)[:, :, :2].sum(axis=2))
+    disagreements = []
     for j in range(rows.num_joints):
         torque = float(added[j])
-        worst = int(np.argmax(np.abs(found.standard_errors[j, :2])))
-        errors = float(found.standard_errors[j, worst])
+        worst = int(np.argmax(np.abs(refresh.standard_errors[j, :2])))
+        errors = float(refresh.standard_errors[j, worst])
         stated = float(rows.sd[j])
-        if abs(errors) > CLEAR and torque > stated and left[j] < UNEXPLAINED * stated:
-            change = float(found.change[j, worst])
-            out.append(FrictionDisagreement(j, TERMS[worst], change, errors, torque, stated))
-    return out
+        if abs(errors) > CLEAR and torque > stated and unexplained[j] < UNEXPLAINED * stated:
+            change = float(refresh.change[j, worst])
+            disagreements.append(
+                FrictionDisagreement(j, TERMS[worst], change, errors, torque, stated)
+            )
+    return disagreements

@@ -1,8 +1,8 @@
-"""Coulomb, viscous and offset of a known friction law, found again from seconds of motion.
+"""Friction refresh: today's Coulomb, viscous and offset coefficients from seconds of motion.
 
 Over weeks a friction law's shape, a gear's load dependence and the links' masses stay the same; the
 viscous part changes by tens of per cent. The three coefficients of each joint are found from
-the residual of the known model by generalised least squares (`wrenchsight.models.identification.
+the residual of the known model by generalised least squares (`wrenchsight.models.calibration.
 residual_noise`), with the old values as a prior. The prior's width is how much friction changes
 from one month to another, so a joint that hardly moves keeps its numbers, and its standard errors
 say so.
@@ -20,7 +20,7 @@ from wrenchsight.models.numerics.arrays import Array
 
 @dataclass(frozen=True)
 class FrictionDrift:
-    """By how much friction drifts: standard deviations of the prior.
+    """Prior of friction's drift: standard deviations of the coefficients' changes.
 
     The default is the drift of one UR10e over five weeks (eight logs that its model was not fitted
     on): coefficients from windows of 3 and 8 s agree with the rest of their log within 1.96
@@ -54,13 +54,13 @@ class FrictionDrift:
 
 @dataclass(frozen=True, eq=False)
 class FrictionRefresh:
-    """What the three coefficients are now; arrays (n, 3): Coulomb, viscous, offset.
+    """Refreshed coefficients; arrays (n, 3): Coulomb, viscous, offset.
 
     Attributes:
         before: of the model.
-        change: found, in N m, N m s/rad, N m.
+        change: in N m, N m s/rad, N m.
         standard_deviation: of the change.
-        prior_deviation: what was expected of friction, before the log.
+        prior_deviation: sd of the change before the log.
         scale: (n,) scatter of the residual relative to what the model states.
     """
 
@@ -73,9 +73,9 @@ class FrictionRefresh:
     @property
     def after(self) -> CoulombViscous:
         """The coefficients now."""
-        own = self.before
+        law = self.before
         coulomb, viscous, offset = self.change.T
-        return CoulombViscous(own.coulomb + coulomb, own.viscous + viscous, own.offset + offset)
+        return CoulombViscous(law.coulomb + coulomb, law.viscous + viscous, law.offset + offset)
 
     @property
     def standard_errors(self) -> Array:
@@ -83,7 +83,7 @@ class FrictionRefresh:
         return np.asarray(self.change / self.standard_deviation)
 
     @property
-    def told(self) -> Array:
+    def determined_share(self) -> Array:
         """(n, 3) share of the prior's variance that the log has removed, 0 to 1."""
         return np.asarray(1.0 - (self.standard_deviation / self.prior_deviation) ** 2)
 
@@ -93,7 +93,7 @@ def refresh_friction(
     law: CoulombViscous,
     drift: FrictionDrift | None = None,
 ) -> FrictionRefresh:
-    """Finds the coefficients anew.
+    """Estimates the coefficients of today.
 
     Args:
         rows: the known model's residual, without contact.

@@ -1,27 +1,27 @@
-"""Friction's drift, followed while the arm moves: a Kalman filter on what the observer reads.
+"""Friction tracking: a Kalman filter that follows friction's drift from the observer's reading.
 
-Coulomb, viscous and offset of each joint are states x; so is what else a reading may hold, that
-none of it be learnt as friction. With columns S of the three terms and J, both through the
+Coulomb, viscous and offset of each joint are states x. What else a reading may hold has states too,
+so that it is not learnt as friction. With columns S of the three terms and J, both through the
 observer's own pole,
 
     tau_ext = -S x + J^T F + s w + white
 
-F      a force and moment at E that change over FORCE_TIME: a push too slow for the contact
+F      a force and moment at E that change over FORCE_TIME: a contact too slow for the contact
        detector, or an unknown load. It does not turn with the joint; S x does
 w      errors that last for half a second, s their size (`models.calibration.residual_noise`)
 x      a random walk that is pulled back to the model within DRIFT_TIME, sd that of a month's drift
 
-Learnt is every PERIOD seconds, from joints that move, where nothing touches the arm: no contact
-since MARGIN seconds. A joint at rest carries any torque and tells nothing. |x| stays within BOUND
-of its prior's sds; where that is reached, the model is of another state than today's.
+The filter learns every PERIOD seconds, from joints that move, once MARGIN seconds have passed
+without contact. A joint at rest carries any torque, so it is not used. |x| stays within BOUND of
+its prior's sds; where that is reached, friction differs from the model by more than drift.
 
-The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. What is not
-friction may look like it for seconds; so of S x that share a joint is applied that what was read
-over FORCE_TIME bears out: between 0 and 1, the least squares of
+The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. Other
+torques may look like friction for seconds. So a joint's correction is only the share of S x that
+the readings over FORCE_TIME confirm: between 0 and 1, the least squares of
 
-    sum (tau_ext + share S x)^2 / N + (1 - share)^2,    N = sd^2 times the samples that err alike
+    sum (tau_ext + share S x)^2 / N + (1 - share)^2,    N = sd^2 times the samples of one error
 
-with J^T F taken off tau_ext where F is told from zero: a load's torque says nothing about friction.
+with J^T F subtracted from tau_ext where F is significant: a load's torque is not friction.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,9 @@ DRIFT_TIME = 3600.0  # s, over which coefficients change by a month's drift
 BOUND = 3.0  # prior sds that a coefficient may move by
 FORCE_TIME = 10.0  # s over which a force that no detector sees changes
 FORCE_SHARE = 0.25  # sd of such a force, share of that of a task's
-FORCE_TOLD = 12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
+FORCE_SIGNIFICANT = (
+    12.6  # chi^2 of six numbers, above which such a force is no error of torque: 5 %
+)
 LEVER = 0.2  # m; what such a force may act off E, as a load's centre of mass does
 CLEAR = 4.0  # standard errors
 OFTEN = 2.0  # prior sds, beyond which a change is more than a month's drift
@@ -89,16 +91,16 @@ class FrictionTracker:
             raise ValueError(f"time_step must be positive, not {time_step}")
         self.time_step = time_step
         self._law = _bare(model.friction).sampled(time_step, resolution)
-        here = self._law.coulomb_viscous
-        more = with_sliding(self._law, replace(here, coulomb=here.coulomb + 1.0))
-        self._tables = self._law.slip_table, more.slip_table
-        self._velocity_laws = self._law.velocity_law, more.velocity_law
+        plain = self._law.coulomb_viscous
+        law_with_unit = with_sliding(self._law, replace(plain, coulomb=plain.coulomb + 1.0))
+        self._tables = self._law.slip_table, law_with_unit.slip_table
+        self._velocity_laws = self._law.velocity_law, law_with_unit.velocity_law
         self._n = n = self._law.num_joints
         self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
         self._every = max(1, round(PERIOD / time_step))
         self._residual_sd = sd = np.sqrt(np.diag(model.residual_covariance))
-        self._coulomb = np.maximum(np.abs(here.coulomb), sd)
-        self._viscous = np.maximum(np.abs(here.viscous), sd)
+        self._coulomb = np.maximum(np.abs(plain.coulomb), sd)
+        self._viscous = np.maximum(np.abs(plain.viscous), sd)
         self._prior_sd = FrictionDrift().of(self._coulomb, self._viscous)
         slow_force = FORCE_SHARE * force_sd
         period = self._every * time_step
@@ -115,31 +117,32 @@ class FrictionTracker:
         self._spread, self._fade = spread**2, fade
         self._advance = self._spread * (1.0 - fade**2)
         # An error that fades within a time is seen anew every two of it.
-        self._alike = sd**2 * max(1.0, 2.0 * noise.CORRELATION_TIME / period)
+        self._noise = sd**2 * max(1.0, 2.0 * noise.CORRELATION_TIME / period)
         self._share_fade = float(np.exp(-period / FORCE_TIME))
         self.reset()
         self.learning = True
 
     def reset(self) -> None:
-        """Forgets all: the model's friction, and the prior about it."""
+        """Returns to the model's friction and its prior."""
         n = self._n
         self._x, self._P = np.zeros(4 * n + 6), np.diag(self._spread)
-        self._blocks = self._own_blocks()
-        self._surprise = np.ones(n)
-        self._borne_out, self._applied = np.zeros((2, n))  # sums of -tau_ext S x and (S x)^2, by N
+        self._covariances = self._joint_covariances()
+        self._mean_square = np.ones(n)
+        # Sums of -tau_ext S x and (S x)^2, over N.
+        self._borne_out, self._applied = np.zeros((2, n))
         self.seconds = 0.0
         self.restart()
 
     def restart(self) -> None:
-        """The next sample does not follow the last one; what has been learnt stays."""
+        """Begins a new stretch of samples after a gap; learnt coefficients stay."""
         n = self._n
         self._slip = self._law.initial_state()
-        self._seen = np.full((n, 3), np.nan)  # columns as the observer saw them
-        self._since, self._left = 0.0, self._every
+        self._columns = np.full((n, 3), np.nan)  # behind the observer's pole
+        self._contact_free, self._samples_left = 0.0, self._every
         self._v = np.zeros(n)
 
     def freeze(self) -> None:
-        """Keeps the coefficients, as for a task in which contact is certain; their sds grow."""
+        """Stops learning, as for a task in which contact is certain; the sds grow."""
         self.learning = False
 
     def resume(self) -> None:
@@ -163,8 +166,8 @@ class FrictionTracker:
 
     @property
     def until_step(self) -> int:
-        """Samples until the next step of the filter: more are not taken at once."""
-        return self._left
+        """Samples until the next step of the filter, the most that one call may take."""
+        return self._samples_left
 
     def correction(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Takes the motion of the next samples.
@@ -173,51 +176,53 @@ class FrictionTracker:
             q, v: (N, n) rad and rad/s, N at most `until_step`.
 
         Returns:
-            What is to be added to tau_ext, and its variance: (N, n) in N m and (N m)^2.
+            The correction to add to tau_ext, and its variance: (N, n) in N m and (N m)^2.
 
         Raises:
             ValueError: too many samples at once.
         """
-        if len(q) > self._left:
-            raise ValueError(f"{self._left} samples at most before the next step, not {len(q)}")
+        if len(q) > self._samples_left:
+            raise ValueError(
+                f"{self._samples_left} samples at most before the next step, not {len(q)}"
+            )
         columns = np.zeros((len(q), self._n, 3))
         if self._slip.shape[0]:
             _slip_columns(*self._tables, self._slip, q, v, columns[:, :, 0])
         else:
-            one, other = self._velocity_laws
-            columns[:, :, 0] = other.torque(v) - one.torque(v)
+            law, law_with_unit = self._velocity_laws
+            columns[:, :, 0] = law_with_unit.torque(v) - law.torque(v)
         columns[:, :, 1], columns[:, :, 2] = v, 1.0
-        low_pass(self._keep, self._seen, columns)
+        low_pass(self._keep, self._columns, columns)
         self._v = np.where(np.isfinite(v[-1]), v[-1], 0.0) if len(v) else self._v
         x = self._x[: 3 * self._n].reshape(-1, 3)
-        variance = ((columns[:, :, None] @ self._blocks)[:, :, 0] * columns).sum(axis=2)
+        variance = ((columns[:, :, None] @ self._covariances)[:, :, 0] * columns).sum(axis=2)
         return (columns * x).sum(axis=2) * self.share, variance
 
     def learn(self, tau_ext: Array, J_seen: Array, free: Flags) -> None:
-        """Takes what was read of the samples of `correction`.
+        """Takes the readings of the samples of `correction`.
 
         Args:
             tau_ext: (N, n) N m, without the correction.
             J_seen: (N, 6, n) at E in axes of W, through the observer's poles.
-            free: (N,) whether it counts, and nothing touches the arm.
+            free: (N,) whether the sample counts and is without contact.
         """
         if not len(tau_ext):
             return
         touched = np.flatnonzero(~free)
         last = len(free) - 1 - touched[-1] if len(touched) else len(free)
-        self._since = last * self.time_step + (0.0 if len(touched) else self._since)
-        self._left -= len(free)
-        if self._left > 0:
+        self._contact_free = last * self.time_step + (0.0 if len(touched) else self._contact_free)
+        self._samples_left -= len(free)
+        if self._samples_left > 0:
             return
-        self._left = self._every
+        self._samples_left = self._every
         self._x *= self._fade
         self._P *= np.outer(self._fade, self._fade)
         self._P[np.diag_indices_from(self._P)] += self._advance
-        if self.learning and self._since >= MARGIN and np.isfinite(self._seen).all():
+        if self.learning and self._contact_free >= MARGIN and np.isfinite(self._columns).all():
             self._step(tau_ext[-1], J_seen[-1])
-        self._blocks = self._own_blocks()
+        self._covariances = self._joint_covariances()
 
-    def _own_blocks(self) -> Array:
+    def _joint_covariances(self) -> Array:
         """(n, 3, 3) covariance of each joint's coefficients."""
         n = self._n
         joints = np.arange(n)
@@ -226,14 +231,16 @@ class FrictionTracker:
     def _step(self, tau_ext: Array, J: Array) -> None:
         """The filter's update with one sample."""
         n, sd = self._n, self._residual_sd
-        known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
-        moving = np.flatnonzero((np.abs(self._v) >= V_REST) & known)
+        is_known = np.isfinite(tau_ext) & np.isfinite(J).all(axis=0)
+        moving = np.flatnonzero((np.abs(self._v) >= V_REST) & is_known)
         if not len(moving):
             return
-        columns = self._seen
+        columns = self._columns
         force = self._x[4 * n :]
-        told = force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_TOLD
-        self._judge(tau_ext - J.T @ force if told else tau_ext, moving)
+        force_is_significant = (
+            force @ np.linalg.solve(self._P[4 * n :, 4 * n :], force) > FORCE_SIGNIFICANT
+        )
+        self._judge(tau_ext - J.T @ force if force_is_significant else tau_ext, moving)
         slow = (noise.SLOW * sd) ** 2 + (noise.COULOMB * self._coulomb * columns[:, 0]) ** 2
         slow += (noise.VISCOUS * self._viscous * columns[:, 1]) ** 2
         turning = 1.0 + noise.REVERSAL * np.exp(-((self._v / noise.REVERSAL_VELOCITY) ** 2))
@@ -254,26 +261,29 @@ class FrictionTracker:
         self._x[: 3 * n] = np.clip(self._x[: 3 * n], -reach, reach)
         step = self._every * self.time_step
         share = step / _UNEXPLAINED_TIME
-        self._surprise[moving] += share * (surprise**2 / np.diag(S) - self._surprise[moving])
+        self._mean_square[moving] += share * (surprise**2 / np.diag(S) - self._mean_square[moving])
         self.seconds += step
 
     def _judge(self, tau_ext: Array, moving: NDArray[np.int64]) -> None:
-        """Adds one sample, less a slow force, to what tells the share of the joints that move."""
-        own = (self._seen * self._x[: 3 * self._n].reshape(-1, 3)).sum(axis=1)[moving]
-        seen, alike = tau_ext[moving], self._alike[moving]
-        for total, new in ((self._borne_out, -seen * own), (self._applied, own**2)):
+        """Adds one sample, less a slow force, to the sums behind `share` of moving joints."""
+        correction = (self._columns * self._x[: 3 * self._n].reshape(-1, 3)).sum(axis=1)[moving]
+        reading, alike = tau_ext[moving], self._noise[moving]
+        for total, new in (
+            (self._borne_out, -reading * correction),
+            (self._applied, correction**2),
+        ):
             total[moving] = self._share_fade * total[moving] + new / alike
 
     def metrics(self) -> dict[str, object]:
-        """What has been learnt; lists per joint."""
+        """Learnt coefficients; lists per joint."""
         change, sd = self.change, self.standard_deviation
-        found: dict[str, object] = {"seconds": self.seconds, "share": self.share}
+        metrics: dict[str, object] = {"seconds": self.seconds, "share": self.share}
         for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True)):
-            found[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
-        return found
+            metrics[term] = {f"change_{unit}": change[:, k], f"sd_{unit}": sd[:, k]}
+        return metrics
 
     def advice(self, joint_names: Sequence[str]) -> list[str]:
-        """Where a refresh of the model would do better than following it: one line each."""
+        """Warnings where the model should be refreshed rather than tracked, one line each."""
         change, sd = self.change, self.standard_deviation
         lines = []
         for j, name in enumerate(joint_names):
@@ -284,7 +294,7 @@ class FrictionTracker:
                 "`wrenchsight identify --refresh`"
                 for k in np.flatnonzero(far & (np.abs(change[j]) > CLEAR * sd[j]))
             ]
-            if self._surprise[j] > UNEXPLAINED:
+            if self._mean_square[j] > UNEXPLAINED:
                 lines.append(
                     f"friction drift does not explain the torque of {name} in free motion; "
                     "`wrenchsight identify --refresh` shows whether friction or a load has changed"
@@ -299,22 +309,22 @@ def _bare(law: FrictionLaw) -> FrictionLaw:
 
 @kernel
 def _slip_columns(
-    table: Array, more: Array, state: Array, q: Array, v: Array, column: Array
+    table: Array, table_with_unit: Array, state: Array, q: Array, v: Array, column: Array
 ) -> None:
-    """Adds to column (N, n) what one unit more of Coulomb friction adds to the slip's torque.
+    """Adds to column (N, n) the slip torque of one unit of Coulomb friction.
 
     Args:
-        table, more: of the law, and of that with the unit more.
+        table, table_with_unit: of the law, and of the law with one unit more.
         state: of the law, changed.
         q, v: (N, n).
         column: (N, n), changed.
     """
     n = q.shape[1]
-    one, other, load = np.empty(n), np.empty(n), np.zeros(n)
+    torque, torque_with_unit, load = np.empty(n), np.empty(n), np.zeros(n)
     for k in range(q.shape[0]):
-        one[:], other[:] = 0.0, 0.0
-        add_slip_torque(table, state, q[k], v[k], one)
-        add_slip_torque(more, state, q[k], v[k], other)
+        torque[:], torque_with_unit[:] = 0.0, 0.0
+        add_slip_torque(table, state, q[k], v[k], torque)
+        add_slip_torque(table_with_unit, state, q[k], v[k], torque_with_unit)
         for i in range(n):
-            column[k, i] += other[i] - one[i]
+            column[k, i] += torque_with_unit[i] - torque[i]
         update_slip(table, state, q[k], v[k], load)

@@ -1,13 +1,13 @@
-"""Torque per ampere that a controller works with, from its targets of torque and current at rest.
+"""Gain at rest: a controller's torque per ampere, from its targets of torque and current.
 
-A controller states both as the joint is to follow its path:
+A controller states both targets for the motion that it plans:
 
     target_moment  = gravity + inertia                                   N m
     target_current = (target_moment + friction + rotor inertia) / gain   A
 
 While a joint moves their ratio is not the gain: for a slow wrist it is a tenth of it, or negative.
 Of a joint at rest that gravity loads, friction and rotor drop out and the ratio is the gain,
-whatever the other joints do. A rest is judged without its edges: the targets move before the joint
+whatever the other joints do. The edges of a rest do not count: the targets move before the joint
 does, and end after it.
 
 On one half of the logs of a UR10e (20 rests of joints 2 to 4) the ratio differs from the gain by
@@ -21,7 +21,7 @@ import numpy as np
 from wrenchsight.models.calibration.residual_noise import V_REST
 from wrenchsight.models.numerics.arrays import Array
 
-EDGE = 0.2  # s of a rest, at its begin and its end, that are not judged
+EDGE = 0.2  # s of a rest, at its start and its end, that do not count
 LEAST_REST = 0.3  # s between the edges
 STANDS = 5e-4  # rad or m within which a joint at rest stays
 LEAST_LOAD = 0.01  # of the effort limit: gravity torque that loads a joint
@@ -32,7 +32,7 @@ GAIN_SD, CURRENT_SD = 1e-3, 1e-3  # of the ratio from rest to rest: relative, an
 
 @dataclass(frozen=True, eq=False)
 class TargetSamples:
-    """What a controller states of successive samples.
+    """Successive samples of a controller's targets.
 
     Attributes:
         t: (N,) s, rising.
@@ -78,17 +78,17 @@ def gain_at_rest(
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8)))
     if not len(edges):
         return None
-    begin, end = max(edges.reshape(-1, 2), key=lambda rest: t[rest[1] - 1] - t[rest[0]])
-    first = int(np.searchsorted(t, t[begin] + EDGE))
-    last = int(np.searchsorted(t, t[end - 1] - EDGE, side="right"))
-    if last - first < 2 or t[last - 1] - t[first] < LEAST_REST:
+    begin, end = max(edges.reshape(-1, 2), key=lambda edge: t[edge[1] - 1] - t[edge[0]])
+    start = int(np.searchsorted(t, t[begin] + EDGE))
+    stop = int(np.searchsorted(t, t[end - 1] - EDGE, side="right"))
+    if stop - start < 2 or t[stop - 1] - t[start] < LEAST_REST:
         return None
-    current, torque = samples.current[first:last, joint], samples.torque[first:last, joint]
+    current, torque = samples.current[start:stop, joint], samples.torque[start:stop, joint]
     least = LEAST_LOAD * effort_limit if np.isfinite(effort_limit) else 0.0
-    is_loaded = np.abs(gravity_torque[first:last]).min() > least
+    is_loaded = np.abs(gravity_torque[start:stop]).min() > least
     if not is_loaded or not np.abs(current).min() > LEAST_CURRENT:
         return None
-    if np.ptp(q[first:last]) > STANDS:
+    if np.ptp(q[start:stop]) > STANDS:
         return None
     ratio = torque / current
     value, scatter = abs(float(np.mean(ratio))), float(np.std(ratio))

@@ -1,7 +1,7 @@
-"""Torque per ampere of every joint, from logs with a load whose weight is known.
+"""Gain calibration: torque per ampere of every joint, from logs with a load of known weight.
 
-Without a known weight no log can determine torque: with twice the masses, twice the friction and
-twice the torque per ampere the arm moves the same. A known weight on the flange fixes the scale of
+Without a known weight no log determines torque: with twice the masses, twice the friction and twice
+the torque per ampere the arm has the same currents. A known weight on the flange fixes the scale of
 the joints that carry it, and the masses that several joints carry tie the joints to each other.
 With u = log of the true over the stated torque per ampere, the torque that the stated constants
 give is
@@ -76,7 +76,7 @@ class CalibrationLog:
         v: (N, n).
         vdot: (N, n).
         tau: (N, n) N m that the stated torques per ampere give.
-        low_pass: along time; what is computed from q, v and vdot goes through it.
+        low_pass: along time; columns computed from q, v and vdot pass it.
         rows: (m,) samples that are used.
         load: index of the known load that the arm carries; None for no load.
     """
@@ -93,7 +93,7 @@ class CalibrationLog:
 
 @dataclass(frozen=True, eq=False)
 class GainCalibration:
-    """What the logs say of the drives, the friction and the loads.
+    """Estimates of drives, friction and loads.
 
     Attributes:
         ratio: (n,) true over stated torque per ampere.
@@ -120,13 +120,8 @@ class GainCalibration:
         return np.asarray(self.ratio * np.sqrt(np.diag(self.log_covariance)))
 
     @property
-    def told(self) -> Array:
-        """(n,) share of the prior's variance that the logs have removed, 0 to 1."""
-        return np.asarray(1.0 - np.diag(self.log_covariance) / GAIN_SD**2)
-
-    @property
     def least_known(self) -> tuple[Array, float]:
-        """The combination of log ratios, a unit vector (n,), that is known least, and its sd."""
+        """The least determined combination of log ratios, a unit vector (n,), and its sd."""
         values, vectors = np.linalg.eigh(self.log_covariance)
         worst = vectors[:, -1] * np.sign(vectors[:, -1].sum() or 1.0)
         return worst, float(np.sqrt(values[-1]))
@@ -136,13 +131,13 @@ class GainCalibration:
         """(n,) N m of friction per N m transmitted, and its sd; NaN for a joint without it."""
         n = self.structure.num_joints
         value, sd = np.full(n, np.nan), np.full(n, np.nan)
-        _, _, own = split_terms(self.x, [len(terms) for terms in self.structure.terms])
-        _, _, deviation = split_terms(
-            self.standard_deviation, [len(terms) for terms in self.structure.terms]
-        )
+        counts = [len(terms) for terms in self.structure.terms]
+        _, _, coefficients = split_terms(self.x, counts)
+        _, _, deviations = split_terms(self.standard_deviation, counts)
         for j, terms in enumerate(self.structure.terms):
             if "load" in terms:
-                value[j], sd[j] = (part[j][terms.index("load")] for part in (own, deviation))
+                k = terms.index("load")
+                value[j], sd[j] = coefficients[j][k], deviations[j][k]
         return value, sd
 
 
@@ -163,7 +158,7 @@ class GainProblem:
         Args:
             robot: with the stated torques per ampere.
             logs: unloaded and loaded ones.
-            loads: what `CalibrationLog.load` counts.
+            loads: the loads that `CalibrationLog.load` is an index of.
             structure: friction terms and shape.
             start: all parameters, of an identification of the unloaded logs.
             residual_sd: (n,) N m, of that identification.
@@ -182,9 +177,9 @@ class GainProblem:
         loads = np.stack(mean) if mean else np.zeros((0, _INERTIAL))
         for _ in range(STEPS):
             fit = self._step(x, u, loads)
-            before, u = u, fit.values[p + loads.size : p + loads.size + n]
+            previous_u, u = u, fit.values[p + loads.size : p + loads.size + n]
             x, loads = fit.values[:p], fit.values[p : p + loads.size].reshape(loads.shape)
-            if np.abs(u - before).max() < _ENOUGH:
+            if np.abs(u - previous_u).max() < _ENOUGH:
                 break
         deviation = fit.standard_deviation
         gains = slice(p + loads.size, p + loads.size + n)
@@ -217,8 +212,8 @@ class GainProblem:
         start = _INERTIAL * n
         for j, terms in enumerate(self._structure.terms):
             for k, term in enumerate(terms):
-                wide = LOAD_DEPENDENCE_SD if term == "load" else float(self._robot.effort_limit[j])
-                spread[start + 1 + k] = wide
+                sd = LOAD_DEPENDENCE_SD if term == "load" else float(self._robot.effort_limit[j])
+                spread[start + 1 + k] = sd
             start += 1 + len(terms)
         priors = [load.prior() for load in self._loads]
         return (
@@ -234,16 +229,16 @@ class GainProblem:
         law = self._structure.law(self._within(coefficients))
         chain = self._robot.chain.with_inertial_parameters(inertial, rotor)
         mean, spread = self._prior
-        first = p + loads.size + n
-        width = first + 3 * n * num_logs
+        drift_start = p + loads.size + n
+        width = drift_start + 3 * n * num_logs
         starts = _INERTIAL * n + np.concatenate([[0], np.cumsum([1 + c for c in counts])])
         whitened: list[list[Array]] = [[] for _ in range(n)]
         drift = np.zeros((num_logs, n, 3))
         for index, (log, (rigid, load)) in enumerate(zip(self._logs, self._rigid, strict=True)):
             carried = np.asarray(chain.inverse_dynamics(log.q, log.v, log.vdot))
             if log.load is not None:
-                own = load_columns(self._robot, log.q, log.v, log.vdot)
-                carried = carried + own @ loads[log.load]
+                columns = load_columns(self._robot, log.q, log.v, log.vdot)
+                carried = carried + columns @ loads[log.load]
             friction = self._structure.columns(log.q, log.v, carried)
             parts = (
                 *dry_and_viscous(law, log.q, log.v, carried),
@@ -263,27 +258,27 @@ class GainProblem:
                 if log.load is not None:
                     place = p + _INERTIAL * log.load
                     A[:, place : place + _INERTIAL] = load[:, j]
-                predicted = A[:, :first] @ np.concatenate([x, loads.ravel(), np.zeros(n)])
-                place = first + 3 * (n * index + j)
+                predicted = A[:, :drift_start] @ np.concatenate([x, loads.ravel(), np.zeros(n)])
+                place = drift_start + 3 * (n * index + j)
                 A[:, place : place + 3] = rows.drift[:, j]
                 A *= np.exp(-u[j])
                 A[:, p + loads.size + j] = -np.exp(-u[j]) * predicted
-                own_rows = rows.whitened(j, A)
-                own_rows[:, -1] += own_rows[:, p + loads.size + j] * u[j]
-                whitened[j].append(own_rows)
+                whitened_rows = rows.whitened(j, A)
+                whitened_rows[:, -1] += whitened_rows[:, p + loads.size + j] * u[j]
+                whitened[j].append(whitened_rows)
         return fit_with_prior(
-            [np.vstack(own) for own in whitened],
+            [np.vstack(rows_of_joint) for rows_of_joint in whitened],
             np.concatenate([spread, drift.ravel()]),
             np.concatenate([mean, np.zeros(drift.size)]),
         )
 
     def _within(self, coefficients: list[Array]) -> list[Array]:
-        """The coefficients with load terms that a law may have, for the noise's sake alone."""
-        out = []
-        for own, terms in zip(coefficients, self._structure.terms, strict=True):
-            kept = own.copy()
+        """The coefficients with load terms clipped to a valid law's, for the noise model alone."""
+        bounded_coefficients = []
+        for values, terms in zip(coefficients, self._structure.terms, strict=True):
+            bounded = values.copy()
             if "load" in terms:
                 k = terms.index("load")
-                kept[k] = np.clip(kept[k], 0.0, 0.5)
-            out.append(kept)
-        return out
+                bounded[k] = np.clip(bounded[k], 0.0, 0.5)
+            bounded_coefficients.append(bounded)
+        return bounded_coefficients

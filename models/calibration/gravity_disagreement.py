@@ -1,22 +1,27 @@
-"""Does a log show another direction of gravity than robot.yaml states: a base that is tilted?
+"""Gravity disagreement: a log's gravity has another direction than robot.yaml's (a tilted base).
 
-Gravity's torque is linear in its vector. What an observer reads without contact, where the true
-vector is g + dg, is
+Gravity's torque is linear in its vector. Where the true vector is g + dg, an observer reads without
+contact
 
     tau_ext = -(dG/dg)(q) dg + offset
 
-with an offset of each joint that friction may leave. dg comes from least squares over the log; the
-base is said to be tilted where the length of g + dg is that of g (a load that nobody told would
-make it longer), where dg explains a good part of what is read beyond the offsets, and where it is
-many standard errors away from none. Turning about the vertical changes nothing and is not seen.
+with an offset of each joint that friction may leave. dg comes from least squares over the log. The
+base counts as tilted if all of this holds:
+
+- the length of g + dg is that of g (an unmodelled load would make it longer);
+- dg explains a good part of the reading beyond the offsets;
+- dg is many standard errors away from zero.
+
+A turn about the vertical changes no torque and is not detected.
 
 On twelve logs of the UR10e in general motion dg explains .01 where the base stands upright and .34
 to .66 where gravity is turned by 5 deg, found as 4.6 to 5.3; motions of single joints and of the
-wrist alone tell too little, and loads of 3 kg show as a gravity that is 15 to 32 % longer.
+wrist alone determine it too poorly, and loads of 3 kg show as a gravity that is 15 to 32 % longer.
 """
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +30,7 @@ from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 LEAST_TILT = math.radians(1.5)
 SAME_LENGTH = 0.04  # relative; a hand-held push or a load breaks it
-EXPLAINED = 0.3  # share of the mean square beyond offsets, see below
+EXPLAINED = 0.3  # share of the mean square beyond offsets
 STANDARD_ERRORS = 6.0
 CORRELATION_TIME = 1.0  # s, of what the observer errs by
 SHORTEST = 3.0  # s
@@ -34,7 +39,7 @@ MOST_ROWS = 20_000
 
 @dataclass(frozen=True)
 class GravityDisagreement:
-    """What a log says.
+    """The direction of gravity that a log shows.
 
     Attributes:
         gravity: (3,) in W, m/s^2, as the log shows it.
@@ -53,6 +58,13 @@ class GravityDisagreement:
         )
 
 
+class _WeightedRows(NamedTuple):
+    """Rows in units of the joints' sds: gravity (m, n, 3) per m/s^2, torque (m, n)."""
+
+    gravity: Array
+    torque: Array
+
+
 class GravityWatch:
     """Gathers a log chunk by chunk.
 
@@ -64,27 +76,29 @@ class GravityWatch:
 
     def __init__(self, chain: SerialChain, sd: Array, time_step: float) -> None:
         self._gravity = np.array(chain.gravity)
-        self._columns = [replace(chain, gravity=axis) for axis in np.eye(3)]
+        self._chains = [replace(chain, gravity=axis) for axis in np.eye(3)]
         self._sd = np.asarray(sd, float)
         self._time_step = time_step
         self._every = max(1, round(0.05 / time_step))
-        self._rows: list[tuple[Array, Array]] = []
+        self._rows: list[_WeightedRows] = []
         self._count = 0
 
-    def add(self, q: Array, tau_ext: Array, known: Flags) -> None:
+    def add(self, q: Array, tau_ext: Array, is_valid: Flags) -> None:
         """Takes the next samples.
 
         Args:
             q, tau_ext: (N, n) rad and N m.
-            known: (N,) whether tau_ext counts.
+            is_valid: (N,) whether tau_ext counts.
         """
-        at = np.flatnonzero(known & np.isfinite(tau_ext).all(axis=1) & np.isfinite(q).all(axis=1))
+        at = np.flatnonzero(
+            is_valid & np.isfinite(tau_ext).all(axis=1) & np.isfinite(q).all(axis=1)
+        )
         at = at[:: self._every]
         if not len(at) or self._count >= MOST_ROWS:
             return
-        rows = np.ascontiguousarray(q[at])
-        G = np.stack([own.gravity_torque(rows) for own in self._columns], axis=2)
-        self._rows.append((-G / self._sd[:, None], tau_ext[at] / self._sd))
+        postures = np.ascontiguousarray(q[at])
+        G = np.stack([chain.gravity_torque(postures) for chain in self._chains], axis=2)
+        self._rows.append(_WeightedRows(-G / self._sd[:, None], tau_ext[at] / self._sd))
         self._count += len(at)
 
     def disagreement(self) -> GravityDisagreement | None:
@@ -92,27 +106,27 @@ class GravityWatch:
         g = self._gravity
         if self._count * self._every * self._time_step < SHORTEST or not np.linalg.norm(g) > 0.0:
             return None
-        G = np.concatenate([own for own, _ in self._rows])
-        tau = np.concatenate([own for _, own in self._rows])
-        # Offsets are projected out; a joint that gravity never changes then says nothing.
+        G = np.concatenate([rows.gravity for rows in self._rows])
+        tau = np.concatenate([rows.torque for rows in self._rows])
+        # Offsets are projected out; a joint whose gravity torque is constant then has no weight.
         G, tau = G - G.mean(axis=0), tau - tau.mean(axis=0)
         A, b = G.reshape(-1, 3), tau.ravel()
         normal = A.T @ A
         if not np.linalg.cond(normal) < 1e6:
             return None
         dg = np.linalg.solve(normal, A.T @ b)
-        left = float(np.sum((b - A @ dg) ** 2))
-        whole = float(b @ b)
-        if not left < (1.0 - EXPLAINED) * whole:
+        unexplained = float(np.sum((b - A @ dg) ** 2))
+        total = float(b @ b)
+        if not unexplained < (1.0 - EXPLAINED) * total:
             return None
         independent = max(1.0, CORRELATION_TIME / (self._every * self._time_step))
-        covariance = np.linalg.inv(normal) * (left / len(b)) * independent
-        found = g + dg
-        length = float(np.linalg.norm(found) / np.linalg.norm(g))
-        cosine = float(found @ g / np.linalg.norm(found) / np.linalg.norm(g))
+        covariance = np.linalg.inv(normal) * (unexplained / len(b)) * independent
+        gravity = g + dg
+        length = float(np.linalg.norm(gravity) / np.linalg.norm(g))
+        cosine = float(gravity @ g / np.linalg.norm(gravity) / np.linalg.norm(g))
         tilt = math.acos(min(1.0, max(-1.0, cosine)))
         errors = float(np.sqrt(dg @ np.linalg.solve(covariance, dg)))
         if abs(length - 1.0) > SAME_LENGTH or tilt < LEAST_TILT or errors < STANDARD_ERRORS:
             return None
-        x, y, z = (float(value) for value in found)
+        x, y, z = (float(value) for value in gravity)
         return GravityDisagreement((x, y, z), tilt)

@@ -1,8 +1,8 @@
-"""A tool whose mass, centre of mass and inertia are known, on a model that was identified without.
+"""Known tool: adds a tool of known mass, centre of mass and inertia to an identified model.
 
 Rigid-body torque is linear in the inertial parameters: the tool's are added to the last link's, and
-those of the tool that the model was identified with are taken off. Of that one a model keeps mass
-and centre of mass; its inertia about its own centre of mass stays on the arm.
+those of the tool that the model was identified with are taken off. A model file states mass and
+centre of mass of that tool; its inertia about its centre of mass stays on the arm.
 """
 
 from dataclasses import replace
@@ -22,22 +22,23 @@ from wrenchsight.models.robot.robot import Robot
 
 
 def with_tool_of(model: IdentifiedModel, robot: Robot) -> IdentifiedModel:
-    """Returns the model with the tool that robot.yaml states, in the place of the one it has.
+    """Returns the model with robot.yaml's tool in the place of its own.
 
     Args:
         model: whose file says which tool it was identified with; otherwise it stays as it is.
         robot: its robot, with the tool of today or without one.
     """
-    own, tool = model.fitted_robot, robot.config.tool
-    if not own.differs_by_tool(robot):
+    fitted, tool = model.fitted_robot, robot.config.tool
+    if not fitted.differs_by_tool(robot):
         return model
     change = np.zeros(10) if tool is None else tool_parameters(tool)
-    if own.tool_mass:
-        change -= body_parameters(own.tool_mass, np.array(own.tool_com, float), np.zeros((3, 3)))
+    if fitted.tool_mass:
+        com = np.array(fitted.tool_com, float)
+        change -= body_parameters(fitted.tool_mass, com, np.zeros((3, 3)))
     inertial = model.inertial_parameters.copy()
     inertial[-1] += flange_map(robot) @ change
-    now = FittedRobot.of(robot)
-    fitted = replace(own, tool_mass=now.tool_mass, tool_com=now.tool_com)
+    current = FittedRobot.of(robot)
+    fitted = replace(fitted, tool_mass=current.tool_mass, tool_com=current.tool_com)
     return replace(model, inertial_parameters=inertial, fitted_robot=fitted)
 
 

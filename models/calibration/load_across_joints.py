@@ -1,4 +1,4 @@
-"""A load that shows in seconds of motion, with an error that counts what single joints make of it.
+"""Load across joints: a load from seconds of motion, with the spread between joints in its error.
 
 `load_or_drift` weighs a load against friction that has drifted. Within seconds, and where only one
 joint moves, an error of that joint's model (of its friction along the gear, say) looks like a load
@@ -29,7 +29,7 @@ from wrenchsight.models.calibration.load_or_drift import weigh
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.signals.bands import SIGMA_95
 
-LEAST_MASS = 0.5  # kg that are worth a word
+LEAST_MASS = 0.5  # kg, below which a load is not reported
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class LoadAcrossJoints:
 def load_across_joints(
     log: LoadRows, law: CoulombViscous, prior: LoadPrior
 ) -> LoadAcrossJoints | None:
-    """The load that the rows show; None where they show none, or not surely.
+    """Estimates the load of the rows; None where they show none, or not surely.
 
     Args:
         log: the model's residual, with a load's and the model's own columns.
@@ -56,7 +56,7 @@ def load_across_joints(
     """
     n = log.rows.num_joints
     weighed = weigh(log, law, prior)
-    if weighed is None or not weighed.is_told or weighed.load.mass < LEAST_MASS or n < 2:
+    if weighed is None or not weighed.is_shown or weighed.load.mass < LEAST_MASS or n < 2:
         return None
     masses = [estimate_load(_without_joint(log, j), law, prior).mass for j in range(n)]
     spread = np.std(masses) * np.sqrt(n - 1) * float(stdtrit(n - 1, 0.975)) / SIGMA_95
@@ -66,7 +66,7 @@ def load_across_joints(
 
 
 def _without_joint(log: LoadRows, joint: int) -> LoadRows:
-    """The rows without what a joint says of a load."""
+    """The rows with a joint's residual and columns set to zero."""
     load, model, residual = log.load.copy(), log.model.copy(), log.rows.residual.copy()
     load[:, joint], model[:, joint], residual[:, joint] = 0.0, 0.0, 0.0
     return replace(log, load=load, model=model, rows=replace(log.rows, residual=residual))

@@ -1,16 +1,16 @@
-"""Mass, centre of mass and inertia of what an arm carries, from its joint torques.
+"""Load identification: mass, centre of mass and inertia of a load, from joint torques.
 
 A load adds a torque that is linear in its ten parameters to what the arm's model predicts. They are
 found by generalised least squares of the model's residual, together with the drift that friction
 may have made since (`models.calibration.friction_refresh`). Twice: the first solution has a wide
 prior and shows where the centre of mass is; the second states the parameters about that point,
-where a prior of the inertia can follow from the mass.
+where a prior of the inertia follows from the mass.
 
 The standard errors count three things: the scatter of the torque, which is correlated over time;
-errors of the arm's own model; and torques per ampere that are a little off. No motion with an
-unknown load can tell the last two from another load. So they are not unknowns of the fit, which
-they would bias: their effect on the result is added to its covariance ("considered" parameters;
-Schmidt, "Application of state-space methods to navigation problems", 1966).
+errors of the arm's model; and errors of the torques per ampere. No motion with an unknown load
+tells the last two from another load. So they are not unknowns of the fit, which they would bias.
+Their effect on the result is added to its covariance ("considered" parameters; Schmidt,
+"Application of state-space methods to navigation problems", 1966).
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ REACH = 0.3  # m, of a centre of mass from the flange: sd of the first solution'
 # Radius of gyration of a load of 1 kg, m; others have the same density. A ball of this radius of
 # gyration has a fourth of water's: tools and boxes are hollow.
 GYRATION = 0.06
-SURE = 3.0  # standard errors, from which a load is taken to be there
+SURE = 3.0  # standard errors of its mass, above which a load is present
 _LOAD = 10
 _DIAGONAL = (4, 6, 9)  # places of Ixx, Iyy, Izz in the ten parameters
 _ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
@@ -43,7 +43,7 @@ _ORDER = (4, 6, 9, 5, 7, 8)  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
 
 @dataclass(frozen=True)
 class LoadPrior:
-    """What is known before the log.
+    """Prior of a load and of the torques per ampere.
 
     Attributes:
         mass: kg, sd of the load's mass about zero.
@@ -57,13 +57,13 @@ class LoadPrior:
 
 @dataclass(frozen=True, eq=False)
 class LoadRows:
-    """A log's residual and what a load adds to it.
+    """A log's residual, and the torque per parameter of a load and of the model.
 
     Attributes:
         rows: the residual of the model without the load.
         load: (m, n, 10) N m per parameter in the flange's frame.
-        model: (m, n, c) N m per parameter of the arm's own model that is a little wrong.
-        model_sd: (c,) by how much.
+        model: (m, n, c) N m per uncertain parameter of the arm's model.
+        model_sd: (c,) of these parameters.
     """
 
     rows: ResidualRows
@@ -74,13 +74,13 @@ class LoadRows:
     @classmethod
     def joined(cls, parts: Sequence["LoadRows"]) -> "LoadRows":
         """Of several logs of one model."""
-        load, model = (
-            np.concatenate([getattr(own, name) for own in parts]) for name in ("load", "model")
-        )
-        return cls(ResidualRows.joined([own.rows for own in parts]), load, model, parts[0].model_sd)
+        rows = ResidualRows.joined([part.rows for part in parts])
+        load = np.concatenate([part.load for part in parts])
+        model = np.concatenate([part.model for part in parts])
+        return cls(rows, load, model, parts[0].model_sd)
 
     def __getitem__(self, part: slice | NDArray[np.bool_]) -> "LoadRows":
-        """The chosen rows."""
+        """Returns the rows of `part`."""
         return LoadRows(self.rows[part], self.load[part], self.model[part], self.model_sd)
 
 
@@ -117,28 +117,30 @@ class LoadEstimate:
 
     @property
     def is_there(self) -> bool:
-        """Whether the log shows a load at all."""
+        """Whether the load's mass is significantly above zero."""
         return bool(self.mass > SURE * self.standard_deviation[0])
 
     def with_com_at_flange(self, unknown: NDArray[np.bool_]) -> "LoadEstimate":
-        """The load, had it been known that its centre of mass lies at the flange's origin along the
-        axes (3,) of `unknown`: the mean of the rest follows by its covariance with these.
+        """Returns the load conditioned on a centre of mass at the flange's origin.
+
+        The condition holds along the axes (3,) of `unknown`. The other values follow by their
+        covariance with these.
         """
         if not unknown.any():
             return self
-        given = 1 + np.flatnonzero(unknown)
-        own = np.r_[self.mass, self.com, rotational_inertia.inertia_values(self.inertia)]
-        answer = np.linalg.solve(self.covariance[np.ix_(given, given)], self.covariance[given])
-        own = own - answer.T @ own[given]
-        own[given] = 0.0
-        inertia = rotational_inertia.inertia_matrix(own[4:])
-        return replace(self, mass=float(own[0]), com=own[1:4], inertia=inertia)
+        fixed = 1 + np.flatnonzero(unknown)
+        values = np.r_[self.mass, self.com, rotational_inertia.inertia_values(self.inertia)]
+        gain = np.linalg.solve(self.covariance[np.ix_(fixed, fixed)], self.covariance[fixed])
+        values = values - gain.T @ values[fixed]
+        values[fixed] = 0.0
+        inertia = rotational_inertia.inertia_matrix(values[4:])
+        return replace(self, mass=float(values[0]), com=values[1:4], inertia=inertia)
 
     @property
-    def inertia_told(self) -> Array:
+    def inertia_determined_share(self) -> Array:
         """(6,) share of the prior's variance that the motion has removed, 0 to 1."""
-        left = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
-        return np.asarray(np.maximum(1.0 - left, 0.0))
+        remaining = (self.standard_deviation[4:] / self.inertia_prior_sd) ** 2
+        return np.asarray(np.maximum(1.0 - remaining, 0.0))
 
     @property
     def realisable(self) -> Array:
@@ -152,35 +154,35 @@ def estimate_load(
     prior: LoadPrior,
     empty: LoadRows | None = None,
 ) -> LoadEstimate:
-    """Finds the load of a log.
+    """Estimates the load of a log.
 
     Args:
         log: with the load.
         law: the friction coefficients behind the rows.
-        empty: a log without the load, of the same day. What the model misses there, as friction
-            and as a weight at the flange, is then taken off.
+        empty: a log without the load, of the same day. Its residual, as friction and as a weight
+            at the flange, is then subtracted.
     """
     logs = [log] if empty is None else [log, empty]
     spread = wide_spread(prior.mass)
-    first = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior)
-    found, mass_sd = first.values[:_LOAD], np.sqrt(first.covariance[0, 0])
-    mass = max(found[0], mass_sd)
+    at_flange = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior)
+    parameters, mass_sd = at_flange.values[:_LOAD], np.sqrt(at_flange.covariance[0, 0])
+    mass = max(parameters[0], mass_sd)
     com = np.zeros(3)
-    if found[0] > SURE * mass_sd:
-        com = np.clip(found[1:4] / mass, -1.0, 1.0)
-    own = mass * GYRATION**2 * mass ** (2.0 / 3.0)
+    if parameters[0] > SURE * mass_sd:
+        com = np.clip(parameters[1:4] / mass, -1.0, 1.0)
+    moment = mass * GYRATION**2 * mass ** (2.0 / 3.0)
     mean = np.zeros(_LOAD)
-    mean[list(_DIAGONAL)] = own
-    spread[4:] = own
-    spread[list(_DIAGONAL)] = 2.0 * own
+    mean[list(_DIAGONAL)] = moment
+    spread[4:] = moment
+    spread[list(_DIAGONAL)] = 2.0 * moment
     frame = moved_parameters(np.eye(3), com)  # from a frame at the centre of mass to the flange's
-    second = _solve(logs, frame, spread, mean, law, prior)
-    return _estimate(second, com, frame, spread)
+    at_com = _solve(logs, frame, spread, mean, law, prior)
+    return _estimate(at_com, com, frame, spread)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Values of all unknowns: the load, friction's drift (3 n), what the model misses (10)."""
+    """Values of all unknowns: load (10), friction drift (3 n), weight in the empty log (10)."""
 
     values: Array
     covariance: Array
@@ -210,28 +212,28 @@ def _solve(
     blocks, considered = [], []
     for j in range(n):
         parts = []
-        for index, one in enumerate(logs):
-            columns = np.zeros((len(one.rows.t), k))
+        for index, log in enumerate(logs):
+            columns = np.zeros((len(log.rows.t), k))
             if index == 0:
-                columns[:, :_LOAD] = one.load[:, j] @ frame
-            columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = one.rows.drift[:, j]
+                columns[:, :_LOAD] = log.load[:, j] @ frame
+            columns[:, _LOAD + 3 * j : _LOAD + 3 * j + 3] = log.rows.drift[:, j]
             if missed:
-                columns[:, -_LOAD:] = one.load[:, j]
-            parts.append(one.rows.whitened(j, np.hstack([columns, one.model[:, j]])))
+                columns[:, -_LOAD:] = log.load[:, j]
+            parts.append(log.rows.whitened(j, np.hstack([columns, log.model[:, j]])))
         whole = np.vstack(parts)
         blocks.append(np.delete(whole, np.s_[k:-1], axis=1))
         considered.append(whole[:, k:-1] * logs[0].model_sd)
     fit = fit_with_prior(blocks, prior_sd, np.concatenate([mean, np.zeros(k - _LOAD)]))
     # How the solution responds to an error e of the torque: covariance A^T e / s^2.
-    answers = [
-        fit.covariance @ own[:, :-1].T / s**2 for own, s in zip(blocks, fit.scale, strict=True)
+    responses = [
+        fit.covariance @ block[:, :-1].T / s**2 for block, s in zip(blocks, fit.scale, strict=True)
     ]
-    gain = [
-        prior.gain * answer @ (own[:, :_LOAD] @ fit.values[:_LOAD])
-        for answer, own in zip(answers, blocks, strict=True)
+    gain_effects = [
+        prior.gain * response @ (block[:, :_LOAD] @ fit.values[:_LOAD])
+        for response, block in zip(responses, blocks, strict=True)
     ]
-    gain_covariance = sum(np.outer(effect, effect) for effect in gain)
-    model = sum(answer @ own for answer, own in zip(answers, considered, strict=True))
+    gain_covariance = sum(np.outer(effect, effect) for effect in gain_effects)
+    model = sum(response @ columns for response, columns in zip(responses, considered, strict=True))
     covariance = fit.covariance + gain_covariance + model @ model.T
     return _Solution(fit.values, covariance, np.asarray(gain_covariance), fit.scale)
 
@@ -249,10 +251,8 @@ def _estimate(solution: _Solution, com: Array, frame: Array, spread: Array) -> L
     slope[1:4, 0] = -step / divisor
     slope[1:4, 1:4] = np.eye(3) / divisor
     slope[np.arange(4, 10), list(_ORDER)] = 1.0
-    covariance, gain = (
-        slope @ own[:_LOAD, :_LOAD] @ slope.T
-        for own in (solution.covariance, solution.gain_covariance)
-    )
+    covariance = slope @ solution.covariance[:_LOAD, :_LOAD] @ slope.T
+    gain = slope @ solution.gain_covariance[:_LOAD, :_LOAD] @ slope.T
     changes = solution.values[_LOAD : _LOAD + 3 * len(solution.scale)]
     return LoadEstimate(
         mass=mass,

@@ -1,18 +1,18 @@
-"""A constant load, friction that has drifted, both or none: what a log's residual is weighed for.
+"""Load or drift: the odds that a residual comes from a constant load, friction drift, both or none.
 
 Four fits of the same rows, with a load's ten parameters, with three changes of friction a joint,
-with both and with none; errors of the arm's own inertial parameters are unknowns of all four. Their
-evidence (`models.calibration.prior_least_squares`) says which is how probable, each of the four
-being as likely beforehand. A load is taken to be there where
+with both and with none. Errors of the arm's inertial parameters are unknowns of all four. Their
+evidence (`models.calibration.prior_least_squares`) gives the probability of each; all four
+are equally likely beforehand. The log shows a load if
 
 - load, or both, have all but UNLIKELY of the probability;
 - its mass is `SURE` standard errors above zero, errors of gains and of the arm's model included;
-- both halves of the log show the same mass, within SAME of its standard errors: what comes or goes,
-  or presses from another side, is a contact.
+- both halves of the log show the same mass, within SAME of its standard errors. A force that comes
+  or goes, or changes sides, is a contact.
 
 A load may also be taken up while the log runs (`weigh_begin`). Its columns are then zero before
-some row. Every row is as likely beforehand; the evidence says which one it is, and how surely. Both
-halves of what comes after it have to show the same mass.
+some row. All rows are equally likely beforehand; the evidence gives their probabilities. Both
+halves of the log after that row have to show the same mass.
 """
 
 from collections.abc import Callable
@@ -36,21 +36,21 @@ from wrenchsight.models.numerics.arrays import Array
 UNLIKELY = 0.01
 SAME = 3.0  # standard errors of the difference
 FEWEST = 40  # rows
-COM_TOLD = 0.02  # m, sd; beyond it the motion has not determined the centre of mass
-PLACES = 25  # rows that a load may begin at, of one look at a log; the next one looks closer
-LOOKED_AT = 600  # rows of a long log at a first look
+COM_DETERMINED_SD = 0.02  # m; beyond it the motion has not determined the centre of mass
+PLACES = 25  # rows that a pass tries as the begin of a load; the next pass searches around the best
+FIRST_PASS_ROWS = 600  # rows of a long log that the first pass uses
 _NAMES = {(False, False): "none", (True, False): "load", (False, True): "drift"}
 
 
 @dataclass(frozen=True, eq=False)
 class LoadOrDrift:
-    """What a log says.
+    """A load, and the probability that the log shows it.
 
     Attributes:
-        load: as found beside friction's drift.
+        load: as estimated beside friction's drift.
         probability: of "none", "load", "drift" and "both".
         is_steady: whether both halves of the log, or of its part with the load, show the same mass.
-        begin: s, in the log's time, from when on the load is there; None: since the log's start.
+        begin: s, in the log's time, at which the load is taken up; None: before the log's start.
         begin_sd: s.
     """
 
@@ -61,7 +61,7 @@ class LoadOrDrift:
     begin_sd: float = 0.0
 
     @property
-    def is_told(self) -> bool:
+    def is_shown(self) -> bool:
         """Whether the log shows a load."""
         loaded = self.probability["load"] + self.probability["both"]
         return self.is_steady and self.load.is_there and loaded > 1.0 - UNLIKELY
@@ -70,7 +70,7 @@ class LoadOrDrift:
         """Mass, place, time and odds of the load, and what to do, for the user."""
         load, sd = self.load, self.load.standard_deviation
         place = ""
-        if (sd[1:4] < COM_TOLD).all():
+        if (sd[1:4] < COM_DETERMINED_SD).all():
             com = ", ".join(f"{1e3 * x:.0f}" for x in load.com)
             com_sd = ", ".join(f"{1e3 * x:.0f}" for x in sd[1:4])
             place = f" at ({com}) +- ({com_sd}) mm from the flange"
@@ -90,7 +90,7 @@ class LoadOrDrift:
         """As metrics.json holds them under `load`."""
         sd = self.load.standard_deviation
         return {
-            "told": self.is_told,
+            "told": self.is_shown,
             "mass_kg": self.load.mass,
             "mass_sd_kg": sd[0],
             "com_m": self.load.com,
@@ -113,7 +113,7 @@ def weigh(
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> LoadOrDrift | None:
-    """Weighs the four; None for a log with too few rows to tell.
+    """Weighs load, drift, both and none; None for a log with too few rows.
 
     Args:
         log: the model's residual, with a load's and the model's own columns.
@@ -129,14 +129,15 @@ def weigh_begin(
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> LoadOrDrift | None:
-    """As `weigh`, of a load that is taken up at some row, FEWEST or more from both ends; None also
-    where a load is less likely than none.
+    """As `weigh`, for a load that is taken up at some row, FEWEST or more from both ends.
+
+    None also where a load is less likely than none.
     """
     count = len(log.rows.t)
-    first, last = FEWEST, count - FEWEST
-    if last <= first:
+    first_row, last_row = FEWEST, count - FEWEST
+    if last_row <= first_row:
         return None
-    begin, end, every = first, last, -(-count // LOOKED_AT)
+    begin, end, every = first_row, last_row, -(-count // FIRST_PASS_ROWS)
     while True:
         places = np.unique(np.linspace(begin, end, PLACES).round().astype(int))
         if end - begin <= PLACES * every:
@@ -145,7 +146,8 @@ def weigh_begin(
         best = int(np.argmax(evidence))
         if evidence[best] < 0.0:
             return None
-        begin, end = int(places[max(best - 1, 0)]), int(places[min(best + 1, len(places) - 1)])
+        begin = int(places[max(best - 1, 0)])
+        end = int(places[min(best + 1, len(places) - 1)])
         if end - begin <= 2:
             break
     likely = np.exp(evidence - evidence[best])
@@ -153,9 +155,9 @@ def weigh_begin(
     mean = float(likely @ t / likely.sum())
     sd = float(np.sqrt(likely @ (t - mean) ** 2 / likely.sum()))
     row = int(places[best])
-    odds = np.log(likely.sum()) - np.log(last - first + 1)
-    found = _weighed(loaded_from(log, row), law, prior, row, float(odds))
-    return replace(found, begin=float(log.rows.t[row]), begin_sd=sd)
+    odds = np.log(likely.sum()) - np.log(last_row - first_row + 1)
+    weighed = _weighed(loaded_from(log, row), law, prior, row, float(odds))
+    return replace(weighed, begin=float(log.rows.t[row]), begin_sd=sd)
 
 
 def _weighed(
@@ -165,7 +167,7 @@ def _weighed(
     row: int,
     odds: float,
 ) -> LoadOrDrift:
-    """The four, with a load from `row` on; `odds`: logarithm of this row's against the others."""
+    """Weighs the four with a load from `row` on; `odds`: log odds of this row against others."""
     load = estimate_load(log, law, prior)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
     spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
@@ -175,16 +177,16 @@ def _weighed(
         evidence[name] += odds
     largest = max(evidence.values())
     weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
-    whole = sum(weights.values())
+    total = sum(weights.values())
     return LoadOrDrift(
         load,
-        {name: weight / whole for name, weight in weights.items()},
+        {name: weight / total for name, weight in weights.items()},
         _is_steady(log, law, prior, row),
     )
 
 
 def loaded_from(log: LoadRows, row: int) -> LoadRows:
-    """The rows with a load that is there from a row on."""
+    """The rows with a load from a row on."""
     load = log.load.copy()
     load[:row] = 0.0
     return replace(log, load=load)
@@ -203,29 +205,29 @@ def _begin_evidence(
     places: Array,
     every: int,
 ) -> Array:
-    """(K,) of a load that is there from each of the rows `places` (K,) on, against none.
+    """Log evidence (K,) of a load from each of the rows `places` (K,) on, against none.
 
     Args:
-        every: of so many rows one is used.
+        every: stride of the rows that are used.
     """
     later = np.arange(len(log.rows.t))[::every, None] >= places
     log = log[::every]
-    wide = wide_spread(prior.mass)
-    K, size = len(places), len(wide)
+    spread = wide_spread(prior.mass)
+    K, size = len(places), len(spread)
 
     def load(j: int) -> Array:
         return (later[:, :, None] * log.load[:, j, None]).reshape(len(later), -1)
 
-    blocks, sd = _blocks(log, law, load, wide)
-    rest = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
+    blocks, sd = _blocks(log, law, load, spread)
+    other_columns = np.arange(K * size, blocks[0].shape[1], dtype=np.int64)
 
     def evidence(use: NDArray[np.int64], sd: Array) -> float:
-        fit = fit_with_prior([own[:, use] for own in blocks], sd, np.zeros(len(sd)))
+        fit = fit_with_prior([block[:, use] for block in blocks], sd, np.zeros(len(sd)))
         return fit.log_evidence
 
-    without = evidence(rest, sd[size:])
-    loaded = [evidence(np.r_[k * size : (k + 1) * size, rest], sd) for k in range(K)]
-    return np.array(loaded) - without
+    without_load = evidence(other_columns, sd[size:])
+    loaded = [evidence(np.r_[k * size : (k + 1) * size, other_columns], sd) for k in range(K)]
+    return np.array(loaded) - without_load
 
 
 def _blocks(
@@ -246,20 +248,22 @@ def _blocks(
 
 
 def _evidence(log: LoadRows, law: CoulombViscous, load_sd: Array) -> dict[str, float]:
-    """Of the four, by name; load_sd (10,) of the load's parameters in the flange's frame."""
+    """Log evidence of the four, by name; load_sd (10,) of the load in the flange's frame."""
     n, model = log.rows.num_joints, log.model.shape[2]
     blocks, sd = _blocks(log, law, lambda j: log.load[:, j], load_sd)
-    found = {}
+    evidence = {}
     for loaded in (False, True):
         for drifted in (False, True):
-            kept = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, model])
-            if not kept.any():  # a prior that nothing rests on
-                kept[0] = True
-            use = np.append(np.flatnonzero(kept), -1)
-            own_sd = sd[kept] if (loaded or drifted or model) else np.full(1, 1e-9)
-            fit = fit_with_prior([own[:, use] for own in blocks], own_sd, np.zeros(kept.sum()))
-            found[_NAMES.get((loaded, drifted), "both")] = fit.log_evidence
-    return found
+            is_used = np.repeat([loaded, drifted, True], [len(load_sd), 3 * n, model])
+            if not is_used.any():  # none of the three: a placeholder column
+                is_used[0] = True
+            columns = np.append(np.flatnonzero(is_used), -1)
+            prior_sd = sd[is_used] if (loaded or drifted or model) else np.full(1, 1e-9)
+            fit = fit_with_prior(
+                [block[:, columns] for block in blocks], prior_sd, np.zeros(is_used.sum())
+            )
+            evidence[_NAMES.get((loaded, drifted), "both")] = fit.log_evidence
+    return evidence
 
 
 def _is_steady(log: LoadRows, law: CoulombViscous, prior: LoadPrior, row: int) -> bool:

@@ -1,4 +1,4 @@
-"""A rigid load on the flange: its ten inertial parameters, in one frame and in another.
+"""Load parameters: the ten inertial parameters of a rigid body, and their change of frame.
 
 The ten parameters of a body, m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about a frame's origin, are
 linear in its pseudo-inertia, and a change of frame is a congruence of that (`models.identification.
@@ -19,8 +19,8 @@ _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of the last
 
 def parameters_of(pseudo: Array) -> Array:
     """Returns the ten parameters of a pseudo-inertia (4, 4)."""
-    second = pseudo[:3, :3]
-    inertia = np.trace(second) * np.eye(3) - second
+    second_moments = pseudo[:3, :3]
+    inertia = np.trace(second_moments) * np.eye(3) - second_moments
     return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[place] for place in _TENSOR)])
 
 
@@ -44,9 +44,11 @@ def body_parameters(mass: float, com: Array, inertia: Array) -> Array:
         com: (3,) m.
         inertia: (3, 3) about the centre of mass, kg m^2.
     """
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    second_moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     h = mass * np.asarray(com)
-    pseudo = np.block([[second + np.outer(h, com), h[:, None]], [h[None], np.array([[mass]])]])
+    pseudo = np.block(
+        [[second_moments + np.outer(h, com), h[:, None]], [h[None], np.array([[mass]])]]
+    )
     return parameters_of(pseudo)
 
 
@@ -71,10 +73,10 @@ def realisable_inertia(inertia: Array, mass: float) -> Array:
         inertia: (3, 3) about the centre of mass, kg m^2.
         mass: kg, positive.
     """
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    values, axes = np.linalg.eigh(second)
-    second = axes @ np.diag(np.maximum(values, mass * LEAST_RADIUS**2)) @ axes.T
-    return np.asarray(np.trace(second) * np.eye(3) - second)
+    second_moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    values, axes = np.linalg.eigh(second_moments)
+    second_moments = axes @ np.diag(np.maximum(values, mass * LEAST_RADIUS**2)) @ axes.T
+    return np.asarray(np.trace(second_moments) * np.eye(3) - second_moments)
 
 
 def flange_map(robot: Robot) -> Array:

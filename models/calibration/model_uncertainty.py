@@ -1,4 +1,4 @@
-"""Which inertial parameters of an arm's own model may be a little off, and by how much."""
+"""Model uncertainty: the inertial parameters of an arm's model that have an error, and its sd."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_regression import parameter_names
 from wrenchsight.models.numerics.arrays import Array
 
-# The sds in model.yaml are those of independent rows. Twice them makes the load that is read from
-# unloaded logs of the UR10e, about nothing, agree with its standard errors.
+# The sds in model.yaml assume independent rows. With twice these sds, the loads that are estimated
+# from unloaded logs of the UR10e agree with zero within their standard errors.
 MODEL_SD_FACTOR = 2.0
 
 

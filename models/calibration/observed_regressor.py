@@ -1,4 +1,4 @@
-"""The torque of a load and of the arm's uncertain parameters, as an observer's pole shows it.
+"""Observed regressor: torque per parameter of a load and of the arm, behind an observer's pole.
 
 Acceleration is the difference of velocities of two samples; the pole smooths it.
 """
@@ -21,7 +21,7 @@ class ObservedRegressor:
 
     Args:
         robot: kinematics and gravity.
-        model: of it; its own parameters are the uncertain ones.
+        model: of it; some of its parameters are uncertain.
         pole: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
 
@@ -48,14 +48,15 @@ class ObservedRegressor:
             at: rising.
 
         Returns:
-            (m, n, 10) of a load in the flange's frame, (m, n, c) of the model's own.
+            (m, n, 10) of a load in the flange's frame, (m, n, c) of the model's uncertain
+            parameters.
         """
         parts = [np.empty((0, *self._memory.shape))]
         for begin in range(0, len(q), _BLOCK):
             rows = slice(begin, min(len(q), begin + _BLOCK))
-            before = np.vstack([self._v, v[rows]])
-            vdot = np.diff(before, axis=0) / self._time_step
-            self._v = before[-1:]
+            velocities = np.vstack([self._v, v[rows]])
+            vdot = np.diff(velocities, axis=0) / self._time_step
+            self._v = velocities[-1:]
             vdot = np.where(np.isfinite(vdot), vdot, 0.0)
             Y = np.asarray(self._chain.regressor(q[rows], v[rows], vdot))
             columns = np.concatenate([Y[:, :, -10:] @ self._flange, Y[:, :, self._places]], axis=2)

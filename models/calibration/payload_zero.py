@@ -1,14 +1,14 @@
-"""The weight of an unknown tool, taken off what is read: zeroed in one posture or in several.
+"""Payload zero: subtracts the weight of an unknown tool, zeroed in one posture or in several.
 
-Assumed is that nothing but gravity acts on what the arm carries: a mass m at c in E's axes, hence
+The assumption is that nothing but gravity acts on the payload: a mass m at c in E's axes, hence
 
     F = m g,    moment at E = (R_WE m c) x g,    tau_ext = J^T [moment; F]
 
-linear in m and h = m c. They are found by least squares from joint torque, with a prior of any mass
-up to the payload within REACH of E, and each joint counted by what it can tell: a joint that moves
-by its error's sd and correlation time, a joint that rests once for as long as it rests, as stiction
-hides one unknown torque. One posture so tells the weight and where it pulls there; further postures
-tell where the centre of mass is. The standard errors say what is still unknown in another posture.
+linear in m and h = m c. They come from least squares of joint torque, with a prior of any mass up
+to the rated payload within REACH of E. The weight of a moving joint follows from its error's sd and
+correlation time. A rest of a joint counts once, as stiction hides one unknown torque. One posture
+determines the weight and its moment there; further postures determine the centre of mass. The
+standard errors state what is still unknown in another posture.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _NEW_POSTURE = 0.3  # rad that a joint turns between two postures
 
 @dataclass(frozen=True, eq=False)
 class ZeroedPayload:
-    """What is taken off.
+    """A payload whose weight is subtracted from the reading.
 
     Attributes:
         parameters: (4,) m in kg, m c in kg m, axes of E.
@@ -58,17 +58,16 @@ class ZeroedPayload:
         return columns @ self.parameters, columns
 
     def sentence(self) -> str:
-        """What was assumed, for the user."""
+        """Returns the message for the user."""
         sd = np.sqrt(np.diag(self.covariance))
         mass = max(abs(self.mass), 1e-3)
-        com, errors = (
-            ", ".join(f"{1e3 * x / mass:.0f}" for x in values)
-            for values in (self.parameters[1:], sd[1:])
-        )
-        where = "1 posture" if self.postures == 1 else f"{self.postures} postures"
+        com = ", ".join(f"{1e3 * x / mass:.0f}" for x in self.parameters[1:])
+        errors = ", ".join(f"{1e3 * x / mass:.0f}" for x in sd[1:])
+        postures = "1 posture" if self.postures == 1 else f"{self.postures} postures"
         return (
-            f"zeroed in {where}: taken for the weight of {self.mass:.2f} +- {sd[0]:.2g} kg at "
-            f"({com}) +- ({errors}) mm from E; a force that acted meanwhile is zeroed, too"
+            f"zeroed in {postures}: payload of {self.mass:.2f} +- {sd[0]:.2g} kg at "
+            f"({com}) +- ({errors}) mm from E; a force that acted meanwhile is zeroed too; if "
+            "there was contact, zero again without it"
         )
 
 
@@ -83,7 +82,7 @@ def weight_columns(J: Array, R_WE: Array, gravity: Array) -> Array:
 
 
 class PayloadZero:
-    """Gathers what is read while a payload is zeroed: at rest in postures, and between them.
+    """Gathers readings while a payload is zeroed: at rest in postures, and between them.
 
     Args:
         payload: kg, that the arm is rated for.
@@ -106,17 +105,17 @@ class PayloadZero:
         self._postures: list[Array] = []
 
     def add(
-        self, q: Array, v: Array, J: Array, R_WE: Array, tau_ext: Array, sd: Array, known: Flags
+        self, q: Array, v: Array, J: Array, R_WE: Array, tau_ext: Array, sd: Array, is_valid: Flags
     ) -> None:
         """Takes the next samples.
 
         Args:
             q, v, tau_ext, sd: (N, n); sd of tau_ext where nothing touches the arm.
             J: (N, 6, n) as `ZeroedPayload.torque`, R_WE (N, 3, 3).
-            known: (N,) samples that count.
+            is_valid: (N,) samples that count.
         """
         columns = weight_columns(J, R_WE, self._gravity)
-        for k in np.flatnonzero(known):
+        for k in np.flatnonzero(is_valid):
             rests = np.abs(v[k]) < V_REST
             for j in np.flatnonzero(self._resting * ~rests):
                 self._take_rest(int(j))
@@ -129,7 +128,7 @@ class PayloadZero:
             for j in np.flatnonzero(rests):
                 self._rest[j] += (*columns[k, j], tau_ext[k, j], sd[k, j] ** 2)
             if rests.all() and not any(
-                np.abs(q[k] - own).max() < _NEW_POSTURE for own in self._postures
+                np.abs(q[k] - posture).max() < _NEW_POSTURE for posture in self._postures
             ):
                 self._postures.append(q[k].copy())
 
@@ -146,7 +145,7 @@ class PayloadZero:
         return information + np.outer(A, A) / variance, right + A * tau / variance
 
     def result(self) -> ZeroedPayload:
-        """What has been told so far; the rest that still lasts counts, too."""
+        """Returns the payload so far; a rest that still lasts counts too."""
         information, right = self._information + self._prior, self._right
         for j in np.flatnonzero(self._resting * self._time_step >= LEAST_REST):
             information, right = self._with_rest(int(j), information, right)

@@ -63,25 +63,30 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
             rows nor prior determine.
     """
     k = len(prior_sd)
-    if any(own.shape[1] != k + 1 for own in rows) or prior_mean.shape != (k,):
+    if any(joint_rows.shape[1] != k + 1 for joint_rows in rows) or prior_mean.shape != (k,):
         raise ValueError(f"least squares: expected {k} columns and the right side")
-    if not (prior_sd > 0.0).all() or not all(np.isfinite(own).all() for own in rows):
+    if not (prior_sd > 0.0).all() or not all(np.isfinite(joint_rows).all() for joint_rows in rows):
         raise ValueError("least squares: expected finite rows and positive sds of the prior")
     # From here on x is in units of the prior's sd, or of the columns' length where it is infinite.
-    reach = np.sqrt(sum((own[:, :-1] ** 2).sum(axis=0) for own in rows))
+    reach = np.sqrt(sum((joint_rows[:, :-1] ** 2).sum(axis=0) for joint_rows in rows))
     unit = np.where(np.isfinite(prior_sd), prior_sd, 1.0 / np.maximum(reach, 1e-300))
-    known = np.isfinite(prior_sd).astype(float)
+    has_prior = np.isfinite(prior_sd).astype(float)
     factors = []
-    for own in rows:
-        shifted = np.column_stack([own[:, :-1] * unit, own[:, -1] - own[:, :-1] @ prior_mean])
+    for joint_rows in rows:
+        shifted = np.column_stack(
+            [
+                joint_rows[:, :-1] * unit,
+                joint_rows[:, -1] - joint_rows[:, :-1] @ prior_mean,
+            ]
+        )
         factors.append(triangular_factor(shifted))
-    counts = np.array([len(own) for own in rows])
+    counts = np.array([len(joint_rows) for joint_rows in rows])
     scale = np.ones(len(rows))
     for _ in range(_PASSES):
         stacked = np.vstack(
             [
                 *(R / s for R, s in zip(factors, scale, strict=True)),
-                np.column_stack([np.diag(known), np.zeros(k)]),
+                np.column_stack([np.diag(has_prior), np.zeros(k)]),
             ]
         )
         y = lstsq(stacked[:, :-1], stacked[:, -1])[0]
@@ -92,7 +97,7 @@ def fit_with_prior(rows: Sequence[Array], prior_sd: Array, prior_mean: Array) ->
         raise ValueError("least squares: neither rows nor prior determine a value")
     spread = solve_triangular(R, np.eye(k)) * unit[:, None]
     evidence = np.nan
-    if known.all():
+    if has_prior.all():
         evidence = -0.5 * float(np.sum((FREEDOM + counts) * np.log(FREEDOM + errors)) + y @ y)
         evidence -= float(np.log(np.abs(np.diag(R))).sum())
     return PriorFit(prior_mean + unit * y, spread @ spread.T, scale, evidence)

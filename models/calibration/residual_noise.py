@@ -1,4 +1,4 @@
-"""How the torque that a model leaves unexplained is correlated over time.
+"""Residual noise: how a model's torque residual is correlated over time.
 
 A residual sampled at 10 Hz is not white: a fit that counts every row as a new piece of evidence
 states standard errors that are too small by a factor of two to three. A joint's residual is here
@@ -11,12 +11,13 @@ c, d       friction that wanders about its mean: shares of the law's dry and vis
 held       a joint at rest carries any torque within its stiction: one unknown constant per rest,
            uniform between -stiction and stiction, hence of variance stiction^2 / 3
 
-slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. What white and slow amount
-to is stated in units of the model's own residual sd, so that a poorer model has wider errors.
+slow, c and d are Ornstein-Uhlenbeck processes with one correlation time. The sds of white and slow
+are in units of the model's residual sd, so that a poorer model has wider errors.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,25 @@ COULOMB, VISCOUS = 0.027, 0.05  # c and d, of the dry and of the viscous frictio
 CORRELATION_TIME = 0.5  # s
 
 
+class LogSignals(NamedTuple):
+    """Motion and load of a log.
+
+    Attributes:
+        t: (N,) s.
+        q: (N, n) rad (m).
+        v: (N, n) rad/s (m/s).
+        load: (N, n) N m (N), transmitted torque.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    load: Array
+
+
 @dataclass(frozen=True, eq=False)
 class ResidualRows:
-    """A log's residual at m instants, and what the covariance of it depends on.
+    """A log's residual at m instants, and the signals that its covariance depends on.
 
     Attributes:
         t: (m,) s, rising; gaps are allowed.
@@ -51,7 +68,7 @@ class ResidualRows:
         dry: (m, n) N m, the friction law's torque without its viscous part and offset.
         viscous: (m, n) N m, that viscous part.
         stiction: (m, n) N m, zero or more: the largest torque that friction takes at rest.
-        sliding: (m, n, 3) what one unit more of Coulomb, viscous and offset adds to the prediction.
+        sliding: (m, n, 3) torque per unit of Coulomb, viscous and offset.
         sd: (n,) N m, of the model's residual, positive.
     """
 
@@ -86,24 +103,25 @@ class ResidualRows:
     def of_law(
         cls,
         law: FrictionLaw,
-        log: tuple[Array, Array, Array, Array],
+        signals: LogSignals,
         residual: Array,
         sd: Array,
         at: NDArray[np.intp],
-        seen: Callable[[Array], Array],
+        low_pass: Callable[[Array], Array],
     ) -> "ResidualRows":
         """Rows at the samples `at` (m,) of a log.
 
         Args:
             law: friction of the model whose residual it is.
-            log: t (N,) s, q, v and transmitted torque (N, n).
+            signals: of the whole log.
             residual: (m, n) N m.
             sd: (n,) N m.
-            seen: what the residual's filter makes of torques (N, n, 5), along time.
+            low_pass: the residual's filter along time, for torques (N, n, 5).
         """
-        t, q, v, load = log
-        parts = *dry_and_viscous(law, q, v, load), sliding_columns(law, q, v, load)
-        columns = seen(np.dstack(parts))[at]
+        t, q, v, load = signals
+        dry, viscous = dry_and_viscous(law, q, v, load)
+        sliding = sliding_columns(law, q, v, load)
+        columns = low_pass(np.dstack([dry, viscous, sliding]))[at]
         return cls(
             t[at],
             v[at],
@@ -119,11 +137,11 @@ class ResidualRows:
     def joined(cls, parts: Sequence["ResidualRows"]) -> "ResidualRows":
         """Rows of several logs of one model, one after another, their errors independent."""
         times: list[Array] = []
-        for own in parts:
+        for part in parts:
             begin = times[-1][-1] + BETWEEN_LOGS if times else 0.0
-            times.append(own.t - own.t[0] + begin if len(own.t) else own.t)
+            times.append(part.t - part.t[0] + begin if len(part.t) else part.t)
         names = ("v", "residual", "dry", "viscous", "stiction", "sliding")
-        columns = {name: np.concatenate([getattr(own, name) for own in parts]) for name in names}
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return cls(t=np.concatenate(times), sd=parts[0].sd, **columns)
 
     @property
@@ -139,7 +157,7 @@ class ResidualRows:
 
     @property
     def drift(self) -> Array:
-        """(m, n, 3) what drifting coefficients add: `sliding`, its Coulomb and viscous part zero
+        """(m, n, 3) torque of drifting coefficients: `sliding`, its Coulomb and viscous part zero
         where a joint rests. There stiction balances the torque, whatever the law's coefficients
         are.
         """
@@ -159,7 +177,7 @@ class ResidualRows:
         )
 
     def __getitem__(self, part: slice | NDArray[np.bool_]) -> "ResidualRows":
-        """The chosen rows."""
+        """Returns the rows of `part`."""
         return ResidualRows(
             self.t[part],
             self.v[part],
@@ -180,12 +198,12 @@ class ResidualRows:
             joint: its index.
             columns: (m, k).
         """
-        both = np.column_stack([columns, self.residual[:, joint]])
-        out = np.empty_like(both)
-        for begin in range(0, len(both), BLOCK):
+        columns_and_residual = np.column_stack([columns, self.residual[:, joint]])
+        out = np.empty_like(columns_and_residual)
+        for begin in range(0, len(columns_and_residual), BLOCK):
             part = slice(begin, begin + BLOCK)
             lower = cholesky(self[part].covariance(joint), lower=True)
-            out[part] = solve_triangular(lower, both[part], lower=True)
+            out[part] = solve_triangular(lower, columns_and_residual[part], lower=True)
         return out
 
     def covariance(self, joint: int) -> Array:
@@ -196,10 +214,10 @@ class ResidualRows:
         drifts = COULOMB**2 * np.outer(dry, dry)
         slow = (SLOW * sd) ** 2 + drifts + VISCOUS**2 * np.outer(viscous, viscous)
         fading = np.exp(-np.abs(t[:, None] - t) / CORRELATION_TIME)
-        rest = np.abs(v) < V_REST
-        # Successive samples at rest have one number; a motion in between begins another rest.
-        episode = np.cumsum(np.diff(rest, prepend=False) | (np.diff(t, prepend=t[:1]) > GAP))
-        same = np.outer(rest, rest) & (episode[:, None] == episode)
+        is_resting = np.abs(v) < V_REST
+        # Successive samples at rest share one number; a motion or a gap begins another rest.
+        episode = np.cumsum(np.diff(is_resting, prepend=False) | (np.diff(t, prepend=t[:1]) > GAP))
+        same = np.outer(is_resting, is_resting) & (episode[:, None] == episode)
         held = np.where(same, np.outer(level, level) / 3.0, 0.0)
         white = np.diag((WHITE * sd * reversal) ** 2)
         return np.asarray(slow * fading + white + held)

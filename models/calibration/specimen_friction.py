@@ -1,9 +1,9 @@
-"""Friction of another specimen of a robot that is known: a fit with the known law as its prior.
+"""Specimen friction: fits another robot of a known make, with the known robot's law as prior.
 
-Two robots of one make share kinematics, masses and the shape of their friction; its level is each
-one's own, and changes with temperature and wear. What little motion there is rarely tells the
-parameters of a law apart (how much of the level is load?), so each keeps to the known robot's
-unless the motion says otherwise. Per joint, while it slides,
+Two robots of one make share kinematics, masses and the shape of their friction; its level differs
+from robot to robot, and changes with temperature and wear. A short motion rarely determines all
+parameters of a law (how much of the level is load?), so each stays at the known robot's unless the
+motion contradicts it. Per joint, while it slides,
 
     tau_f - (Stribeck and cubic part, as known) = coulomb z + load |L| z + viscous v + offset
                                                   + gain tau_ext
@@ -38,7 +38,7 @@ _FAR = 2.0  # sds, at which a row weighs half
 
 @dataclass
 class SpecimenPrior:
-    """How much two specimens differ, as standard deviations."""
+    """Standard deviations of the difference between two specimens."""
 
     coulomb: float = 0.5  # share of the known value
     viscous: float = 0.5  # share of the known value
@@ -50,7 +50,7 @@ class SpecimenPrior:
 
 @dataclass(frozen=True, eq=False)
 class SlidingRows:
-    """What a sliding joint says of its friction; N rows.
+    """Friction of a sliding joint; N rows.
 
     Attributes:
         side: (N,) -1 or 1.
@@ -95,12 +95,14 @@ class SpecimenFit:
 
 
 def fit_specimen(
-    known: PreslidingFriction, rows: Sequence[SlidingRows], prior: SpecimenPrior | None = None
+    law_of_known: PreslidingFriction,
+    rows: Sequence[SlidingRows],
+    prior: SpecimenPrior | None = None,
 ) -> SpecimenFit:
-    """Finds the parameters of each joint anew; a joint without rows keeps the known ones.
+    """Fits the parameters of each joint; a joint without rows keeps the known robot's.
 
     Args:
-        known: law of the known robot.
+        law_of_known: law of the known robot.
         rows: of each joint.
         prior: how much the two may differ.
 
@@ -108,21 +110,21 @@ def fit_specimen(
         ValueError: not one entry of rows per joint.
     """
     prior = prior if prior is not None else SpecimenPrior()
-    if len(rows) != known.num_joints:
-        raise ValueError(f"{len(rows)} joints with rows, expected {known.num_joints}")
-    gain, gain_sd = _gain(known, rows, prior)
-    own = _fitted(known, rows, prior, gain)
-    coulomb, load, viscous, offset, _ = own.values.T
+    if len(rows) != law_of_known.num_joints:
+        raise ValueError(f"{len(rows)} joints with rows, expected {law_of_known.num_joints}")
+    gain, gain_sd = _gain(law_of_known, rows, prior)
+    fitted = _fitted(law_of_known, rows, prior, gain)
+    coulomb, load, viscous, offset, _ = fitted.values.T
     law = replace(
-        known,
+        law_of_known,
         coulomb=coulomb,
         load=np.clip(load, 0.0, 0.99),
         velocity_law=SemiParametricFriction(
-            CoulombViscous(np.zeros(known.num_joints), viscous, offset)
+            CoulombViscous(np.zeros(law_of_known.num_joints), viscous, offset)
         ),
     )
     counts = np.array([len(part.torque) for part in rows])
-    return SpecimenFit(law, gain, gain_sd, own.deviation[:, :-1], own.scatter, counts)
+    return SpecimenFit(law, gain, gain_sd, fitted.deviation[:, :-1], fitted.scatter, counts)
 
 
 class _Fitted(NamedTuple):
@@ -134,12 +136,12 @@ class _Fitted(NamedTuple):
 
 
 def _gain(
-    known: PreslidingFriction, rows: Sequence[SlidingRows], prior: SpecimenPrior
+    law_of_known: PreslidingFriction, rows: Sequence[SlidingRows], prior: SpecimenPrior
 ) -> tuple[float, float]:
     """The arm's gain and its sd; 0 and the prior's where no joint determines it."""
-    if not any(own.external.any() for own in rows):
+    if not any(part.external.any() for part in rows):
         return 0.0, prior.gain
-    free = _fitted(known, rows, prior, None)
+    free = _fitted(law_of_known, rows, prior, None)
     gains, deviations = free.values[:, -1], free.deviation[:, -1]
     counts = deviations < _DETERMINED * prior.gain
     if not counts.any():
@@ -150,18 +152,20 @@ def _gain(
 
 
 def _fitted(
-    known: PreslidingFriction,
+    law_of_known: PreslidingFriction,
     rows: Sequence[SlidingRows],
     prior: SpecimenPrior,
     gain: float | None,
 ) -> _Fitted:
     """Each joint by itself, its gain free or given."""
-    plain, n = known.coulomb_viscous, known.num_joints
+    plain, n = law_of_known.coulomb_viscous, law_of_known.num_joints
     start = np.full(n, gain or 0.0)
-    mean = np.stack([known.coulomb, known.load, plain.viscous, plain.offset, start], axis=1)
-    wide = np.stack(
+    mean = np.stack(
+        [law_of_known.coulomb, law_of_known.load, plain.viscous, plain.offset, start], axis=1
+    )
+    prior_sd = np.stack(
         [
-            prior.coulomb * known.coulomb,
+            prior.coulomb * law_of_known.coulomb,
             np.full(n, prior.load),
             prior.viscous * plain.viscous,
             np.full(n, prior.offset),
@@ -169,15 +173,19 @@ def _fitted(
         ],
         axis=1,
     )
-    spread: Array = np.maximum(wide, _LEAST_SPREAD)
+    spread: Array = np.maximum(prior_sd, _LEAST_SPREAD)
     values, deviation, scatter = mean.copy(), spread.copy(), np.full(n, np.nan)
-    for j, own in enumerate(rows):
-        if not len(own.torque):
+    for j, part in enumerate(rows):
+        if not len(part.torque):
             continue
-        curved = known.stribeck[j] * np.exp(-((own.v / known.stribeck_velocity[j]) ** 2))
-        y = own.torque - curved * own.side - known.cubic[j] * own.v**3
+        curved = law_of_known.stribeck[j] * np.exp(
+            -((part.v / law_of_known.stribeck_velocity[j]) ** 2)
+        )
+        y = part.torque - curved * part.side - law_of_known.cubic[j] * part.v**3
         ones = np.ones_like(y)
-        A = np.stack([own.side, np.abs(own.load) * own.side, own.v, ones, own.external], axis=1)
+        A = np.stack(
+            [part.side, np.abs(part.load) * part.side, part.v, ones, part.external], axis=1
+        )
         values[j], deviation[j], scatter[j] = _posterior(A, y, mean[j], spread[j], prior.dependence)
     return _Fitted(values, deviation, scatter)
 
@@ -192,8 +200,8 @@ def _posterior(
     for _ in range(_ROUNDS):
         scale = (scatter * dependence) ** 2
         information = (A * weight[:, None]).T @ A / scale + precision
-        seen = A.T @ (weight * y) / scale + precision @ mean
-        x = np.asarray(np.linalg.solve(information, seen), dtype=np.float64)
+        right = A.T @ (weight * y) / scale + precision @ mean
+        x = np.asarray(np.linalg.solve(information, right), dtype=np.float64)
         error = y - A @ x
         scatter = max(_NORMAL_MAD * float(np.median(np.abs(error))), 1e-9)
         weight = 1.0 / (1.0 + (error / (_FAR * scatter)) ** 2)

@@ -1,18 +1,19 @@
-"""Which combinations of parameters a set of motions determines, found on the regressor itself.
+"""Base parameters: the combinations of parameters that a set of motions determines.
 
 A torque that is linear in p parameters, tau = W x, seldom determines them all: columns of W vanish
 or depend on each other. With W1 a largest set of independent columns and W2 = W1 K the others,
 
     W x = W1 (x1 + K x2),
 
-so that the base parameters x1 + K x2 are all that the motion tells (Gautier, "Numerical calculation
-of the base inertial parameters of robots", 1991). Rank and K come from a QR factorisation with
-column pivoting of W with columns scaled to unit length: without the scaling, the choice of units
-would decide what counts as determined.
+so that the motion determines the base parameters x1 + K x2 and no more (Gautier, "Numerical
+calculation of the base inertial parameters of robots", 1991). Rank and K come from a QR
+factorisation with column pivoting of W with columns scaled to unit length: without the scaling, the
+choice of units would decide what counts as determined.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,10 @@ from scipy.linalg import qr, solve_triangular
 
 from wrenchsight.models.numerics.arrays import Array
 
-# Dependent columns come out at 1e-15; a joint axis written as 1.57079632679 makes that 1e-11. What
-# is genuinely determined lies above 1e-3 even for poor motions. No value in between has been seen.
+# Dependent columns have pivots of 1e-15; a joint axis written as 1.57079632679 makes that 1e-11.
+# Determined columns lie above 1e-3 even for poor motions. No value in between has occurred.
 TOLERANCE = 1e-7
-_SOONER = 1e-6  # relative; how much a column's place counts against its length
+_ORDER_WEIGHT = 1e-6  # relative; how much a column's place counts against its length
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,8 @@ def triangular_factor(W: Array) -> Array:
 
 def independent_columns(W: Array, tolerance: float = TOLERANCE) -> NDArray[np.intp]:
     """Returns `BaseParameters.independent` of a regressor W (m, p) that is finite and not zero."""
-    _, _, present, order, _, pivots = _pivoted(W, tolerance)
-    return np.sort(present[order[: int((pivots > tolerance).sum())]])
+    factor = _pivoted(W, tolerance)
+    return np.sort(factor.present[factor.order[: int((factor.pivots > tolerance).sum())]])
 
 
 def find_base_parameters(
@@ -83,24 +84,25 @@ def find_base_parameters(
         raise ValueError("regressor has values that are not finite")
     if not W.any():
         raise ValueError("regressor is zero: nothing moves and nothing weighs")
-    R, length, present, order, favour, pivots = _pivoted(W, tolerance)
+    factor = _pivoted(W, tolerance)
+    present, order, pivots, length = factor.present, factor.order, factor.pivots, factor.length
     b = int((pivots > tolerance).sum())
-    kept, dropped = present[order[:b]], present[order[b:]]
-    R = R / favour[order]
+    independent, dependent = present[order[:b]], present[order[b:]]
+    R = factor.R / factor.favour[order]
     K = solve_triangular(R[:b, :b], R[:b, b:])
     K[np.abs(K) < tolerance] = 0.0
     combination = np.zeros((b, len(names)))
-    combination[np.arange(b), kept] = 1.0
-    combination[:, dropped] = K * length[dropped] / length[kept][:, None]
-    ascending = np.argsort(kept, kind="stable")
+    combination[np.arange(b), independent] = 1.0
+    combination[:, dependent] = K * length[dependent] / length[independent][:, None]
+    ascending = np.argsort(independent, kind="stable")
     combination = combination[ascending]
     singular_values = np.linalg.svd(R[:b, :b], compute_uv=False)
     return BaseParameters(
         names=tuple(
-            _written_out(row, kept_column, names)
-            for row, kept_column in zip(combination, kept[ascending], strict=True)
+            _written_out(row, column, names)
+            for row, column in zip(combination, independent[ascending], strict=True)
         ),
-        independent=kept[ascending],
+        independent=independent[ascending],
         combination=combination,
         without_effect=tuple(names[i] for i in np.setdiff1d(np.arange(len(names)), present)),
         condition_number=float(singular_values[0] / singular_values[-1]),
@@ -109,32 +111,51 @@ def find_base_parameters(
     )
 
 
-def _pivoted(
-    W: Array, tolerance: float
-) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp], Array, Array]:
-    """R, all columns' lengths, which of them count, R's order of those, favours, pivots."""
+class _PivotedFactor(NamedTuple):
+    """QR factorisation with column pivoting of a regressor W (m, p).
+
+    Attributes:
+        R: upper triangle, of the columns `present[order]`, scaled to length one, times favour.
+        length: (p,) of all columns of W.
+        present: columns whose length is not zero.
+        order: (len(present),) of these columns in R.
+        favour: (len(present),) factors by which longer columns are preferred.
+        pivots: of R, relative to the largest.
+    """
+
+    R: Array
+    length: Array
+    present: NDArray[np.intp]
+    order: NDArray[np.intp]
+    favour: Array
+    pivots: Array
+
+
+def _pivoted(W: Array, tolerance: float) -> _PivotedFactor:
+    """Factorises W; columns shorter than `tolerance` times the longest count as zero."""
     length = np.linalg.norm(W, axis=0)
     present = np.flatnonzero(length > tolerance * length.max())
-    # Of two columns that are multiples of each other the longer one shall stand for both, so that
-    # a moment of inertia is not written as 1000 times some mass; without this, rounding decides.
+    # Of two columns that are multiples of each other, the longer one is kept: a moment of inertia
+    # is then not written as 1000 times some mass. Without this rule, rounding would decide.
     favour = (length[present] / length.max()) ** 0.05
     scaled = W[:, present] / length[present]
     R, order = qr(scaled * favour, mode="r", pivoting=True, check_finite=False)
-    # Of two that are as long the first. The pivots are compared by lengths that are brought up to
-    # date step by step, and known to half their digits.
-    sooner = favour * (1.0 - _SOONER * np.arange(len(present)))
-    _, by_rule = qr(scaled * sooner, mode="r", pivoting=True, check_finite=False)
+    # Of two columns of one length, the earlier one is kept. LAPACK compares lengths that it updates
+    # step by step; they are exact to half their digits.
+    ordered_favour = favour * (1.0 - _ORDER_WEIGHT * np.arange(len(present)))
+    _, by_rule = qr(scaled * ordered_favour, mode="r", pivoting=True, check_finite=False)
     if not np.array_equal(by_rule, order):
         order = by_rule
         (R,) = qr((scaled * favour)[:, order], mode="r", check_finite=False)
-    return R, length, present, order, favour, np.abs(np.diag(R)) / np.abs(R[0, 0])
+    pivots = np.abs(np.diag(R)) / np.abs(R[0, 0])
+    return _PivotedFactor(R, length, present, order, favour, pivots)
 
 
 def realise(base: BaseParameters, values: Array, prior: Array, spread: Array) -> Array:
     """Returns the p parameters nearest to `prior` that have the given base parameters.
 
-    Minimises sum(((x - prior) / spread)^2) subject to combination @ x = values: what the motion
-    does not determine stays as the prior has it.
+    Minimises sum(((x - prior) / spread)^2) subject to combination @ x = values. What the motion
+    does not determine keeps the prior's value.
 
     Args:
         base: the combinations.

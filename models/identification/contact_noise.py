@@ -1,4 +1,4 @@
-"""What a contact statistic reads where nothing touches the arm, as a model's file keeps it."""
+"""Noise of the contact statistics without contact, as model.yaml stores it."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +13,13 @@ from wrenchsight.models.signals.exceedance_tail import ExceedanceTail
 
 @dataclass
 class ContactNoise:
-    """Learnt from the held-out readings that the torque error is learnt from; see
-    `wrenchsight.models.detection.contact_statistic`.
+    """Learnt from the same held-out readings as the torque error.
+
+    `wrenchsight.models.detection.contact_statistic` defines the statistics.
     """
 
     usual_jolt: list[float] = field(default_factory=list, metadata=REQUIRED)
-    """N m, per joint: what the change of inertial torque within a sample reads as, in all but a
-    hundredth of the samples."""
+    """N m, per joint: error from the change of inertial torque in a sample, 99 % quantile."""
     mean_scale: list[float] = field(default_factory=list, metadata=REQUIRED)
     """Per joint: sd of the error's mean over the window, in units of the error's sd."""
     time_step: float = field(default=0.0, metadata=REQUIRED)  # s, of the logs
@@ -29,12 +29,12 @@ class ContactNoise:
     power: ExceedanceTail | None = None  # of the root of the mean square over the window
     change_sd: list[list[float]] = field(default_factory=list)
     """Per joint, the parts of the sd of the error's change: N m, then per unit of speed, load,
-    acceleration, reversal, stiction and jolt. None: changes are not looked at."""
+    acceleration, reversal, stiction and torque jump. Empty: changes are not tested."""
     change: ExceedanceTail | None = None
-    """Of the square of a sample's norm beyond the mean over the window. For Gaussian errors of any
-    size its tail is exponential; no lighter one is assumed."""
+    """Tail of the square of a sample's norm beyond the mean over the window. For Gaussian errors of
+    any size this tail is exponential; no lighter one is assumed."""
     misfit: ExceedanceTail | None = None
-    """Of the root of what no force at E explains, over its window; null: `power` stands for it."""
+    """Tail of the root of the part that no force at E explains over its window; null: `power`'s."""
 
 
 def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> ContactNoise | None:
@@ -53,8 +53,10 @@ def check_contact_noise(path: Path, noise: ContactNoise | None, n: int) -> Conta
             raise InputError(path, f"contact_noise.{key}", problem, remedy)
     rows = noise.change_sd
     parts = [x for row in rows for x in row]
-    shaped = not rows or (len(rows) == n and all(len(row) == NUM_FEATURES + 1 for row in rows))
-    if not (shaped and all(np.isfinite(x) and x >= 0.0 for x in parts)) or not all(map(any, rows)):
+    has_shape = not rows or (len(rows) == n and all(len(row) == NUM_FEATURES + 1 for row in rows))
+    if not (has_shape and all(np.isfinite(x) and x >= 0.0 for x in parts)) or not all(
+        map(any, rows)
+    ):
         problem = f"expected {n} rows of {NUM_FEATURES + 1} numbers of zero or more, not all zero"
         raise InputError(path, "contact_noise.change_sd", problem, remedy)
     for key in ("time_step", "hours"):

@@ -1,4 +1,7 @@
-"""What robot.yaml said when a model was identified: with other numbers its readings are wrong."""
+"""The keys of robot.yaml that a model was identified with, and the check that they still hold.
+
+With other values of these keys the model's readings are wrong.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +27,7 @@ class FittedRobot:
 
     @classmethod
     def of(cls, robot: Robot) -> "FittedRobot":
-        """What `robot` says now."""
+        """Returns the keys of `robot`."""
         tool = robot.config.tool
         return cls(
             torque_per_ampere=robot.torque_per_ampere.tolist(),
@@ -46,39 +49,40 @@ class FittedRobot:
                 model,
                 f"fitted_robot.{place}" if place else "",
                 problem,
-                "set it back, or identify again; if it is meant, say --other-robot",
+                "set it back, or identify again; if the difference is meant, pass --other-robot",
             )
 
     def differences(self, robot: Robot) -> list[tuple[str, str]]:
-        """The keys that every torque depends on and that differ, each with what differs."""
-        now = FittedRobot.of(robot)
-        found: list[tuple[str, str]] = []
-        if self.torque_per_ampere and not _same(self.coupling, now.coupling):
-            then = self.coupling or "no coupling of joints"
-            has = now.coupling or "none"
-            found.append(
-                ("coupling", f"the model was identified with {then}, {robot.source} has {has}")
-            )
-        for key in ("torque_per_ampere", "current_sign", "gravity"):
-            kept, own = getattr(self, key), getattr(now, key)
-            if not kept:
-                continue
-            if len(kept) != len(own):
-                found.append((key, f"{len(kept)} numbers, expected {len(own)}"))
-                continue
-            for j in np.flatnonzero(~np.isclose(kept, own, rtol=_TOLERANCE, atol=1e-12)):
-                place = f"component {j + 1}" if key == "gravity" else robot.joint_names[j]
-                found.append(
-                    (
-                        key,
-                        f"the model was identified with {kept[j]:g} ({place}), {robot.source} has "
-                        f"{own[j]:g}",
-                    )
-                )
-        return found
+        """Compares the keys that every torque depends on.
 
-    def doubts(self, robot: Robot) -> list[str]:
-        """What differs and may be meant: one sentence each."""
+        Returns:
+            Name of each key that differs, and a sentence with both values.
+        """
+        current = FittedRobot.of(robot)
+        differences: list[tuple[str, str]] = []
+        if self.torque_per_ampere and not _same(self.coupling, current.coupling):
+            coupling_of_model = self.coupling or "no coupling of joints"
+            coupling_of_robot = current.coupling or "none"
+            problem = f"the model was identified with {coupling_of_model}, "
+            problem += f"{robot.source} has {coupling_of_robot}"
+            differences.append(("coupling", problem))
+        for key in ("torque_per_ampere", "current_sign", "gravity"):
+            of_model, of_robot = getattr(self, key), getattr(current, key)
+            if not of_model:
+                continue
+            if len(of_model) != len(of_robot):
+                problem = f"{len(of_model)} numbers, expected {len(of_robot)}"
+                differences.append((key, problem))
+                continue
+            for j in np.flatnonzero(~np.isclose(of_model, of_robot, rtol=_TOLERANCE, atol=1e-12)):
+                place = f"component {j + 1}" if key == "gravity" else robot.joint_names[j]
+                problem = f"the model was identified with {of_model[j]:g} ({place}), "
+                problem += f"{robot.source} has {of_robot[j]:g}"
+                differences.append((key, problem))
+        return differences
+
+    def warnings(self, robot: Robot) -> list[str]:
+        """Warnings about differences that may be meant, one sentence each."""
         if not self.torque_per_ampere:
             return [
                 "the model states no torque per ampere, current sign, gravity and tool that it was "
@@ -95,19 +99,21 @@ class FittedRobot:
         """Whether the robot carries another tool; False where the file does not say which."""
         if not self.torque_per_ampere or self.tool_mass is None:
             return False
-        now = FittedRobot.of(robot)
-        then = [self.tool_mass, *(self.tool_mass * x for x in self.tool_com)]
-        mass = now.tool_mass or 0.0
-        found = [mass, *(mass * x for x in now.tool_com)]
-        return len(then) != len(found) or not np.allclose(then, found, rtol=1e-6, atol=1e-9)
+        current = FittedRobot.of(robot)
+        mass = current.tool_mass or 0.0
+        of_model = [self.tool_mass, *(self.tool_mass * x for x in self.tool_com)]
+        of_robot = [mass, *(mass * x for x in current.tool_com)]
+        if len(of_model) != len(of_robot):
+            return True
+        return not np.allclose(of_model, of_robot, rtol=1e-6, atol=1e-9)
 
     def tool_difference(self, robot: Robot) -> str:
-        """Both tools, and the weight that they differ by, for a message."""
-        mass, now = self.tool_mass or 0.0, FittedRobot.of(robot).tool_mass or 0.0
-        weight = abs(now - mass) * float(np.linalg.norm(robot.gravity))
+        """Message text: the masses of both tools, and the difference of their weights."""
+        mass, mass_of_robot = self.tool_mass or 0.0, FittedRobot.of(robot).tool_mass or 0.0
+        weight = abs(mass_of_robot - mass) * float(np.linalg.norm(robot.gravity))
         return (
             f"the model was identified with a tool of {mass:g} kg, {robot.source.name} has one of "
-            f"{now:g} kg ({weight:.3g} N of weight)"
+            f"{mass_of_robot:g} kg ({weight:.3g} N of weight)"
         )
 
 

@@ -1,10 +1,9 @@
-"""How far a model's gravity may be off, posture by posture.
+"""Error of a model's gravity torque, posture by posture.
 
-What logs tell of gravity holds for the postures that they went through. Fitted without one fold of
-them after another, the models differ: little in those postures, and by a newton metre and more in
-others, where the joints that held still, their offsets and the masses behind them come apart. The
-spread of a parameter vector theta over K such fits is that of the grouped jackknife (Efron and
-Stein 1981),
+Logs determine gravity in the postures that they went through. Models fitted without one fold of the
+logs after another differ little in those postures. In other postures they differ by a newton metre
+and more, as the fits share out masses and offsets of joints that held still. The spread of a
+parameter vector theta over K such fits is that of the grouped jackknife (Efron and Stein 1981),
 
     (K - 1) / K sum_k (theta_k - mean) (theta_k - mean)^T = sum_k d_k d_k^T
 
@@ -12,11 +11,12 @@ and that of the torque which a posture needs, joint by joint, with G linear in d
 
     s(q)^2 = sum_k (G(q; d_k) + offset_k)^2
 
-Nine stretches of a log are left out, one by one: three state twice as much on a Tiago, a Talos arm
-and an xArm 7, whose errors were in sight; the other arms of docs/arms.md were not.
+Nine stretches of a log are left out, one by one. With three stretches the spread is twice as large
+on a Tiago, a Talos arm and an xArm 7. Their errors were in sight when nine was chosen; those of the
+other arms of docs/arms.md were not.
 
-Only what s(q) has beyond its largest value in the fitted logs is new: the error of the postures
-within is part of what held-out motion showed (`models.identification.torque_error_model`).
+Only the part of s(q) beyond its largest value in the fitted logs is added. The error in the fitted
+postures is part of what held-out motion showed (`models.identification.torque_error_model`).
 """
 
 import numpy as np
@@ -40,9 +40,9 @@ _POSTURES = 200  # random ones, in which the directions are weighed
 
 def jackknife(parameters: ArrayLike) -> Array:
     """(K, n, 5) directions d_k from the parameters (K, n, 5) of K fits without a fold each."""
-    found = np.asarray(parameters, float)
-    K = len(found)
-    return np.asarray((found - found.mean(axis=0)) * np.sqrt((K - 1.0) / K))
+    theta = np.asarray(parameters, float)
+    K = len(theta)
+    return np.asarray((theta - theta.mean(axis=0)) * np.sqrt((K - 1.0) / K))
 
 
 def strongest(chain: SerialChain, spread: Array, scale: ArrayLike) -> Array:
@@ -57,22 +57,24 @@ def strongest(chain: SerialChain, spread: Array, scale: ArrayLike) -> Array:
     """
     K, n, _ = spread.shape
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, n))
-    torque = np.stack([_torque(chain, one, q) / np.asarray(scale, float) for one in spread])
+    torque = np.stack(
+        [_torque(chain, direction, q) / np.asarray(scale, float) for direction in spread]
+    )
     U, s, _ = np.linalg.svd(torque.reshape(K, -1), full_matrices=False)
-    kept = min(K - 1, MOST_DIRECTIONS, int(np.sum(s > _ROUNDING)))
-    return np.asarray(np.tensordot(U[:, :kept].T, spread, axes=1))
+    num_kept = min(K - 1, MOST_DIRECTIONS, int(np.sum(s > _ROUNDING)))
+    return np.asarray(np.tensordot(U[:, :num_kept].T, spread, axes=1))
 
 
 def _torque(chain: SerialChain, parameters: Array, q: Array) -> Array:
     """(N, n) N m, of parameters (n, 5) in postures (N, n)."""
     inertial = np.zeros((chain.num_joints, 10))
     inertial[:, :4] = parameters[:, :4]
-    own = chain.with_inertial_parameters(inertial, np.zeros(chain.num_joints))
-    return np.asarray(own.gravity_torque(q)) + parameters[:, 4]
+    chain_of_parameters = chain.with_inertial_parameters(inertial, np.zeros(chain.num_joints))
+    return np.asarray(chain_of_parameters.gravity_torque(q)) + parameters[:, 4]
 
 
 def spread_table(chain: SerialChain, spread: Array, fitted: ArrayLike) -> Array:
-    """(n, 20 + 5 K) contiguous: all that `spread_beyond` reads; (n, 0) of a spread of none.
+    """(n, 20 + 5 K) contiguous, the constants of `spread_beyond`; (n, 0) for K = 0.
 
     Args:
         chain: of the robot, whose gravity and frames count.
@@ -102,7 +104,7 @@ def largest_spread(chain: SerialChain, spread: Array, q: ArrayLike) -> Array:
 
 @kernel
 def spread_beyond(table: Array, q: Array, variance: Array) -> None:
-    """Single-sample kernel: what s(q)^2 has beyond that of the fitted logs, 0 within them.
+    """Single-sample kernel: the part of s(q)^2 beyond the fitted logs' largest; 0 within it.
 
     Args:
         table: of `spread_table`, with a direction or more.
@@ -127,12 +129,12 @@ def spread_of_links(table: Array, q: Array, bodies: Array, variance: Array) -> N
     for column in range(_DIRECTIONS, table.shape[1], PARAMETERS):
         m, hx, hy, hz = 0.0, 0.0, 0.0, 0.0  # of all that the joint carries, about W's origin
         for i in range(n - 1, -1, -1):
-            own = table[i, column]
+            link_mass = table[i, column]
             x, y, z = table[i, column + 1], table[i, column + 2], table[i, column + 3]
-            m += own
-            hx += bodies[i, 0] * x + bodies[i, 1] * y + bodies[i, 2] * z + own * bodies[i, 9]
-            hy += bodies[i, 3] * x + bodies[i, 4] * y + bodies[i, 5] * z + own * bodies[i, 10]
-            hz += bodies[i, 6] * x + bodies[i, 7] * y + bodies[i, 8] * z + own * bodies[i, 11]
+            m += link_mass
+            hx += bodies[i, 0] * x + bodies[i, 1] * y + bodies[i, 2] * z + link_mass * bodies[i, 9]
+            hy += bodies[i, 3] * x + bodies[i, 4] * y + bodies[i, 5] * z + link_mass * bodies[i, 10]
+            hz += bodies[i, 6] * x + bodies[i, 7] * y + bodies[i, 8] * z + link_mass * bodies[i, 11]
             moment = bodies[i, 12] * (hy * gz - hz * gy)
             moment += bodies[i, 13] * (hz * gx - hx * gz)
             moment += bodies[i, 14] * (hx * gy - hy * gx)

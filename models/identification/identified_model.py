@@ -1,8 +1,8 @@
-"""The model of a robot that an identification leaves behind, and its file.
+"""The identified model of a robot, and its file `model.yaml`.
 
-Everything that the estimator needs and that no URDF states reliably: inertial parameters,
-reflected rotor inertia, friction, and the covariance of what the model leaves unexplained. The file
-(`model.yaml`) is YAML with every number written so that it reads back bit for bit.
+It holds what the estimator needs and no URDF states reliably: inertial parameters, reflected rotor
+inertia, friction, and the covariance of what the model leaves unexplained. The file (`model.yaml`)
+is YAML with every number written so that it reads back bit for bit.
 """
 
 from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass, replace
@@ -124,15 +124,15 @@ class _PreslidingBlock:
     speed_limit: list[float] | None = None  # rad/s; beyond, the law goes on along its tangent
 
 
-def _in_file(own: Field[Any]) -> tuple[str, Any, Any]:
+def _in_file(attribute: Field[Any]) -> tuple[str, Any, Any]:
     """An attribute of `TorqueErrorModel` as model.yaml has it: its name, type and field."""
     kinds = {"correlation": list[list[float]], "spread": list[list[list[float]]]}
-    if own.default is MISSING:
+    if attribute.default is MISSING:
         required: Any = field(default_factory=list, metadata=REQUIRED)
-        return own.name, kinds.get(own.name, list[float]), required
-    if own.name in _OF_JOINTS:
-        return own.name, kinds.get(own.name, list[float]), field(default_factory=list)
-    return own.name, float, field(default=own.default)
+        return attribute.name, kinds.get(attribute.name, list[float]), required
+    if attribute.name in _OF_JOINTS:
+        return attribute.name, kinds.get(attribute.name, list[float]), field(default_factory=list)
+    return attribute.name, float, field(default=attribute.default)
 
 
 _OF_JOINTS = ("drift_shown", "spread", "fitted_spread")  # absent: of no log, or an earlier version
@@ -140,7 +140,7 @@ if TYPE_CHECKING:
     _TorqueErrorBlock = Any
 else:
     _TorqueErrorBlock = make_dataclass(
-        "_TorqueErrorBlock", [_in_file(own) for own in fields(TorqueErrorModel)]
+        "_TorqueErrorBlock", [_in_file(attribute) for attribute in fields(TorqueErrorModel)]
     )
 
 
@@ -383,11 +383,11 @@ def _numbers(path: Path, key: str, values: object, shape: tuple[int, ...]) -> Ar
         array = np.array(np.nan)  # ragged rows: reported as a wrong shape below
     wanted = " x ".join("any" if size < 0 else str(size) for size in shape) or "one number"
     if array.ndim != len(shape) or any(
-        size not in (-1, found) for size, found in zip(shape, array.shape, strict=True)
+        size not in (-1, length) for size, length in zip(shape, array.shape, strict=True)
     ):
-        found = " x ".join(str(size) for size in array.shape) or "rows of unequal length"
+        actual = " x ".join(str(size) for size in array.shape) or "rows of unequal length"
         raise InputError(
-            path, key, f"expected {wanted} numbers, found {found}", "identify the model again"
+            path, key, f"expected {wanted} numbers, found {actual}", "identify the model again"
         )
     if not np.isfinite(array).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -450,8 +450,8 @@ def _read_law(path: Path, block: _FrictionBlock, n: int) -> FrictionLaw:
         for key in ("coulomb", "viscous", "offset", "v_crit")
     )
     if block.handover not in get_args(Handover):
-        known = " or ".join(get_args(Handover))
-        raise InputError(path, "friction.handover", f"expected {known}, found '{block.handover}'")
+        allowed = " or ".join(get_args(Handover))
+        raise InputError(path, "friction.handover", f"expected {allowed}, found '{block.handover}'")
     if (v_crit < 0.0).any():
         raise InputError(path, "friction.v_crit", "expected zero or more, found a negative number")
     networks = None
@@ -498,8 +498,8 @@ def _with_terms(path: Path, block: _FrictionBlock, law: FrictionLaw) -> Friction
     for name, values in block.terms.items():
         term = term_of(name)
         if term is None:
-            known = ", ".join(term.name for term in TERMS) or "none"
-            problem = f'no friction term is registered as "{name}" (known: {known})'
+            registered = ", ".join(term.name for term in TERMS) or "none"
+            problem = f'no friction term is registered as "{name}" (known: {registered})'
             raise InputError(path, place, problem, "import the module that registers it")
         terms.append(term)
         columns.append(_numbers(path, f"{place}.{name}", values, (law.num_joints,)))
@@ -511,8 +511,8 @@ def _with_places(path: Path, block: _FrictionBlock, law: FrictionLaw) -> Frictio
         return law
     place, size = "friction.places", len(block.places.get("q", ()))
     if set(block.places) != set(PathPlaces._fields):
-        known, found = ", ".join(PathPlaces._fields), ", ".join(block.places)
-        raise InputError(path, place, f"expected {known}, found {found}", "identify it again")
+        expected, actual = ", ".join(PathPlaces._fields), ", ".join(block.places)
+        raise InputError(path, place, f"expected {expected}, found {actual}", "identify it again")
     shape = (size, law.num_joints)
     numbers = {
         key: _numbers(path, f"{place}.{key}", values, shape) for key, values in block.places.items()
@@ -551,12 +551,12 @@ def _read_torque_error(
         return None
     shapes = {"correlation": (n, n), "spread": (-1, n, PARAMETERS)}
     values: dict[str, Any] = {}
-    for own in fields(block):
-        value = getattr(block, own.name)
-        if own.name in _OF_JOINTS and not value:
+    for attribute in fields(block):
+        value = getattr(block, attribute.name)
+        if attribute.name in _OF_JOINTS and not value:
             continue
-        shape = shapes.get(own.name, (n,) if isinstance(value, list) else ())
-        values[own.name] = _numbers(path, f"torque_error.{own.name}", value, shape)
+        shape = shapes.get(attribute.name, (n,) if isinstance(value, list) else ())
+        values[attribute.name] = _numbers(path, f"torque_error.{attribute.name}", value, shape)
     try:
         return TorqueErrorModel(**values)
     except ValueError as error:

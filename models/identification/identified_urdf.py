@@ -12,8 +12,8 @@ from wrenchsight.models.robot.robot import Robot
 def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> str:
     """Returns the robot's effective URDF with these inertias.
 
-    What hangs rigidly on a link (flange, tool) is part of that link's inertia: those links keep
-    their shapes and lose their own. Rotor inertia goes into a transmission with a gear ratio of
+    Bodies that are fixed to a link (flange, tool) are part of that link's inertia: they keep their
+    shapes and lose their inertias. Rotor inertia goes into a transmission with a gear ratio of
     one, which Drake reads; URDF itself has no place for it, and other programs leave it out.
 
     Args:
@@ -28,7 +28,8 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
     bad = unphysical_links(inertial, robot.joint_names)
     if bad:
         raise ValueError(
-            f"the inertia of the link behind {', '.join(bad)} belongs to no body: use --consistent"
+            f"the inertia of the link behind {', '.join(bad)} is not physical: identify with "
+            "--consistent"
         )
     root = ET.fromstring(robot.urdf_text)
     links = {link.get("name", ""): link for link in root.findall("link")}
@@ -36,12 +37,12 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
     for joint in joints.values():
         if joint.get("type") == "fixed":
             child = links[_end(joint, "child")]
-            for own in child.findall("inertial"):
-                child.remove(own)
+            for element in child.findall("inertial"):
+                child.remove(element)
     for i, name in enumerate(robot.joint_names):
         link = links[_end(joints[name], "child")]
-        for own in link.findall("inertial"):
-            link.remove(own)
+        for element in link.findall("inertial"):
+            link.remove(element)
         link.insert(0, _inertial(inertial[i]))
         transmission = ET.SubElement(root, "transmission", name=f"{name}_transmission")
         ET.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
@@ -54,8 +55,8 @@ def identified_urdf(robot: Robot, inertial: Array, reflected_inertia: Array) -> 
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _end(joint: ET.Element, which: str) -> str:
-    element = joint.find(which)
+def _end(joint: ET.Element, tag: str) -> str:
+    element = joint.find(tag)
     assert element is not None  # the effective URDF was read by Drake
     return element.get("link", "")
 

@@ -11,9 +11,9 @@ is positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and Automation
     |A x - b|^2 + |(x - prior) / spread|^2
 
 with A, b the weighted rows, reduced to a triangle (QR) so that the size of the semidefinite program
-does not depend on the logs' length. The second term takes what the robot's own files state for a
-Gaussian prior with a sd of one spread (as much as a link's whole mass): it decides what the data
-say nothing about, and is negligible beside thousands of rows in units of their sd. Friction and
+does not depend on the logs' length. The second term is a Gaussian prior about the values of the
+robot's files, with a sd of one spread (as much as a link's whole mass). It decides what the data do
+not determine, and is negligible beside thousands of rows in units of their sd. Friction and
 rotor inertia, which few files state, have almost no prior.
 """
 
@@ -55,8 +55,8 @@ def least_eigenvalues(inertial: Array, spread: Array) -> Array:
     """Least eigenvalue (n,) of the pseudo-inertia of each link (n, 10), scaled by its spread."""
     return np.array(
         [
-            np.linalg.eigvalsh(_scaling(s) @ pseudo_inertia(own) @ _scaling(s))[0]
-            for own, s in zip(inertial, spread, strict=True)
+            np.linalg.eigvalsh(_scaling(s) @ pseudo_inertia(parameters) @ _scaling(s))[0]
+            for parameters, s in zip(inertial, spread, strict=True)
         ]
     )
 
@@ -94,11 +94,11 @@ def fit_consistent(
     length = np.linalg.norm(right)
     program.AddL2NormCostUsingConicConstraint(rows / length, -right / length, y)
     for i in range(n):
-        own = slice(_INERTIAL * i, _INERTIAL * (i + 1))
-        S = _scaling(spread[own])
-        F = [S @ pseudo_inertia(prior[own]) @ S - MARGIN * np.eye(4)]
-        F += [S @ _BASIS[k] @ S * spread[own][k] for k in range(_INERTIAL)]
-        program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[own])
+        link_columns = slice(_INERTIAL * i, _INERTIAL * (i + 1))
+        S = _scaling(spread[link_columns])
+        F = [S @ pseudo_inertia(prior[link_columns]) @ S - MARGIN * np.eye(4)]
+        F += [S @ _BASIS[k] @ S * spread[link_columns][k] for k in range(_INERTIAL)]
+        program.AddLinearMatrixInequalityConstraint([(f + f.T) / 2 for f in F], y[link_columns])
     for row, low, high in _friction_rows(structure, v_max, p):
         offset = float(row @ prior)
         program.AddLinearConstraint((row * spread)[None], [low - offset], [high - offset], y)
@@ -119,8 +119,8 @@ def _friction_rows(
     """Bounds low <= row x <= high: rotor inertia and friction that takes energy out of motion."""
     bounds = []
     start = _INERTIAL * structure.num_joints
-    for j, own in enumerate(structure.terms):
-        place = {term: start + 1 + k for k, term in enumerate(own)}
+    for j, terms in enumerate(structure.terms):
+        place = {term: start + 1 + k for k, term in enumerate(terms)}
 
         def row(**weights: float) -> Array:
             out = np.zeros(size)
@@ -133,15 +133,17 @@ def _friction_rows(
         rotor[start] = 1.0
         bounds.append((rotor, 0.0, np.inf))
         bounds += [(row(**{term: 1.0}), 0.0, np.inf) for term in ("coulomb", "viscous")]
-        if "stribeck" in own:
+        if "stribeck" in terms:
             bounds.append((row(coulomb=1.0, stribeck=1.0), 0.0, np.inf))
-        if "load" in own:
+        if "load" in terms:
             bounds.append((row(load=1.0), 0.0, LARGEST_LOAD))
-        if "cubic" in own:
+        if "cubic" in terms:
             bounds.append((row(viscous=1.0, cubic=float(v_max[j]) ** 2), 0.0, np.inf))
-        further = [found for found in map(term_of, own) if found is not None]
-        bounds += [(row(**{found.name: 1.0}), found.least, found.most) for found in further]
-        start += 1 + len(own)
+        for registered_term in map(term_of, terms):
+            if registered_term is not None:
+                weights = row(**{registered_term.name: 1.0})
+                bounds.append((weights, registered_term.least, registered_term.most))
+        start += 1 + len(terms)
     return bounds
 
 
@@ -157,9 +159,9 @@ def _basis() -> Array:
     for k in range(3):
         out[1 + k, k, 3] = out[1 + k, 3, k] = 1.0
     for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
-        own = np.zeros((3, 3))
-        own[i, j] = own[j, i] = 1.0
-        out[4 + k, :3, :3] = 0.5 * np.trace(own) * np.eye(3) - own
+        inertia = np.zeros((3, 3))
+        inertia[i, j] = inertia[j, i] = 1.0
+        out[4 + k, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     return out
 
 
@@ -170,6 +172,6 @@ def unphysical_links(inertial: Array, names: Sequence[str]) -> list[str]:
     """Names of the links (n, 10) whose pseudo-inertia is not positive definite."""
     return [
         name
-        for name, own in zip(names, inertial, strict=True)
-        if np.linalg.eigvalsh(pseudo_inertia(own))[0] <= 0.0
+        for name, parameters in zip(names, inertial, strict=True)
+        if np.linalg.eigvalsh(pseudo_inertia(parameters))[0] <= 0.0
     ]

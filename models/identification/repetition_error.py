@@ -1,14 +1,14 @@
-"""How far eq. 4 may be from the external torque, joint by joint: what a cycle does not repeat.
+"""Repetition error: how far eq. 4 may be from the external torque, joint by joint.
 
-Eq. 4 takes the torque of one period ago for what the motors give without contact. What it reads is
-wrong by what differs between the two cycles beside the contact:
+Eq. 4 takes the torque of one period ago as the motor torque without contact. Its error is what
+differs between the two cycles beside the contact:
 
     sd^2 = noise^2 + slip^2 + (read_load tau_ext)^2
 
-**noise** is that of the currents, and friction that wanders; another motion shows it, done twice
-without contact, as slow as the task.
+**noise** is that of the currents, and friction that wanders. It is measured on another motion, done
+twice without contact, as slow as the task.
 
-**slip** is friction that a push turns round. A drive gives way to a push by some tenths of a
+**slip** is friction that a contact force reverses. A drive gives way to a push by some tenths of a
 milliradian: a joint that moves slowly, or rests, is led the other way for a while, and its friction
 is then not that of a cycle ago. Both cycles' encoders show where: with the slip
 
@@ -92,7 +92,9 @@ class RepetitionError:
 def repetition_error(
     errors: Array, level: Array, resolution: Array, K_0: float | None = None
 ) -> RepetitionError:
-    """From what eq. 4 reads along motion that is done twice without contact, as slow as the task.
+    """Returns the constants from what eq. 4 reads where a motion is done twice without contact.
+
+    That motion must be as slow as the task.
 
     Args:
         errors: (N, n) N m, behind K_0.
@@ -125,11 +127,11 @@ def slip_along(
         z: (T, n), written, -1 to 1.
     """
     for i in range(q.shape[1]):
-        position, own = np.nan, 0.0
+        position, slip = np.nan, 0.0
         for k in range(q.shape[0]):
             now = within_rounding(position, q[k, i], v[k, i], half_step[i], time_step)
             if np.isfinite(now):
                 if np.isfinite(position):
-                    own = min(max(own + (now - position) / reach, -1.0), 1.0)
+                    slip = min(max(slip + (now - position) / reach, -1.0), 1.0)
                 position = now
-            z[k, i] = own
+            z[k, i] = slip

@@ -1,4 +1,4 @@
-"""Fits a torque error model to what an observer read where nothing touched the arm.
+"""Fit of a torque error model to an observer's readings without contact.
 
 The readings must be held out: of motions that the model of dynamics and friction was not fitted on.
 Each joint's constants maximise the likelihood of independent Gaussian samples,
@@ -6,21 +6,23 @@ Each joint's constants maximise the likelihood of independent Gaussian samples,
     -1/2 sum_k log s_k + e_k^2 / s_k,    s_k = sum_m c_m f_km + unknown_k^2,    c_m >= 0
 
 with the features f of `models.identification.torque_error_model`. Samples are not independent; that
-costs efficiency, not consistency. What is stated as an assumption plays no part here.
+costs efficiency, not consistency. The stated assumptions are not fitted.
 
-Joints' errors correlate where one motion takes all of them along: friction has the sign of the
-velocity and ripples over position, and a pass through one posture shows ripples of +-.9 that
-another posture turns round. So a correlation is the arm's as far as motions agree on it. With r_m
+Joints' errors correlate where one motion moves all of them. Friction has the sign of the velocity
+and ripples over position: one pass shows correlations of +-.9 that another posture reverses. So a
+correlation counts as the arm's as far as motions agree on it. With r_m
 that of each reading, m = 1 .. M > 1, their mean r and its standard error e,
 
     e^2 = sum_m (r_m - r)^2 / (M (M - 1)),    R_ij = r max(0, 1 - e^2 / r^2)
 
-which is the share of r^2 that the motions have in common. A single reading is taken at its word.
+which is the share of r^2 that the motions have in common. The correlation of a single reading is
+used as it is.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,22 +41,22 @@ from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
 
 FEWEST_SAMPLES = 200  # of a joint, over all logs
-WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken to find what lasts
+WINDOWS = (0.1, 0.3, 1.0, 3.0, 10.0)  # s, over which means are taken, for the correlated error
 CORRELATION_TIMES = (0.01, 5.0)  # s, least and largest
-_OUTLIER = 4.0  # sds, beyond which a sample says nothing of correlations
+_OUTLIER = 4.0  # sds, at which errors are clipped for the correlations
 _LEAST_SHARE = 1e-4  # of a joint's rms error: the smallest constant
 _BLOCK = 256  # samples
 REST = Rest()
-_SPAN = 18.0  # natural logarithm of the range that a coefficient is looked for in
-_ENOUGH = 10_000  # samples that tell where about a likelihood is highest
+_SPAN = 18.0  # natural logarithm of the range of a coefficient
+_ENOUGH = 10_000  # samples that locate the highest likelihood roughly
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutReading:
-    """What the observer read along one log that its model was not fitted on.
+    """An observer's reading of one log that its model was not fitted on.
 
     Attributes:
-        tau_ext: (N, n) N m; nothing touches the arm, so that all of it is error.
+        tau_ext: (N, n) N m; without contact, so that all of it is error.
         q, v: (N, n) rad and rad/s, on a uniform grid.
         transmitted: (N, n) N m, tau_J - tau_f.
         used: (N,) samples that count; those before them still move the state.
@@ -83,27 +85,24 @@ def fit_torque_error(
     Args:
         readings: of one gain K_0.
         least: (n,) or () N m, a floor of `constant`: a simulation without noise has no error.
-        rest: how a joint's stiction comes and goes, which the likelihood of motion hardly tells.
+        rest: constants of stiction at rest, which the likelihood of motion hardly determines.
 
     Raises:
         ValueError: no reading, readings that disagree, too few samples.
     """
     if not readings:
         raise ValueError("torque error: no held-out reading")
-    first = readings[0]
-    n = first.tau_ext.shape[1]
-    for own in readings:
-        shapes = {own.tau_ext.shape, own.q.shape, own.v.shape, own.transmitted.shape}
-        if shapes != {(len(own.used), n)} or not np.array_equal(own.K_0, first.K_0):
-            raise ValueError("torque error: readings disagree in shape or K_0")
-    used = [own.used & np.isfinite(own.tau_ext).all(axis=1) for own in readings]
+    _check_readings(readings)
+    K_0, n = readings[0].K_0, readings[0].tau_ext.shape[1]
+    used = [reading.used & np.isfinite(reading.tau_ext).all(axis=1) for reading in readings]
     count = sum(int(rows.sum()) for rows in used)
     if count < FEWEST_SAMPLES:
         raise ValueError(f"torque error: {count} samples, expected {FEWEST_SAMPLES} or more")
-    unit = _plain(n, first.K_0, rest)
-    features = [features_along(unit, own) for own in readings]
+    unit = _plain(n, K_0, rest)
+    features = [features_along(unit, reading) for reading in readings]
+    errors = [reading.tau_ext[rows] for reading, rows in zip(readings, used, strict=True)]
     F = np.concatenate([f[rows] for f, rows in zip(features, used, strict=True)])
-    e = np.concatenate([own.tau_ext[rows] for own, rows in zip(readings, used, strict=True)])
+    e = np.concatenate(errors)
     coefficients = np.stack([most_likely(F[:, j], e[:, j]) for j in range(n)])
     floor = np.broadcast_to(np.asarray(least, float), (n,))
     rms = np.sqrt(np.mean(e**2, axis=0))
@@ -115,20 +114,9 @@ def fit_torque_error(
         for f, rows in zip(features, used, strict=True)
     ]
     scaled = [
-        np.clip(own.tau_ext[rows] / sd, -_OUTLIER, _OUTLIER)
-        for own, rows, sd in zip(readings, used, sds, strict=True)
+        np.clip(tau_ext / sd, -_OUTLIER, _OUTLIER) for tau_ext, sd in zip(errors, sds, strict=True)
     ]
-    lasting, correlation_time = _averaging(scaled, first.time_step)
-    speed = np.max(
-        [np.abs(own.v[rows]).max(axis=0) for own, rows in zip(readings, used, strict=True)], axis=0
-    )
-    load = np.max(
-        [
-            np.abs(own.transmitted[rows]).max(axis=0)
-            for own, rows in zip(readings, used, strict=True)
-        ],
-        axis=0,
-    )
+    lasting, correlation_time = _averaging(scaled, readings[0].time_step)
     roots = np.sqrt(coefficients)
     return TorqueErrorModel(
         constant=constant,
@@ -139,18 +127,34 @@ def fit_torque_error(
         correlation=_correlation(scaled),
         correlation_time=correlation_time,
         lasting=lasting,
-        fitted_speed=speed,
-        fitted_load=load,
-        K_0=first.K_0,
-        resolution=np.max([own.resolution for own in readings], axis=0),
+        fitted_speed=_largest([reading.v for reading in readings], used),
+        fitted_load=_largest([reading.transmitted for reading in readings], used),
+        K_0=K_0,
+        resolution=np.max([reading.resolution for reading in readings], axis=0),
         rest_time=rest.time,
         reach=rest.reach,
         resting_only=rest.only,
     )
 
 
+def _check_readings(readings: Sequence[HeldOutReading]) -> None:
+    """Raises ValueError for readings that disagree in shape or gain."""
+    n, K_0 = readings[0].tau_ext.shape[1], readings[0].K_0
+    for reading in readings:
+        shapes = {array.shape for array in (reading.tau_ext, reading.q, reading.v)}
+        shapes.add(reading.transmitted.shape)
+        if shapes != {(len(reading.used), n)} or not np.array_equal(reading.K_0, K_0):
+            raise ValueError("torque error: readings disagree in shape or K_0")
+
+
+def _largest(signals: Sequence[Array], used: Sequence[Flags]) -> Array:
+    """(n,) largest magnitude of the signals (N, n) over the rows that are used."""
+    largest = [np.abs(values[rows]).max(axis=0) for values, rows in zip(signals, used, strict=True)]
+    return np.asarray(np.max(largest, axis=0))
+
+
 def _plain(n: int, K_0: Array, rest: Rest) -> TorqueErrorModel:
-    """A model of which only the parts that turn motion into features count."""
+    """A model of which only the constants that turn motion into features are used."""
     return TorqueErrorModel(
         **PLAIN | {"K_0": K_0},
         constant=np.ones(n),
@@ -161,14 +165,21 @@ def _plain(n: int, K_0: Array, rest: Rest) -> TorqueErrorModel:
     )
 
 
-def features_along(unit: TorqueErrorModel, own: HeldOutReading) -> Array:
-    """(N, n, NUM_FEATURES) of what a variance is made of."""
-    N, n = own.q.shape
+def features_along(unit: TorqueErrorModel, reading: HeldOutReading) -> Array:
+    """(N, n, NUM_FEATURES) features of the variance along a reading."""
+    N, n = reading.q.shape
     features = np.empty((N, n, NUM_FEATURES))
-    q, v, load = contiguous(own.q, own.v, own.transmitted)
-    table = unit.table(own.friction, own.time_step, own.K_0, own.resolution)
+    q, v, load = contiguous(reading.q, reading.v, reading.transmitted)
+    table = unit.table(reading.friction, reading.time_step, reading.K_0, reading.resolution)
     torque_error_features(table, initial_torque_error_state(n), q, v, load, features)
     return features
+
+
+class _Minimum(NamedTuple):
+    """Least mean cost of one joint, and the logarithms of c / scale (M,) there."""
+
+    value: float
+    x: Array
 
 
 def most_likely(F: Array, e: Array) -> Array:
@@ -181,33 +192,34 @@ def most_likely(F: Array, e: Array) -> Array:
     fixed += 1e-12 * power
     scale = power / sizes / A.shape[1]
 
-    def climb(start: Array, step: int) -> tuple[float, Array]:
-        """Value and place of the top that is reached from a start, over every `step`-th sample."""
+    def minimum_from(start: Array, step: int) -> _Minimum:
+        """The minimum that is reached from a start, over every `step`-th sample."""
         rows = slice(None, None, step)
-        part = np.ascontiguousarray(A[rows]), fixed[rows].copy(), squares[rows].copy()
-        count = len(part[1])
+        part_A, part_fixed = np.ascontiguousarray(A[rows]), fixed[rows].copy()
+        part_squares = squares[rows].copy()
+        count = len(part_fixed)
 
         def cost(x: Array) -> tuple[float, Array]:
             c, slope = scale * np.exp(x), np.empty(len(x))
-            value = _minus_log_likelihood(*part, c, slope)
+            value = _minus_log_likelihood(part_A, part_fixed, part_squares, c, slope)
             return value / count, slope / count * c
 
-        found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        return float(found.fun), found.x
+        result = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return _Minimum(float(result.fun), result.x)
 
     bounds = [(-_SPAN, np.log(10.0 * A.shape[1]))] * A.shape[1]
-    # From an even split, and from the constant alone: the surface is not convex.
-    alone = np.full(A.shape[1], -3.0)
-    alone[0] = 1.0
-    # Which top is the higher one, and about where, some of many samples tell.
+    # The cost is not convex: one start splits the variance evenly, one has the constant alone.
+    constant_alone = np.full(A.shape[1], -3.0)
+    constant_alone[0] = 1.0
+    # A part of many samples shows which minimum is the lower one, and about where it lies.
     step = max(1, len(e) // _ENOUGH)
-    climbs = [climb(start, step) for start in (np.zeros(A.shape[1]), alone)]
-    found = min(climbs, key=lambda one: one[0])[1]
+    minima = [minimum_from(start, step) for start in (np.zeros(A.shape[1]), constant_alone)]
+    x = min(minima, key=lambda minimum: minimum.value).x
     if step > 1:
-        found = climb(found, 1)[1]
-    # A term that the likelihood pushed to its bound, or that no sample showed, is zero.
-    there = (found > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
-    return np.where(there, scale * np.exp(found), 0.0)
+        x = minimum_from(x, 1).x
+    # A term that the likelihood pushed to its bound, or that no sample excited, is zero.
+    is_determined = (x > -_SPAN + 1e-6) & (A.max(axis=0) > 0.0)
+    return np.where(is_determined, scale * np.exp(x), 0.0)
 
 
 @kernel
@@ -248,14 +260,18 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
 
 
 def _correlation(scaled: Sequence[Array]) -> Array:
-    """(n, n) that the readings agree on, shrunk a little towards 1, so that equal errors of two
-    joints leave an inverse; further where the correlations do not fit each other.
+    """(n, n) correlation that the readings agree on, positive definite.
+
+    It is shrunk by 2 %, so that it has an inverse where two joints have equal errors, and further
+    where the correlations of pairs contradict each other.
     """
-    seen = np.stack([_seen_correlation(own) for own in scaled if len(own) > 0])
-    R = seen.mean(axis=0)
-    if len(seen) > 1:
-        doubt = seen.var(axis=0, ddof=1) / len(seen)
-        R *= np.maximum(0.0, 1.0 - doubt / np.maximum(R**2, 1e-300))
+    correlations = np.stack(
+        [_correlation_of_reading(errors) for errors in scaled if len(errors) > 0]
+    )
+    R = correlations.mean(axis=0)
+    if len(correlations) > 1:
+        variance_of_mean = correlations.var(axis=0, ddof=1) / len(correlations)
+        R *= np.maximum(0.0, 1.0 - variance_of_mean / np.maximum(R**2, 1e-300))
     n = len(R)
     R[np.arange(n), np.arange(n)] = 1.0
     R *= 0.98 / max(1.0, 1.0 - float(np.linalg.eigvalsh(R)[0]))
@@ -263,7 +279,7 @@ def _correlation(scaled: Sequence[Array]) -> Array:
     return np.asarray(R)
 
 
-def _seen_correlation(scaled: Array) -> Array:
+def _correlation_of_reading(scaled: Array) -> Array:
     """(n, n) of one reading, about zero."""
     size = np.sqrt(np.maximum(np.mean(scaled**2, axis=0), 1e-300))
     R = (scaled / size).T @ (scaled / size) / len(scaled)
@@ -271,14 +287,14 @@ def _seen_correlation(scaled: Array) -> Array:
 
 
 def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]:
-    """Lasting share and correlation time (n,) each, from the variance of means over WINDOWS.
+    """Share of correlated error and correlation time (n,) each, from means over WINDOWS.
 
     V(tau) = b + (1 - b) g(tau / T), with g of `averaged_share`, by least squares of the logarithm
     on a grid; windows longer than half of the shortest log are left out.
     """
     n = scaled[0].shape[1]
     power = np.mean(np.vstack(scaled) ** 2, axis=0)
-    shortest = min(len(own) for own in scaled)
+    shortest = min(len(errors) for errors in scaled)
     windows = [w for w in WINDOWS if 1 < round(w / time_step) <= shortest // 2]
     if not windows:
         return np.zeros(n), np.full(n, 0.1)
@@ -286,15 +302,18 @@ def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]
     for window in windows:
         size = round(window / time_step)
         means = np.concatenate(
-            [own[: len(own) // size * size].reshape(-1, size, n).mean(axis=1) for own in scaled]
+            [
+                errors[: len(errors) // size * size].reshape(-1, size, n).mean(axis=1)
+                for errors in scaled
+            ]
         )
         shares.append(np.mean(means**2, axis=0) / np.maximum(power, 1e-300))
-    seen = np.log(np.maximum(shares, 1e-6))  # (windows, n)
+    log_shares = np.log(np.maximum(shares, 1e-6))  # (windows, n)
     times = np.geomspace(*CORRELATION_TIMES, 60)
     lasting = np.linspace(0.0, 0.5, 51)
     b, T = (x.ravel() for x in np.meshgrid(lasting, times, indexing="ij"))
     expected = np.log(
         b[:, None] + (1.0 - b[:, None]) * averaged_share(np.asarray(windows) / T[:, None])
     )
-    best = ((expected[:, :, None] - seen) ** 2).sum(axis=1).argmin(axis=0)
+    best = ((expected[:, :, None] - log_shares) ** 2).sum(axis=1).argmin(axis=0)
     return b[best], T[best]

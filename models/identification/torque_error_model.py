@@ -1,22 +1,22 @@
-"""How far the external torque that an observer reads may be from the truth, joint by joint.
+"""Torque error model: sd of the external torque that an observer reads, joint by joint.
 
-What is read where nothing touches the arm is neither white nor constant. The error of a sliding
+The reading without contact is neither white nor constant. The error of a sliding
 joint is small, that of a reversing joint lasts until its slip has turned over, and a joint at rest
 carries any torque within its stiction band, whatever the environment does. Per joint
 
-    sd^2 = constant^2 + (speed v)^2 + (load L)^2 + (acceleration a)^2    what held-out motion shows
+    sd^2 = constant^2 + (speed v)^2 + (load L)^2 + (acceleration a)^2    fitted to held-out motion
          + unknown^2 + reversal^2 turning^2                              stiction
          + (drift tau_v)^2 + (beyond_speed e_v)^2 + (beyond_load e_L)^2  stated assumptions
          + s(q)^2 beyond the largest fitted      gravity (`models.identification.gravity_spread`)
 
-    level   = C + S exp(-(v / v_s)^2) + l |L|       the friction law's own: half the stiction band,
+    level   = C + S exp(-(v / v_s)^2) + l |L|       of the friction law: half the stiction band,
                                                     with S >= -C / 2, as logs hardly show a crawl
     unknown = LP(level sqrt(w / 3))                 uniform over the band, for a share w
     turning = LP(level (1 - z^2) (1 - w))           between two directions
 
 with L the torque that the gear transmitted at the tick before, a = K_0 (v - LP v), tau_v the law's
-viscous torque and e_v, e_L what speed and load have beyond what was fitted. LP is the observer's
-own low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does.
+viscous torque and e_v, e_L speed and load beyond the fitted range. LP is the observer's
+low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does.
 The state of the slip follows displacement, not speed:
 
     w <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp| / reach)
@@ -39,10 +39,10 @@ The sds are of one K_0; the smooth part of the error, with correlation time T, p
 with the share K_0 T / (1 + K_0 T) of its variance, which converts them to another K_0.
 
 **Assumed, not measured,** and so stated in the model's file: `drift`, because viscous friction
-differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model),
-or by joint what the log that is read shows of it, `drift_shown`, where that is more;
+differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model).
+Where the log that is read shows more drift of a joint, that is `drift_shown`;
 `beyond_speed` and `beyond_load`, because no log covers them; `scale`, an error in proportion to
-what is read (torque per ampere, load-dependent friction); `read_load`, the same joint by joint,
+the reading (torque per ampere, load-dependent friction); `read_load`, the same joint by joint,
 where the logs hold no change of load at all (`wrenchsight.models.machining.air_pass`).
 """
 
@@ -85,7 +85,7 @@ _C, _S, _INVERSE_SPEED, _LOAD, _CUBIC, _SPEED_LIMIT, _BEYOND = range(SLIDING_COL
     _PERIOD,
     _POLE,
     _GAIN,
-    _KEPT,
+    _DECAY,
     _INVERSE_REACH,
     _CONSTANT2,
     _SPEED2,
@@ -121,7 +121,7 @@ class Rest(NamedTuple):
 class TorqueErrorModel:
     """The constants of this module for one model of one arm with n joints.
 
-    A number in the place of an (n,) stands for all joints; what is kept is (n,).
+    A number in the place of an (n,) stands for all joints; the attribute is (n,).
 
     Attributes:
         constant: (n,) N m.
@@ -144,7 +144,7 @@ class TorqueErrorModel:
         scale: share of the wrench that is read; see `models.estimation.trusted_reading`.
         read_load: N m per N m that is read, joint by joint; 0 where `load` covers what is carried.
         resting_only: 1 where w grows at rest alone, 0 where it does at any speed.
-        drift_shown: (n,) share of the viscous torque, as `drift`, that a log shows of each joint.
+        drift_shown: (n,) share of the viscous torque, as `drift`, measured on a log for each joint.
         spread: (K, n, 5) directions in which gravity and offsets may be off; None: K = 0.
         fitted_spread: (n,) N m, the largest s(q) of the fitted logs.
 
@@ -182,18 +182,18 @@ class TorqueErrorModel:
         if self.spread is None or np.size(self.spread) == 0:
             object.__setattr__(self, "spread", np.zeros((0, n, PARAMETERS)))
         shapes = {"correlation": (n, n), "spread": (len(self._directions), n, PARAMETERS)}
-        for own in fields(self):
-            value = np.array(getattr(self, own.name), float)
-            shape = () if own.name in _NUMBERS else shapes.get(own.name, (n,))
+        for attribute in fields(self):
+            value = np.array(getattr(self, attribute.name), float)
+            shape = () if attribute.name in _NUMBERS else shapes.get(attribute.name, (n,))
             if value.shape == () and shape == (n,):
                 value = np.full(n, float(value))
             if value.shape != shape:
-                raise ValueError(f"{own.name}: expected shape {shape}, found {value.shape}")
+                raise ValueError(f"{attribute.name}: expected shape {shape}, found {value.shape}")
             if not np.isfinite(value).all():
-                raise ValueError(f"{own.name}: expected finite numbers")
-            if own.name not in shapes and (value < 0.0).any():
-                raise ValueError(f"{own.name}: expected zero or more")
-            object.__setattr__(self, own.name, float(value) if not shape else value)
+                raise ValueError(f"{attribute.name}: expected finite numbers")
+            if attribute.name not in shapes and (value < 0.0).any():
+                raise ValueError(f"{attribute.name}: expected zero or more")
+            object.__setattr__(self, attribute.name, float(value) if not shape else value)
         for key in ("rest_time", "reach"):
             if getattr(self, key) == 0.0:
                 raise ValueError(f"{key}: expected a number above zero")
@@ -236,7 +236,7 @@ class TorqueErrorModel:
         resolution: ArrayLike | None = None,
         chain: SerialChain | None = None,
     ) -> Array:
-        """(n, 25 + k) contiguous: all that `torque_sd_tick` reads; k columns are `spread_table`'s.
+        """(n, 25 + k) contiguous, constants of `torque_sd_tick`; k columns are `spread_table`'s.
 
         Args:
             friction: the model's; its level is the stiction band.
@@ -259,7 +259,7 @@ class TorqueErrorModel:
         table[:, _PERIOD] = time_step
         table[:, _POLE] = np.exp(-K_0 * time_step)
         table[:, _GAIN] = K_0
-        table[:, _KEPT] = np.exp(-2.0 * time_step / self.rest_time)
+        table[:, _DECAY] = np.exp(-2.0 * time_step / self.rest_time)
         table[:, _INVERSE_REACH] = 1.0 / self.reach
         table[:, _CONSTANT2] = smooth * self.constant**2
         table[:, _SPEED2] = smooth * self.speed**2
@@ -267,11 +267,11 @@ class TorqueErrorModel:
         table[:, _ACCELERATION2] = smooth * self.acceleration**2
         table[:, _REVERSAL2] = self.reversal**2
         table[:, _DRIFT2] = self.drifts**2
-        known = self.fitted_speed > 0.0
-        table[:, _FITTED_SPEED] = np.where(known, self.fitted_speed, np.inf)
+        is_fitted = self.fitted_speed > 0.0
+        table[:, _FITTED_SPEED] = np.where(is_fitted, self.fitted_speed, np.inf)
         table[:, _BEYOND_SPEED2] = (self.beyond_speed * viscous) ** 2
-        known = self.fitted_load > 0.0
-        table[:, _FITTED_LOAD] = np.where(known, self.fitted_load, np.inf)
+        is_fitted = self.fitted_load > 0.0
+        table[:, _FITTED_LOAD] = np.where(is_fitted, self.fitted_load, np.inf)
         table[:, _BEYOND_LOAD2] = self.beyond_load**2
         table[:, _INVERSE_REST_SPEED] = self.resting_only * self.rest_time / self.reach
         return table if chain is None else np.hstack([table, self.spread_table(chain)])
@@ -282,7 +282,10 @@ class TorqueErrorModel:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, by attribute."""
-        return {own.name: np.asarray(getattr(self, own.name)).tolist() for own in fields(self)}
+        return {
+            attribute.name: np.asarray(getattr(self, attribute.name)).tolist()
+            for attribute in fields(self)
+        }
 
 
 _NUMBERS = {
@@ -302,11 +305,11 @@ PLAIN: dict[str, Any] = {
     "correlation_time": 1.0,
     "K_0": 1.0,
 }
-"""Attributes of an error that follows nothing of a motion, but for its size and correlation."""
+"""Attributes of an error that does not depend on motion, without its size and correlation."""
 
 
 class ConstantTorqueError(TorqueErrorModel):
-    """An error of one covariance, at rest and in motion alike: of a model that learnt none."""
+    """Torque error of constant covariance, for a model without a fitted torque error."""
 
     @classmethod
     def of(
@@ -319,7 +322,7 @@ class ConstantTorqueError(TorqueErrorModel):
             fitted_speed, fitted_load: as the attributes; a number stands for all joints.
 
         Raises:
-            ValueError: the covariance is none.
+            ValueError: it is not a positive definite covariance.
         """
         Sigma = np.asarray(covariance, float)
         sd = np.sqrt(np.diag(Sigma))
@@ -377,18 +380,18 @@ def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
     if not (np.isfinite(q) and np.isfinite(v)):
         return
     row = table[i]
-    before = state[_POSITION, i]
-    started = np.isfinite(before)
-    now = within_rounding(before, q, v, row[_HALF_STEP], row[_PERIOD])
-    moved = (now - before) * row[_INVERSE_REACH] if started else 0.0
+    previous = state[_POSITION, i]
+    started = np.isfinite(previous)
+    now = within_rounding(previous, q, v, row[_HALF_STEP], row[_PERIOD])
+    moved = (now - previous) * row[_INVERSE_REACH] if started else 0.0
     x = v * row[_INVERSE_SPEED]
     level = row[_C] + row[_S] * np.exp(-x * x) + row[_LOAD] * abs(state[_TRANSMITTED, i])
     level = max(level, 0.0)
     creeps = v * row[_INVERSE_REST_SPEED]
-    kept = row[_KEPT]
+    decay = row[_DECAY]
     if creeps != 0.0:
-        kept += (1.0 - kept) * (1.0 - np.exp(-creeps * creeps))
-    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * kept) * np.exp(-abs(moved))
+        decay += (1.0 - decay) * (1.0 - np.exp(-creeps * creeps))
+    w = (1.0 - (1.0 - state[_UNKNOWN_SHARE, i]) * decay) * np.exp(-abs(moved))
     z = min(max(state[_TURN, i] + moved, -1.0), 1.0)
     unknown = level * np.sqrt(w / 3.0)
     turning = level * (1.0 - z * z) * (1.0 - w)
@@ -410,7 +413,7 @@ def breakaway(table: Array, state: Array, i: int) -> float:
 
 @kernel
 def posture_variance(table: Array, q: Array, variance: Array) -> None:
-    """Single-sample kernel: what gravity may be off by beyond the fitted postures.
+    """Single-sample kernel: variance of the gravity torque beyond the fitted postures.
 
     Args:
         table: `TorqueErrorModel.table`.
@@ -454,7 +457,7 @@ def torque_sd_tick(
         q, v: (n,) rad, rad/s.
         sd: (n,) N m, written; holds `posture_variance` of the sample before.
         stiction: (n,) N m, written: the part of it that is stiction.
-        drift: (n,) N m, written: what a drift of the viscous torque is at this speed, signed.
+        drift: (n,) N m, written: sd of the viscous torque's drift, with the sign of that torque.
     """
     for i in range(table.shape[0]):
         row, posture = table[i], sd[i]

@@ -18,6 +18,7 @@ weighting passes, fits that leave logs out, residual norms) works on these small
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,15 +53,15 @@ class TorqueFactors:
 
     @property
     def regressor(self) -> Array:
-        """All joints' factors without the torque, stacked: what the rank is read from."""
+        """All joints' factors without the torque, stacked; it determines the rank."""
         return np.vstack([R[:, :-1] for R in self.R])
 
 
 def joined_factors(parts: Sequence[TorqueFactors]) -> TorqueFactors:
-    """One regression of several logs' rows together."""
+    """Joins the regressions of several logs into one."""
     if len(parts) == 1:
         return parts[0]
-    stacked = (np.vstack(own) for own in zip(*(part.R for part in parts), strict=True))
+    stacked = (np.vstack(factors) for factors in zip(*(part.R for part in parts), strict=True))
     return TorqueFactors(
         tuple(triangular_factor(R) for R in stacked), sum(part.num_rows for part in parts)
     )
@@ -91,10 +92,10 @@ def parameter_names(
         joint_names: of the n joints.
         terms: friction terms per joint; None: Coulomb, viscous and offset.
     """
-    own = [JOINT_NAMES[1:]] * len(joint_names) if terms is None else terms
+    terms_of_joints = [JOINT_NAMES[1:]] * len(joint_names) if terms is None else terms
     return [f"{name}[{joint}]" for joint in joint_names for name in INERTIAL_NAMES] + [
         f"{name}[{joint}]"
-        for joint, friction in zip(joint_names, own, strict=True)
+        for joint, friction in zip(joint_names, terms_of_joints, strict=True)
         for name in (JOINT_NAMES[0], *friction)
     ]
 
@@ -140,18 +141,18 @@ class RegressionRows:
         low_pass: Callable[[Array], Array],
         rows: NDArray[np.intp],
     ) -> "RegressionRows":
-        """Builds them; arguments as `factorise`, all of the joints."""
+        """Builds the rows; arguments as `factorise`, all of the joints."""
         n = q.shape[1]
         Y = chain.regressor(q, v, vdot)
-        first = list(range(n))
+        first_links = list(range(n))
         if chain.motor_rates.size:
             C = np.linalg.inv(chain.motor_rates)
             Y = np.einsum("jk,tjp->tkp", C, Y)
             tau, vdot = tau @ C, vdot @ chain.motor_rates.T
-            first = [int(np.flatnonzero(column)[0]) for column in C.T]
+            first_links = [int(np.flatnonzero(column)[0]) for column in C.T]
         rigid = tuple(
             low_pass(np.hstack([Y[:, k, _INERTIAL * j :], vdot[:, k : k + 1]]))[rows]
-            for k, j in enumerate(first)
+            for k, j in enumerate(first_links)
         )
         return cls(rigid, tau[rows], low_pass, rows)
 
@@ -182,24 +183,26 @@ class RegressionRows:
             weights: (m, n) of the squared residuals, None for one.
         """
         n = self.tau.shape[1]
-        counts = [1 + own.shape[1] for own in friction]
+        counts = [1 + columns_of_joint.shape[1] for columns_of_joint in friction]
         starts = _INERTIAL * n + np.concatenate([[0], np.cumsum(counts)])
-        whole = part == slice(None) and weights is None
+        takes_all_rows = part == slice(None) and weights is None
         factors = []
-        for j, first in enumerate(self._first_links):
-            other = np.hstack([friction[j], self.tau[:, j : j + 1]])
-            if whole:  # the rigid part is orthogonal already: only the few other columns are new
+        for j, first_link in enumerate(self._first_links):
+            other_columns = np.hstack([friction[j], self.tau[:, j : j + 1]])
+            if (
+                takes_all_rows
+            ):  # the rigid part is factorised already; only the few other columns are new
                 Q, upper = self._orthogonal[j]
-                shadow = Q.T @ other
-                lower = triangular_factor(other - Q @ shadow)
-                R = np.block([[upper, shadow], [np.zeros((len(lower), upper.shape[1])), lower]])
+                projection = Q.T @ other_columns
+                lower = triangular_factor(other_columns - Q @ projection)
+                R = np.block([[upper, projection], [np.zeros((len(lower), upper.shape[1])), lower]])
             else:
-                W = np.hstack([self.rigid[j], other])[part]
+                W = np.hstack([self.rigid[j], other_columns])[part]
                 if weights is not None:
                     W = W * np.sqrt(weights[part, j : j + 1])
                 R = triangular_factor(W)
             columns = np.r_[
-                _INERTIAL * first : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]
+                _INERTIAL * first_link : _INERTIAL * n, starts[j] : starts[j + 1], starts[-1]
             ]
             embedded = np.zeros((R.shape[0], starts[-1] + 1))
             embedded[:, columns] = R
@@ -208,10 +211,11 @@ class RegressionRows:
 
     def residual(self, friction: Sequence[Array], x: Array) -> Array:
         """Measured minus predicted torque (m, n) for all parameters x."""
-        inertial, rotor, own = split_terms(x, [f.shape[1] for f in friction])
+        inertial, rotor, coefficients = split_terms(x, [f.shape[1] for f in friction])
         predicted = [
-            self.rigid[j] @ np.r_[inertial[first:].ravel(), rotor[j]] + friction[j] @ own[j]
-            for j, first in enumerate(self._first_links)
+            self.rigid[j] @ np.r_[inertial[first_link:].ravel(), rotor[j]]
+            + friction[j] @ coefficients[j]
+            for j, first_link in enumerate(self._first_links)
         ]
         return np.asarray(self.tau - np.stack(predicted, axis=1))
 
@@ -237,10 +241,10 @@ def factorise(
         rows: indices of the samples to use, after the filter.
     """
     regression = RegressionRows.of(chain, q, v, vdot, tau, low_pass, rows)
-    own = [
+    friction = [
         np.stack([np.sign(v[:, j]), v[:, j], np.ones(len(v))], axis=1) for j in range(q.shape[1])
     ]
-    return regression.factors(regression.friction_rows(own))
+    return regression.factors(regression.friction_rows(friction))
 
 
 def solve(
@@ -260,27 +264,44 @@ def solve(
         num_passes: one or more.
         oversampling: rows per independent sample of the residual.
     """
-    values, deviation, joints, length = _weighted(factors, base.independent, num_passes)
-    A = np.vstack([R[:, :-1] / sd for R, sd in zip(joints, deviation, strict=True)]) / length
+    fit = _weighted(factors, base.independent, num_passes)
+    rows = [R[:, :-1] / sd for R, sd in zip(fit.joints, fit.residual_sd, strict=True)]
+    A = np.vstack(rows) / fit.length
     # Moore-Penrose: without one log, a fit may lose a direction that all logs determine.
     variance = np.diag(pinvh(A.T @ A)) * oversampling
-    return TorqueEstimate(values, np.sqrt(variance) / length, deviation)
+    return TorqueEstimate(fit.values, np.sqrt(variance) / fit.length, fit.residual_sd)
 
 
 def solve_values(
     factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
 ) -> Array:
     """Returns `solve`'s values (b,) alone, of the columns `independent`."""
-    return _weighted(factors, independent, num_passes)[0]
+    return _weighted(factors, independent, num_passes).values
+
+
+class _WeightedFit(NamedTuple):
+    """Weighted least squares of b parameters.
+
+    Attributes:
+        values: (b,).
+        residual_sd: (n,) N m.
+        joints: each joint's reduced rows, b columns and the torque.
+        length: (b,) of the columns over all joints.
+    """
+
+    values: Array
+    residual_sd: Array
+    joints: list[Array]
+    length: Array
 
 
 def _weighted(
     factors: Sequence[TorqueFactors], independent: NDArray[np.intp], num_passes: int
-) -> tuple[Array, Array, list[Array], Array]:
-    """Values, residual sds, each joint's reduced rows, and their columns' lengths."""
+) -> _WeightedFit:
+    """Solves for the columns `independent`; see `solve`."""
     n = len(factors[0].R)
     b = len(independent)
-    # What the fit needs of a joint: [kept columns, torque] of all logs, reduced once more.
+    # Per joint, [independent columns, torque] of all logs, reduced once more.
     stacked = [np.vstack([f.R[j] for f in factors]) for j in range(n)]
     joints = [triangular_factor(np.hstack([R[:, independent], R[:, -1:]])) for R in stacked]
     num_rows = sum(f.num_rows for f in factors)
@@ -298,7 +319,7 @@ def _weighted(
         values = lstsq(scaled, A[:, -1], cond=cond, lapack_driver="gelsy")[0] / length
         residual = np.array([np.linalg.norm(R[:, -1] - R[:, :-1] @ values) for R in joints])
         deviation = np.maximum(residual, floor) / np.sqrt(freedom)
-    return values, deviation, joints, length
+    return _WeightedFit(values, deviation, joints, length)
 
 
 def realisation(
@@ -314,7 +335,7 @@ def realisation(
 
 
 def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[Array, Array]:
-    """What the robot's own files state of all parameters, and how far off each may plausibly be.
+    """Prior of all parameters: the values in the robot's files, and their plausible errors.
 
     Args:
         robot: the robot.
@@ -329,12 +350,12 @@ def parameter_prior(robot: Robot, counts: Sequence[int] | None = None) -> tuple[
     spread[:, 0] = mass
     spread[:, 1:4] = (mass * size)[:, None]
     spread[:, 4:] = (mass * size**2)[:, None]
-    own_prior, own_spread = [], []
+    drive_prior, drive_spread = [], []
     rotor_spread = np.maximum(chain.reflected_inertia, mass * size**2)
     for j, count in enumerate([_JOINT - 1] * n if counts is None else counts):
-        own_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])
-        own_spread.append(np.r_[rotor_spread[j], np.full(count, 0.01 * robot.effort_limit[j])])
+        drive_prior.append(np.r_[chain.reflected_inertia[j], np.zeros(count)])
+        drive_spread.append(np.r_[rotor_spread[j], np.full(count, 0.01 * robot.effort_limit[j])])
     return (
-        np.concatenate([chain.inertial_parameters.ravel(), *own_prior]),
-        np.concatenate([spread.ravel(), *own_spread]),
+        np.concatenate([chain.inertial_parameters.ravel(), *drive_prior]),
+        np.concatenate([spread.ravel(), *drive_spread]),
     )

@@ -1,8 +1,8 @@
-"""A machining pass over a surface, planned: the joints' motion, its time law and its forces.
+"""Machining path: plan of a pass over a surface, with motion, time law and forces.
 
 The tool's tip E is led over the points of a surface path with its z axis into the surface; the
-posture at each sample is given (models.planning.motion.redundancy chooses it). Whatever can be
-known to fail before anything moves is refused here, with one line.
+posture at each sample is given (models.planning.motion.redundancy chooses it). A pass that cannot
+succeed is refused before anything moves, with one line.
 """
 
 import math
@@ -40,11 +40,11 @@ class NormalForceConfig:
 
 @dataclass(frozen=True, eq=False)
 class MachiningPath:
-    """What is to be done, as functions of the time since the feed starts.
+    """Plan of a pass, as functions of the time since the feed starts.
 
     Attributes:
         path: points and outward normals in W.
-        trajectory: of the joints, from rest to rest, there and back as often as asked.
+        trajectory: of the joints, from rest to rest, there and back `passes` times.
         s: (T,) place on the path, 0 to 1, at the times of the trajectory.
         setpoint: (T,) N, of the normal force there.
         steady: (T,) 1 where the feed has kept its full speed for a while (0.4 s), else 0: where
@@ -107,7 +107,7 @@ def plan_machining(
             source,
             "force",
             f"rises to {most:g} N, at or above phases.max_force = {phases.max_force:g} N",
-            "ask for less, or raise max_force",
+            "lower the set-point, or raise max_force",
         )
     check_curvature(path, tool_radius)
     s = path.distance / path.distance[-1]
@@ -121,11 +121,11 @@ def plan_machining(
         back = k % 2 == 1
         place = 1.0 - law.s if back else law.s
         sign = -1.0 if back else 1.0
-        first = 0 if k == 0 else 1
+        start = 0 if k == 0 else 1
         parts.append(
             np.stack(
                 [k * one_way + u * one_way, place, sign * law.ds_du, sign * law.d2s_du2], axis=1
-            )[first:]
+            )[start:]
         )
     t, place, ds, d2s = np.concatenate(parts).T
     ds, d2s = ds[:, np.newaxis] / one_way, d2s[:, np.newaxis] / one_way**2
@@ -146,11 +146,11 @@ def plan_machining(
             f"{robot.name} cannot start {phases.standoff:g} m above the path's first point",
             "move the workpiece, or start elsewhere",
         ) from error
-    steady = _kept(np.abs(ds[:, 0]) > 0.999 * np.abs(ds[:, 0]).max(), t, _SETTLED)
+    steady = _held_for(np.abs(ds[:, 0]) > 0.999 * np.abs(ds[:, 0]).max(), t, _SETTLED)
     return MachiningPath(path, trajectory, place, force.at(place), steady, q_start)
 
 
-def _kept(holds: NDArray[np.bool_], t: Array, duration: float) -> Array:
+def _held_for(holds: NDArray[np.bool_], t: Array, duration: float) -> Array:
     """1 where a condition has held for `duration`, else 0; (T,) over times t."""
     since = np.where(holds, np.nan, t)
     since[0] = t[0]
@@ -189,7 +189,7 @@ def _check_torque(robot: Robot, path: SurfacePath, q: Array, force: Array, sourc
         raise InputError(
             source,
             "force",
-            f"{force[i]:g} N at sample {i} asks {abs(tau[i, j]):.3g} N m of "
-            f"{robot.joint_names[j]}, which has {robot.effort_limit[j]:g} N m",
-            "ask for less, or place the workpiece elsewhere",
+            f"{force[i]:g} N at sample {i} needs {abs(tau[i, j]):.3g} N m of "
+            f"{robot.joint_names[j]}, whose limit is {robot.effort_limit[j]:g} N m",
+            "lower the set-point, or place the workpiece elsewhere",
         )

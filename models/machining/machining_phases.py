@@ -10,7 +10,7 @@
 
 The state is one (7,) array, so that a controller of any kind can hold it, and the numbers of a
 PhasesConfig are one as well (`table`), for the kernels. All times are of the controller; the force
-is what its force feedback says, positive out of the surface.
+is that of its force feedback, positive out of the surface.
 """
 
 from dataclasses import astuple, dataclass
@@ -24,7 +24,7 @@ from wrenchsight.models.numerics.kernel import kernel
 
 
 class Phase(IntEnum):
-    """See the module."""
+    """Phases of a pass, in the order of the module's table."""
 
     APPROACH = 0
     TOUCH = 1
@@ -54,20 +54,20 @@ FAULT_SENTENCES = {
 PHASE, SINCE, FAULT, BASELINE, ABOVE, LOST, FORCE_THERE = range(7)  # entries of the state
 STATE_SIZE = 7
 RAMP = 0.15  # s, in which an approach or a lift reaches its speed
-_UNTRUSTED = 3.0  # where joints rest, an estimate is off by their stiction: tens of newtons
+_UNTRUSTED = 3.0  # factor of the force limit: at rest an estimate errs by stiction, tens of newtons
 _BASELINE_TIME = (0.15, 1.0)  # s, before and while contact is looked for
 
 
 @dataclass
 class PhasesConfig:
-    """When one phase gives way to the next."""
+    """Distances, speeds, times and forces at which one phase gives way to the next."""
 
     standoff: float = 0.02  # m above the surface, where the approach begins
     approach_speed: float = 0.008  # m/s
     search: float = (
         0.008  # m before and beyond the expected surface, in which contact is looked for
     )
-    touch_force: float = 6.0  # N above what free motion reads: contact
+    touch_force: float = 6.0  # N above the reading in free motion: contact
     touch_time: float = 0.005  # s for which it must be above
     rise: float = 1.0  # s, to the set-point
     settle: float = 0.5  # s, at the set-point before the feed starts
@@ -146,8 +146,8 @@ def travelled(t: float, speed: float, distance: float) -> tuple[float, float]:
     if t < end - ramp:
         return speed * (t - 0.5 * ramp), speed
     if t < end:
-        left = end - t
-        return distance - 0.5 * speed * left * left / ramp, speed * left / ramp
+        remaining = end - t
+        return distance - 0.5 * speed * remaining * remaining / ramp, speed * remaining / ramp
     return distance, 0.0
 
 
@@ -188,13 +188,13 @@ def work_time(state: Array, t: float, duration: float) -> float:
 
 @kernel
 def setpoint(
-    table: Array, state: Array, t: float, at_start: float, here: float, at_end: float
+    table: Array, state: Array, t: float, at_start: float, at_place: float, at_end: float
 ) -> float:
-    """The normal force to press with, N; in the approach that which is there.
+    """The set-point of the normal force, N; in the approach the force that is read.
 
     Args:
         table: of PhasesConfig.
-        at_start, here, at_end: of the path: where it begins, at this place, where it ends, N.
+        at_start, at_place, at_end: N, of the path: at its start, at this place, at its end.
     """
     phase, since = int(state[PHASE]), t - state[SINCE]
     if phase == Phase.APPROACH:
@@ -205,7 +205,7 @@ def setpoint(
         start = min(state[FORCE_THERE], at_start)
         return float(start + share * (at_start - start))
     if phase == Phase.WORK:
-        return here
+        return at_place
     if phase == Phase.RELEASE:
         share = min(1.0, since / table[_RELEASE])
         return float(at_end + share * (min(table[_RELEASE_FORCE], at_end) - at_end))
@@ -252,9 +252,9 @@ def advance(
     if joint_room < table[_JOINT_MARGIN]:
         return _retreat(state, Fault.JOINT_LIMIT.value, t)
     if phase == Phase.APPROACH:
-        # A force read in free motion is not contact: an estimate jumps by the friction of joints
-        # that start to move. It is followed fast before contact can be, slowly after: contact is
-        # faster.
+        # The reading in free motion is not contact: an estimate jumps by the friction of joints
+        # that start to move. The baseline follows it fast before contact is possible, and slowly
+        # afterwards, as contact rises faster.
         rise = force - state[BASELINE]
         whole_way = table[_STANDOFF] + table[_SEARCH]
         way = travelled(since, table[_APPROACH_SPEED], whole_way)[0]

@@ -1,4 +1,4 @@
-"""What a rotating abrasive tool does to the arm besides contact: cutting resistance and unbalance.
+"""Machining process: cutting resistance, unbalance and vibration of a rotating abrasive tool.
 
 Contact with Coulomb friction is the simulator's. On top of it acts the resistance of the material
 that is being removed, along the feed. By Preston's law the removal rate is proportional to normal
@@ -46,7 +46,7 @@ _REST = 2e-3  # m/s, below which the direction of the feed fades
 # Entries of MachiningProcess.table.
 _RATIO, _EXPONENT, _REFERENCE, _LAG, _OMEGA, _UNBALANCE, _VIBRATION = range(7)
 
-PROCESS_STATE_SIZE = 10  # without what chatter remembers, which comes behind
+PROCESS_STATE_SIZE = 10  # the memory of chatter follows behind
 NORMAL_FORCE, NORMAL, FEED, FORCE = 0, slice(1, 4), slice(4, 7), slice(7, 10)
 """Entries of the state of a process: N, the surface's normal in W, the lagged feed in m/s, and the
 force on the tool besides contact, N in W."""
@@ -135,7 +135,7 @@ def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) 
 
     Args:
         table: of MachiningProcess.
-        normal_force: N, that presses tool and workpiece together.
+        normal_force: N, between tool and workpiece.
         feed: (3,) m/s, tangential velocity of the tool, lagged.
     """
     speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST * _REST)
@@ -197,7 +197,7 @@ def advance_varying_process(
     p_WE: Array,
     state: Array,
 ) -> None:
-    """The same of a process that varies.
+    """As `advance_process`, of a process that varies.
 
     Args:
         variations, waviness, patches, pose, ends: of ProcessVariations.

@@ -1,8 +1,8 @@
 """The reference of a machining pass, tick by tick, from its phases and its planned path.
 
 Under force control the pose is that of the planned path. Before and after it E moves along the
-tool's axis from where it is: the approach from where the run starts, lift and retreat from where
-they are decided. That place is the anchor, (15,): R_WD row by row, p_WD and the outward direction.
+tool's axis from an anchor: the approach from where the run starts, lift and retreat from where they
+are decided. The anchor is (15,): R_WD row by row, p_WD and the outward direction.
 """
 
 from typing import NamedTuple
@@ -35,14 +35,14 @@ _SINGULAR = 1e-6  # damping of J, in m and rad, where it loses rank
 
 
 class Plan(NamedTuple):
-    """What is settled before a pass.
+    """Constants of a pass, as the kernels read them.
 
     Attributes:
         phases: table of PhasesConfig.
         chain: table of SerialChain, of the model.
         limits: (2, n) rad, lower and upper, of the joints.
         t, q, v, vdot: the planned JointTrajectory, (T,) s evenly spaced and (T, n).
-        place, force: (T,) place on the path and N to press with, at these times.
+        place, force: (T,) place on the path, and set-point of the normal force, N, at these times.
         trusted: (T,) 1 where the force feedback can be used at work, else 0.
         numbers: `pushes_on`, m/s, and the time step, s. Above 0 where the feedback is wrong at
             rest, as an estimate is. In the touch v_d is then that of going on into the surface at
@@ -82,7 +82,7 @@ def plan_of(values: Array, layout: Layout) -> Plan:
 
 
 class MachiningReference:
-    """What the kernels of this module read of a pass that no tick changes.
+    """The plan of a pass for the kernels of this module, and their initial state.
 
     Attributes:
         sizes: parts of what `machining_reference` writes, in their order:
@@ -98,8 +98,8 @@ class MachiningReference:
     Args:
         robot: its joint limits.
         chain: kinematics of the model.
-        plan: what to do.
-        config: when.
+        plan: path, motion and forces.
+        config: of the phases.
         time_step: s.
         reads_at_rest: whether the force feedback is right where joints rest or reverse: a sensor's
             is, an estimate's is not.
@@ -153,7 +153,7 @@ def machining_reference(
     """Writes the reference (18 + 3n + 7,) of MachiningReference at time t.
 
     Args:
-        plan: what is settled before.
+        plan: constants of the pass.
         t: s.
         state: (7,) of wrenchsight.models.machining.machining_phases.
         anchor: (15,).
@@ -163,10 +163,10 @@ def machining_reference(
     """
     n, pushes_on = q.shape[0], plan.numbers[0]
     phase = int(state[PHASE])
-    presses = force_controlled(phase)
+    is_force_controlled = force_controlled(phase)
     pose, reference = out[:_POSE], out[_POSE : _POSE + 3 * n]
     time = work_time(state, t, plan.t[-1] - plan.t[0])
-    if presses:
+    if is_force_controlled:
         quintic_at(plan.t, plan.q, plan.v, plan.vdot, time, reference.reshape(3, n))
         R_WD, J_D = np.empty((3, 3)), np.empty((6, n))
         pose_and_jacobian(plan.chain, reference[:n], R_WD, pose[9:12], J_D, scratch)
@@ -191,7 +191,7 @@ def machining_reference(
         _joint_velocity(J, pose[12:], reference[n : 2 * n])
         reference[2 * n :] = 0.0
     out[-7] = _setpoint_now(plan, state, t)
-    out[-6] = 1.0 if presses else 0.0
+    out[-6] = 1.0 if is_force_controlled else 0.0
     out[-5], out[-4] = state[PHASE], state[FAULT]
     out[-3] = _on_path(plan.t, plan.place, time)
     out[-2] = time if phase == Phase.WORK else -1.0
@@ -245,8 +245,8 @@ def _trusts(plan: Plan, state: Array, t: float) -> bool:
 
 @kernel
 def _setpoint_now(plan: Plan, state: Array, t: float) -> float:
-    here = _on_path(plan.t, plan.force, work_time(state, t, plan.t[-1] - plan.t[0]))
-    return setpoint(plan.phases, state, t, plan.force[0], here, plan.force[-1])
+    at_place = _on_path(plan.t, plan.force, work_time(state, t, plan.t[-1] - plan.t[0]))
+    return setpoint(plan.phases, state, t, plan.force[0], at_place, plan.force[-1])
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""A tick of what leads and watches a pass, with its plan and its memory in few arrays."""
+"""Machining tick: model terms and reference of a pass, with its plan and memory in few arrays."""
 
 from wrenchsight.models.machining.machining_phases import STATE_SIZE
 from wrenchsight.models.machining.machining_reference import (
@@ -35,12 +35,12 @@ def lead_tick(
         terms: (1,) of `terms_type`, written.
         others: as in `machining_reference`.
     """
-    own = terms[0]
-    own.q[:] = q
-    own.v[:] = v
+    sample = terms[0]
+    sample.q[:] = q
+    sample.v[:] = v
     all_terms(model, terms, scratch)
     state, anchor = memory[:STATE_SIZE], memory[STATE_SIZE:]
-    J = plain(own.J)
+    J = plain(sample.J)
     machining_reference(plan_of(values, layout), t, state, anchor, q, J, scratch, out)
 
 
@@ -54,7 +54,7 @@ def follow_tick(
     wrench: Array,
     memory: Array,
 ) -> None:
-    """Takes a tick into what the reference remembers.
+    """Advances the memory of the reference by a tick.
 
     Args:
         values, layout: a Plan, `joined`.

@@ -107,7 +107,7 @@ class EngagementConfig:
 
 @dataclass
 class ChatterConfig:
-    """Regeneration of the surface from turn to turn of the spindle; off unless asked for."""
+    """Regeneration of the surface from turn to turn of the spindle; off by default."""
 
     ratio: float = 0.0  # cutting stiffness over contact stiffness; 0: none
     overlap: float = 1.0  # share of a turn's trace that the next one meets, 0 to 1
@@ -129,7 +129,7 @@ class VariationsConfig:
 
 @dataclass(frozen=True, eq=False)
 class WorkpieceContact:
-    """What the law must know of the workpiece.
+    """Contact and pose of the workpiece, as the law needs them.
 
     Attributes:
         stiffness: c of F = c delta^exponent, N/m^exponent.
@@ -325,7 +325,7 @@ def engagement(table: Array, ends: Array, p: Array) -> float:
 
 @kernel
 def regenerated(table: Array, place: float, memory: Array) -> float:
-    """The height (m) that the last turn has left, and takes the tool's place into the memory.
+    """Returns the height (m) that the last turn has left; stores the tool's place in the memory.
 
     Args:
         place: m, of the tool out of the surface, from any fixed origin.
@@ -340,15 +340,15 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
     memory[_TRACE + now] = vibration
     memory[_NEXT] = (now + 1) % size
     memory[_FILLED] = min(memory[_FILLED] + 1.0, float(size))
-    # What is computed here acts at the next tick: a turn before that, between two ticks.
+    # The force acts at the next tick; a turn before that lies between two ticks.
     back = table[_TURN] - 1.0
     whole = math.floor(back)
-    before = 0.0
+    last_turn = 0.0
     if back >= 0.0 and memory[_FILLED] > whole + 1:
         share = back - whole
         later = memory[_TRACE + (now - whole) % size]
-        before = later + share * (memory[_TRACE + (now - whole - 1) % size] - later)
-    return float(table[_CHATTER] * (table[_OVERLAP] * before - vibration))
+        last_turn = later + share * (memory[_TRACE + (now - whole - 1) % size] - later)
+    return float(table[_CHATTER] * (table[_OVERLAP] * last_turn - vibration))
 
 
 @kernel

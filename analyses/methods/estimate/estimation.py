@@ -314,7 +314,7 @@ class _Outcome:
     def contact_sentences(self) -> tuple[str, ...]:
         """The load and the contacts, one sentence each."""
         sentences: tuple[str, ...] = ()
-        if self.load is not None and self.load.is_told:
+        if self.load is not None and self.load.is_shown:
             sentences = (self.load.sentence(),)
         if self.model.torque_error is not None:
             sentences += tuple(self.second_pass.readings.episodes.lines())

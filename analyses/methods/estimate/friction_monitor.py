@@ -26,7 +26,7 @@ from wrenchsight.models.calibration.load_or_drift import (
     without_load,
 )
 from wrenchsight.models.calibration.observed_regressor import ObservedRegressor
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
@@ -119,11 +119,11 @@ class FrictionMonitor:
             load_columns, model_columns = self._regressor.along(q, v, indices)
             self._load_columns.append(load_columns)
             self._model_columns.append(model_columns)
-        samples = (t, q, v, self._chain.gravity_torque(q))
+        signals = LogSignals(t, q, v, self._chain.gravity_torque(q))
         sd = np.sqrt(np.diag(self._model.residual_covariance))
         self._rows.append(
             ResidualRows.of_law(
-                self._model.friction, samples, -tau_ext[indices], sd, indices, self._observed
+                self._model.friction, signals, -tau_ext[indices], sd, indices, self._observed
             )
         )
 
@@ -216,15 +216,15 @@ class FrictionMonitor:
         law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
         load_rows = self._load_rows_of(is_chosen, self._regressor)
         load = weigh(load_rows, law, prior)
-        is_settled = load is not None and (load.is_told or (load.is_steady and is_chosen.all()))
+        is_settled = load is not None and (load.is_shown or (load.is_steady and is_chosen.all()))
         if not is_settled:
             all_rows = self._load_rows_of(np.ones_like(is_chosen), self._regressor)
             later_load = weigh_begin(all_rows, law, prior)
-            if later_load is not None and later_load.is_told and later_load.begin is not None:
+            if later_load is not None and later_load.is_shown and later_load.begin is not None:
                 is_loaded = all_rows.rows.t >= later_load.begin
                 load = later_load
                 load_rows = loaded_from(all_rows, int(np.argmax(is_loaded)))[is_chosen | is_loaded]
-        if load is not None and load.is_told:
+        if load is not None and load.is_shown:
             rows = without_load(load_rows, load.load).rows
         return _JudgedRows(self._count, load, rows)
 
@@ -313,7 +313,7 @@ class FrictionMonitor:
         begin, end = (t - (self._log_begin or 0.0) for t in self._longest_stretch)
         load = self.load()
         part = ""
-        if load is not None and load.is_told:
+        if load is not None and load.is_shown:
             log = "LOG (some seconds of free motion without the load)"
         elif is_touched and end - begin >= SHORTEST:
             part = f" --part {np.ceil(10.0 * begin) / 10.0:g},{np.floor(10.0 * end) / 10.0:g}"

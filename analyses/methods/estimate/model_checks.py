@@ -18,7 +18,7 @@ def model_warnings(robot: Robot, model: IdentifiedModel, settings: EstimateSetti
     identify = f"`wrenchsight identify LOGS --robot {settings.robot}`"
     is_identified = bool(model.provenance.logs)
     if is_identified:
-        warnings += model.fitted_robot.doubts(robot)
+        warnings += model.fitted_robot.warnings(robot)
     else:
         consequence = "" if settings.model else f", so no reading is valid; identify it: {identify}"
         warnings.append(

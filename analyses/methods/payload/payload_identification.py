@@ -92,7 +92,9 @@ class PayloadResult:
     @property
     def inertia_observable(self) -> NDArray[np.bool_]:
         """(6,) whether the motion determines Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
-        return np.asarray(self.load.is_there & (self.load.inertia_told > LEAST_INERTIA_SHARE))
+        return np.asarray(
+            self.load.is_there & (self.load.inertia_determined_share > LEAST_INERTIA_SHARE)
+        )
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json."""

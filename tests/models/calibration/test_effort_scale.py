@@ -31,29 +31,30 @@ def _moving(robot: Robot, seed: int, duration: float = 60.0) -> Recording:
     return Recording(t, q, v, tau / _UNITS, "log")
 
 
-def test_gravity_tells_the_scale_within_its_error(ur10e):
+def test_gravity_determines_the_scale_within_its_error(ur10e):
     """Over seeds: no bias, and standard errors of the size of the errors."""
-    found = [scale_from_gravity([_moving(ur10e, seed)], ur10e) for seed in range(8)]
-    for one in found:
-        assert one.seen.tolist() == [False, True, True, True, one.seen[4], False]
+    scales = [scale_from_gravity([_moving(ur10e, seed)], ur10e) for seed in range(8)]
+    for scale in scales:
+        is_determined = scale.is_determined.tolist()
+        assert is_determined == [False, True, True, True, is_determined[4], False]
     shown = [1, 2, 3]
-    z = np.array([(one.torque_per_unit - _UNITS)[shown] / one.standard_error[shown]
-                  for one in found])  # fmt: skip
+    z = np.array([(scale.torque_per_unit - _UNITS)[shown] / scale.standard_error[shown]
+                  for scale in scales])  # fmt: skip
     assert 0.5 < np.sqrt((z**2).mean()) < 1.6  # 24 draws; 1 where the errors are right
     assert np.abs(z.mean(axis=0)).max() < 1.2  # of 0.35 each
 
 
-def test_several_logs_tell_more_than_one(ur10e):
+def test_several_logs_have_a_smaller_standard_error(ur10e):
     logs = [_moving(ur10e, seed) for seed in range(4)]
-    one, four = scale_from_gravity(logs[:1], ur10e), scale_from_gravity(logs, ur10e)
-    ratio = four.standard_error[1:4] / one.standard_error[1:4]
+    of_one_log, of_four_logs = scale_from_gravity(logs[:1], ur10e), scale_from_gravity(logs, ur10e)
+    ratio = of_four_logs.standard_error[1:4] / of_one_log.standard_error[1:4]
     assert (ratio < 0.75).all()  # a half, but for the spread of standard errors
 
 
-def test_a_vertical_axis_shows_nothing(ur10e):
-    found = scale_from_gravity([_moving(ur10e, 1)], ur10e)
-    assert np.isnan(found.torque_per_unit[[0, 5]]).all()
-    assert found.gravity[0] == pytest.approx(0.0, abs=1e-9)
+def test_a_vertical_axis_has_no_scale(ur10e):
+    scale = scale_from_gravity([_moving(ur10e, 1)], ur10e)
+    assert np.isnan(scale.torque_per_unit[[0, 5]]).all()
+    assert scale.gravity[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def _held(postures: np.ndarray, tau: np.ndarray, rng: np.random.Generator) -> Recording:
@@ -77,15 +78,15 @@ def test_one_weight_in_two_postures(ur10e, postures):
     load = load_columns(ur10e, q, still, still) @ weight
     empty = _held(q, arm, rng)
     laden = _held(q[::-1] + 0.01, (arm + load)[::-1], rng)
-    found = scale_from_weight([empty], [laden], ur10e, weight)
-    assert found.count == postures
-    np.testing.assert_allclose(found.torque_per_unit[1:5], _UNITS[1:5], rtol=0.05)
-    assert not found.seen[0]
+    scale = scale_from_weight([empty], [laden], ur10e, weight)
+    assert scale.count == postures
+    np.testing.assert_allclose(scale.torque_per_unit[1:5], _UNITS[1:5], rtol=0.05)
+    assert not scale.is_determined[0]
     with pytest.raises(InputError, match=r"1 postures are held .* hold the same postures"):
         scale_from_weight([empty], [laden[:50]], ur10e, weight)
 
 
-def test_what_cannot_be_told_is_one_line(ur10e, coupled_wrist):
+def test_short_logs_and_coupled_motors_are_refused(ur10e, coupled_wrist):
     with pytest.raises(InputError, match="lasts less than the 15 s"):
         scale_from_gravity([_moving(ur10e, 1, 8.0)], ur10e)
     with pytest.raises(InputError, match="motors that share joints"):

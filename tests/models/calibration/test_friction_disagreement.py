@@ -18,7 +18,7 @@ def rows(change, seed=0, duration=20.0, extra=0.0):
     phase = rng.uniform(0.0, 2.0 * np.pi, (3, 2))
     v = sum(0.4 * np.sin(1.7 * (k + 1) * t[:, None] + phase[k]) for k in range(3))
     sliding = np.stack([np.sign(v), v, np.ones_like(v)], axis=2)
-    own = ResidualRows(
+    residual_rows = ResidualRows(
         t,
         v,
         np.zeros_like(v),
@@ -30,23 +30,23 @@ def rows(change, seed=0, duration=20.0, extra=0.0):
     )
     residual = np.einsum("mjk,jk->mj", sliding, np.asarray(change)) + extra * v
     for j in range(2):
-        lower = np.linalg.cholesky(own.covariance(j))
+        lower = np.linalg.cholesky(residual_rows.covariance(j))
         residual[:, j] += lower @ rng.normal(size=len(t))
-    return replace(own, residual=residual)
+    return replace(residual_rows, residual=residual)
 
 
-def test_no_change_no_word():
+def test_unchanged_friction_gives_no_warning():
     logs = [rows(np.zeros((2, 3)), seed) for seed in range(60)]
     # Two joints, three coefficients each, at 6e-5 each: 0.02 alarms expected in 60 logs.
-    assert not [found for log in logs for found in friction_disagreements(log, LAW)]
+    assert not [disagreement for log in logs for disagreement in friction_disagreements(log, LAW)]
 
 
 def test_more_viscous_friction_is_named():
-    (found,) = friction_disagreements(rows([[0.0, 6.0, 0.0], [0.0, 0.0, 0.0]]), LAW)
-    assert (found.joint, found.term) == (0, "viscous")
-    assert found.standard_errors > 4.0
-    assert found.torque > found.stated
-    line = found.sentence(NAMES)
+    (disagreement,) = friction_disagreements(rows([[0.0, 6.0, 0.0], [0.0, 0.0, 0.0]]), LAW)
+    assert (disagreement.joint, disagreement.term) == (0, "viscous")
+    assert disagreement.standard_errors > 4.0
+    assert disagreement.torque > disagreement.stated
+    line = disagreement.sentence(NAMES)
     assert "shoulder" in line
     assert "viscous +" in line
     assert "identify --refresh" in line
@@ -56,21 +56,21 @@ def test_rest_in_stiction_hides_no_change():
     """Three quarters of the log at rest, with 8 and 1.5 N m held: motion alone is judged."""
     log = rows([[0.0, 6.0, 0.0], [0.0, 0.0, 0.0]])
     (moving,) = friction_disagreements(log, LAW)
-    more = 3 * len(log.t)
-    still = np.zeros((more, 2))
+    rows_at_rest = 3 * len(log.t)
+    still = np.zeros((rows_at_rest, 2))
     rested = ResidualRows(
-        np.concatenate([log.t, log.t[-1] + 0.1 * np.arange(1, more + 1)]),
+        np.concatenate([log.t, log.t[-1] + 0.1 * np.arange(1, rows_at_rest + 1)]),
         np.vstack([log.v, still]),
-        np.vstack([log.residual, np.tile([8.0, 1.5], (more, 1))]),
+        np.vstack([log.residual, np.tile([8.0, 1.5], (rows_at_rest, 1))]),
         np.vstack([log.dry, still]),
         np.vstack([log.viscous, still]),
         np.broadcast_to(LAW.coulomb, (4 * len(log.t), 2)),
         np.concatenate([log.sliding, np.stack([still, still, still + 1.0], axis=2)]),
         log.sd,
     )
-    (found,) = friction_disagreements(rested, LAW)
-    assert found.joint == 0
-    np.testing.assert_allclose(found.torque, moving.torque, rtol=0.05)
+    (disagreement,) = friction_disagreements(rested, LAW)
+    assert disagreement.joint == 0
+    np.testing.assert_allclose(disagreement.torque, moving.torque, rtol=0.05)
 
 
 def test_a_change_below_what_the_model_misses_anyhow_is_no_news():

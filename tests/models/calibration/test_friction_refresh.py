@@ -47,8 +47,8 @@ def test_changes_lie_within_the_stated_errors():
         rng = np.random.default_rng(seed)
         rows = quiet_rows(seed=seed)
         change = drift.deviation(rows, LAW) * rng.normal(size=(2, 3))
-        found = refresh_friction(noisy(rows, change, rng), LAW, drift)
-        z.append((found.change - change) / found.standard_deviation)
+        refresh = refresh_friction(noisy(rows, change, rng), LAW, drift)
+        z.append((refresh.change - change) / refresh.standard_deviation)
     scores = np.array(z)
     inside = (np.abs(scores) < 1.96).mean(axis=0)
     # 95 % of 300 logs: 1.3 % sd of the share; four of those. The scale's own uncertainty costs
@@ -68,19 +68,19 @@ def test_independent_rows_would_state_errors_that_are_too_small(monkeypatch):
             white.setattr(residual_noise, "WHITE", 0.8)
             for name in ("SLOW", "REVERSAL", "COULOMB", "VISCOUS"):
                 white.setattr(residual_noise, name, 0.0)
-            found = refresh_friction(rows, LAW, drift)
-        misses.append(np.abs(found.standard_errors) > 1.96)
+            refresh = refresh_friction(rows, LAW, drift)
+        misses.append(np.abs(refresh.standard_errors) > 1.96)
     assert np.mean(misses) > 0.2  # stated: 0.05
 
 
 def test_a_joint_that_hardly_moves_keeps_its_numbers():
     rows = quiet_rows(amplitude=(0.5, 0.002))
     rng = np.random.default_rng(1)
-    found = refresh_friction(noisy(rows, np.zeros((2, 3)), rng), LAW)
-    assert (found.told[0, :2] > 0.3).all()
+    refresh = refresh_friction(noisy(rows, np.zeros((2, 3)), rng), LAW)
+    assert (refresh.determined_share[0, :2] > 0.3).all()
     # The second joint rests nearly all the time: its standard errors are those of the prior.
-    assert (found.told[1] < 0.1).all()
-    assert (np.abs(found.change[1]) < found.prior_deviation[1]).all()
+    assert (refresh.determined_share[1] < 0.1).all()
+    assert (np.abs(refresh.change[1]) < refresh.prior_deviation[1]).all()
 
 
 def test_four_seconds_do_not_throw_a_joint_away():
@@ -92,25 +92,27 @@ def test_four_seconds_do_not_throw_a_joint_away():
         rows, v=v, sliding=sliding, dry=LAW.coulomb * np.sign(v), viscous=LAW.viscous * v
     )
     change = np.array([[0.0, 0.0, 0.0], [0.0, 1.5, 0.0]])
-    found = refresh_friction(noisy(rows, change, np.random.default_rng(3)), LAW)
+    refresh = refresh_friction(noisy(rows, change, np.random.default_rng(3)), LAW)
     # What is told is the sum at this speed, 0.75 N m; the prior gives it to the viscous part, which
     # drifts most. 0.2 N m: three standard errors of a residual of 0.2 N m over 3 s.
-    assert found.change[1] @ [1.0, 0.5, 1.0] == pytest.approx(0.75, abs=0.2)
-    assert (np.abs(found.change[1]) < 3.0 * found.prior_deviation[1]).all()
+    assert refresh.change[1] @ [1.0, 0.5, 1.0] == pytest.approx(0.75, abs=0.2)
+    assert (np.abs(refresh.change[1]) < 3.0 * refresh.prior_deviation[1]).all()
     # Told apart they are not, and the errors say so.
-    assert found.standard_deviation[1, 0] > 0.8 * found.prior_deviation[1, 0]
+    assert refresh.standard_deviation[1, 0] > 0.8 * refresh.prior_deviation[1, 0]
 
 
 def test_before_and_after_are_the_laws_coefficients():
     rows = quiet_rows(duration=20.0)
     change = np.array([[0.5, 4.0, 0.1], [-0.1, -0.4, 0.02]])
-    found = refresh_friction(noisy(rows, change, np.random.default_rng(7)), LAW)
-    assert found.before is LAW
-    after = np.stack([found.after.coulomb, found.after.viscous, found.after.offset], axis=1)
-    before = np.stack([LAW.coulomb, LAW.viscous, LAW.offset], axis=1)
-    np.testing.assert_allclose(after - before, found.change)
-    np.testing.assert_allclose(found.standard_errors, found.change / found.standard_deviation)
-    assert found.standard_errors[0, 1] > 3.0
+    refresh = refresh_friction(noisy(rows, change, np.random.default_rng(7)), LAW)
+    assert refresh.before is LAW
+    coefficients_after = np.stack(
+        [refresh.after.coulomb, refresh.after.viscous, refresh.after.offset], axis=1
+    )
+    coefficients_before = np.stack([LAW.coulomb, LAW.viscous, LAW.offset], axis=1)
+    np.testing.assert_allclose(coefficients_after - coefficients_before, refresh.change)
+    np.testing.assert_allclose(refresh.standard_errors, refresh.change / refresh.standard_deviation)
+    assert refresh.standard_errors[0, 1] > 3.0
 
 
 def test_a_frictionless_model_has_a_prior_of_its_residual():

@@ -65,7 +65,7 @@ def track(tracker, sts, q, v, tau_ext, free=None):
         out.append(tracker.correction(q[rows], v[rows]))
         tracker.learn(tau_ext[rows], J[rows], free[rows])
         begin = rows.stop
-    correction, variance = (np.concatenate(own) for own in zip(*out, strict=True))
+    correction, variance = (np.concatenate(parts) for parts in zip(*out, strict=True))
     return correction, variance
 
 
@@ -80,8 +80,8 @@ def test_a_drift_is_learnt_and_the_stated_errors_hold_it(sts, model):
         scores.append((tracker.change - change) / tracker.standard_deviation)
         assert (tracker.standard_deviation[:, 1] < 0.8 * sd[:, 1]).all()
         assert variance[-100:].mean() < 0.3 * variance[:100].mean()
-        left = (reading(v, change, seed) + correction)[500:]
-        assert np.sqrt(np.mean(left**2)) < 0.35  # N m; noise alone is .2
+        remaining = (reading(v, change, seed) + correction)[500:]
+        assert np.sqrt(np.mean(remaining**2)) < 0.35  # N m; noise alone is .2
         assert tracker.seconds == pytest.approx(ROWS * T, rel=0.05)
         assert tracker.advice(sts.joint_names) == []
     # 216 scores, whose noise is half what the filter takes: wider than stated they are not.
@@ -113,10 +113,10 @@ def test_in_contact_and_half_a_second_after_it_nothing_is_learnt(sts, model):
     tau_ext = reading(v, change)
     tau_ext[500:1000] += 30.0
     track(tracker, sts, q[:500], v[:500], tau_ext[:500], free[:500])
-    before, sd = tracker.change, tracker.standard_deviation
+    earlier, sd = tracker.change, tracker.standard_deviation
     # 1049 samples: the last step within the margin is the one at 10.4 s.
     track(tracker, sts, q[500:1049], v[500:1049], tau_ext[500:1049], free[500:1049])
-    np.testing.assert_allclose(tracker.change, before, rtol=0.01)
+    np.testing.assert_allclose(tracker.change, earlier, rtol=0.01)
     assert (tracker.standard_deviation > sd).all()
     track(tracker, sts, q[1049:], v[1049:], tau_ext[1049:], free[1049:])
     assert (tracker.standard_deviation[:, 1] < sd[:, 1]).all()
@@ -131,20 +131,20 @@ def test_frozen_it_keeps_what_it_knows_and_reset_forgets_it(sts, model):
     change[1, 1] = 3.0
     tau_ext = reading(v, change)
     track(tracker, sts, q, v, tau_ext)
-    before = tracker.change
-    assert before[1, 1] == pytest.approx(3.0, rel=0.2)
+    earlier = tracker.change
+    assert earlier[1, 1] == pytest.approx(3.0, rel=0.2)
     tracker.freeze()
     track(tracker, sts, q, v, -tau_ext)
-    np.testing.assert_allclose(tracker.change, before, rtol=0.01)  # 20 s of an hour
+    np.testing.assert_allclose(tracker.change, earlier, rtol=0.01)  # 20 s of an hour
     tracker.resume()
     tracker.reset()
     assert not tracker.change.any()
     np.testing.assert_allclose(tracker.standard_deviation, prior)
     track(tracker, sts, q, v, tau_ext)
-    np.testing.assert_allclose(tracker.change, before, rtol=1e-12)
+    np.testing.assert_allclose(tracker.change, earlier, rtol=1e-12)
 
 
-def test_what_is_more_than_drift_is_bounded_and_said(sts, model):
+def test_a_change_beyond_drift_is_bounded_and_reported(sts, model):
     _, q, v = motion(sts)
     tracker = tracker_of(model)
     change = np.zeros((6, 3))
@@ -152,11 +152,11 @@ def test_what_is_more_than_drift_is_bounded_and_said(sts, model):
     track(tracker, sts, q, v, reading(v, change))
     assert tracker.change[1, 1] == pytest.approx(9.0)  # 3 sds of 30 % of 10 N m s/rad
     lines = tracker.advice(sts.joint_names)
-    assert any("viscous friction of joint_2 is +9" in line for line in lines)
+    assert any("viscous friction of joint_2 differs from the model by +9" in line for line in lines)
     assert all("identify --refresh" in line for line in lines)
 
 
-def test_what_is_no_drift_at_all_is_said(sts, model):
+def test_torque_that_is_no_drift_is_reported(sts, model):
     t, q, v = motion(sts)
     tracker = tracker_of(model)
     tau_ext = reading(v, np.zeros((6, 3)))
@@ -202,9 +202,9 @@ def test_columns_are_those_of_the_law_through_the_observers_pole(sts):
     keep = np.full(6, KEEP)
     low_pass(keep, np.full((6, 3), np.nan), columns)
     correction, variance = track(tracker, sts, q, v, np.zeros_like(q), np.zeros(ROWS, bool))
-    own = tracker.standard_deviation
+    coefficient_sd = tracker.standard_deviation
     # Nothing is learnt: the variance is that of the prior along these columns.
-    np.testing.assert_allclose(variance, ((columns * own) ** 2).sum(axis=2), rtol=0.02)
+    np.testing.assert_allclose(variance, ((columns * coefficient_sd) ** 2).sum(axis=2), rtol=0.02)
     np.testing.assert_array_equal(correction, 0.0)
 
 
@@ -250,9 +250,9 @@ def test_the_share_is_of_what_is_borne_out(sts, model):
     track(tracker, sts, q, v, reading(v, change))
     assert (tracker.share > 0.8).all()
     tracker.freeze()
-    before = tracker.share
+    earlier = tracker.share
     track(tracker, sts, q, v, -reading(v, change))
-    np.testing.assert_array_equal(tracker.share, before)  # frozen, it keeps that, too
+    np.testing.assert_array_equal(tracker.share, earlier)  # frozen, it keeps that, too
     tracker.reset()
     np.testing.assert_array_equal(tracker.share, 1.0)
 

@@ -15,22 +15,24 @@ def samples(rest=1.0, gravity=40.0, moves=0.5, lag=0.0, creep=0.0):
     equation; it follows its target by `lag` s."""
     t = H * np.arange(round((2.0 * moves + rest) / H))
     v = np.where((t < moves) | (t >= moves + rest), 0.3 * np.sin(np.pi * t / moves), creep)
-    ahead = np.interp(t + lag, t, v)
-    vdot = np.gradient(ahead, H)
+    target_velocity = np.interp(t + lag, t, v)
+    vdot = np.gradient(target_velocity, H)
     torque = np.full_like(t, gravity)
-    current = (torque + FRICTION * np.sign(ahead) * (ahead != creep) + ROTOR * vdot) / GAIN
+    current = (
+        torque + FRICTION * np.sign(target_velocity) * (target_velocity != creep) + ROTOR * vdot
+    ) / GAIN
     columns = [np.cumsum(v) * H, v, current, torque]
-    return TargetSamples(t, *(np.stack([np.zeros_like(t), one], axis=1) for one in columns))
+    return TargetSamples(t, *(np.stack([np.zeros_like(t), column], axis=1) for column in columns))
 
 
-def gain(own, gravity=40.0):
-    return gain_at_rest(own, 1, np.full(len(own.t), gravity), LIMIT)
+def gain(target_samples, gravity=40.0):
+    return gain_at_rest(target_samples, 1, np.full(len(target_samples.t), gravity), LIMIT)
 
 
 def test_the_gain_is_that_of_the_rest_whatever_the_motion_holds():
-    found = gain(samples())
-    assert found.value == pytest.approx(GAIN, rel=1e-9)
-    assert 0.0 < found.sd < 0.002 * GAIN
+    gain_of_rest = gain(samples())
+    assert gain_of_rest.value == pytest.approx(GAIN, rel=1e-9)
+    assert 0.0 < gain_of_rest.sd < 0.002 * GAIN
     assert gain(samples(gravity=-40.0), -40.0).value == pytest.approx(GAIN, rel=1e-9)
 
 
@@ -51,8 +53,8 @@ def test_a_joint_that_gravity_does_not_load_says_nothing():
 
 
 def test_a_joint_that_creeps_does_not_rest():
-    own = samples(rest=2.0, creep=0.008)
-    assert gain(own) is None
+    creeping = samples(rest=2.0, creep=0.008)
+    assert gain(creeping) is None
 
 
 def test_nothing_is_said_of_no_samples():

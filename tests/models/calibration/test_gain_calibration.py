@@ -87,20 +87,20 @@ def test_ratios_load_dependence_and_centre_of_mass_within_their_errors(
             log(ur10e, structure, 10 * seed + 1, drift=drift),
             log(ur10e, structure, 10 * seed + 2, 0, BODY, drift=drift),
         ]
-        found = problem(ur10e, structure, start, logs, [LOAD]).solve()
-        value, sd = found.load_dependence
+        calibration = problem(ur10e, structure, start, logs, [LOAD]).solve()
+        value, sd = calibration.load_dependence
         z.append(
             np.r_[
-                (found.ratio - RATIO) / found.ratio_sd,
+                (calibration.ratio - RATIO) / calibration.ratio_sd,
                 (value - FRICTION[:, 3]) / sd,
-                (found.loads[0, 1:4] - BODY[1:4]) / found.load_sd[0, 1:4],
+                (calibration.loads[0, 1:4] - BODY[1:4]) / calibration.load_sd[0, 1:4],
             ]
         )
     scores = np.abs(np.array(z))
     # 90 scores; those of one log share its residual, as if 30 of them were independent: 4 % sd.
     assert (scores < 1.96).mean() > 0.95 - 3.0 * 0.04
     assert scores.max() < 4.5
-    assert (found.ratio_sd < 0.05).all()
+    assert (calibration.ratio_sd < 0.05).all()
 
 
 def test_without_noise_they_are_exact(ur10e, structure, start):
@@ -108,28 +108,28 @@ def test_without_noise_they_are_exact(ur10e, structure, start):
         log(ur10e, structure, 1, noise=0.0),
         log(ur10e, structure, 2, 0, BODY, noise=0.0),
     ]
-    found = problem(ur10e, structure, start, logs, [LOAD]).solve()
+    calibration = problem(ur10e, structure, start, logs, [LOAD]).solve()
     # Within a tenth of what the stated errors allow: the priors pull that much.
-    np.testing.assert_array_less(np.abs(found.ratio - RATIO), 0.3 * found.ratio_sd)
-    np.testing.assert_allclose(found.ratio, RATIO, atol=3e-3)
+    np.testing.assert_array_less(np.abs(calibration.ratio - RATIO), 0.3 * calibration.ratio_sd)
+    np.testing.assert_allclose(calibration.ratio, RATIO, atol=3e-3)
 
 
-def test_without_a_weight_the_common_scale_is_not_told(ur10e, structure, start):
+def test_without_a_weight_the_common_scale_is_not_determined(ur10e, structure, start):
     """Of joints 2 and 3, which carry the same masses: each to the other, but not both alike."""
 
-    def told(found):
-        u = found.log_covariance[1:3, 1:3]
+    def sd_of_common_and_relative(calibration):
+        u = calibration.log_covariance[1:3, 1:3]
         return np.sqrt(u.mean()), np.sqrt(u[0, 0] + u[1, 1] - 2.0 * u[0, 1])
 
     logs = [log(ur10e, structure, 1), log(ur10e, structure, 2)]
     bare = problem(ur10e, structure, start, logs, []).solve()
     laden = [*logs, log(ur10e, structure, 3, 0, BODY)]
     weighed = problem(ur10e, structure, start, laden, [LOAD]).solve()
-    common, relative = told(bare)
+    common, relative = sd_of_common_and_relative(bare)
     # What the robot's own file says of its masses, as a prior, tells something of the scale.
     assert common > 0.1 * GAIN_SD
     assert relative < 0.2 * common
-    assert told(weighed)[0] < 0.3 * common
+    assert sd_of_common_and_relative(weighed)[0] < 0.3 * common
     assert weighed.least_known[1] < bare.least_known[1]
 
 
@@ -138,6 +138,6 @@ def test_a_known_centre_of_mass_stays_where_it_is(ur10e, structure, start):
     logs = [log(ur10e, structure, 1), log(ur10e, structure, 2, 0, BODY)]
     load = KnownLoad(3.0, (float(com[0]), float(com[1]), float(com[2])))
     free = problem(ur10e, structure, start, logs, [LOAD]).solve()
-    known = problem(ur10e, structure, start, logs, [load]).solve()
-    np.testing.assert_allclose(known.loads[0, 1:4] / 3.0, com, atol=3e-3)
-    assert (known.ratio_sd[3:] < free.ratio_sd[3:]).all()
+    with_known_com = problem(ur10e, structure, start, logs, [load]).solve()
+    np.testing.assert_allclose(with_known_com.loads[0, 1:4] / 3.0, com, atol=3e-3)
+    assert (with_known_com.ratio_sd[3:] < free.ratio_sd[3:]).all()

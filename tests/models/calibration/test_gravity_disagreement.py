@@ -17,10 +17,10 @@ def motion(robot, N=1500):
 
 
 def read(robot, q, tau_ext):
-    watch = GravityWatch(robot.chain, np.full(6, 2.0), T)
+    gravity_watch = GravityWatch(robot.chain, np.full(6, 2.0), T)
     for part in np.array_split(np.arange(len(q)), 7):
-        watch.add(q[part], tau_ext[part], np.ones(len(part), bool))
-    return watch.disagreement()
+        gravity_watch.add(q[part], tau_ext[part], np.ones(len(part), bool))
+    return gravity_watch.disagreement()
 
 
 def tilted(chain, degrees):
@@ -29,17 +29,20 @@ def tilted(chain, degrees):
 
 
 @pytest.mark.parametrize("degrees", [3.0, 10.0, 40.0])
-def test_a_tilted_base_is_told_with_its_vector(sts, degrees):
+def test_a_tilted_base_is_reported_with_its_vector(sts, degrees):
     q = motion(sts)
     g = tilted(sts.chain, degrees)
     rng = np.random.default_rng(0)
     tau_ext = sts.chain.gravity_torque(q) - replace(sts.chain, gravity=g).gravity_torque(q)
     tau_ext += [3.0, -2.0, 1.0, 0.5, 0.2, -0.1]  # offsets of friction
-    found = read(sts, q, tau_ext + 0.3 * rng.normal(size=q.shape))
-    assert found is not None
-    assert np.degrees(found.tilt) == pytest.approx(degrees, abs=0.2)
-    np.testing.assert_allclose(found.gravity, g, atol=0.05)
-    assert f"{degrees:.0f}." in found.sentence() or f"{degrees - 1:.0f}." in found.sentence()
+    disagreement = read(sts, q, tau_ext + 0.3 * rng.normal(size=q.shape))
+    assert disagreement is not None
+    assert np.degrees(disagreement.tilt) == pytest.approx(degrees, abs=0.2)
+    np.testing.assert_allclose(disagreement.gravity, g, atol=0.05)
+    assert (
+        f"{degrees:.0f}." in disagreement.sentence()
+        or f"{degrees - 1:.0f}." in disagreement.sentence()
+    )
 
 
 def test_an_upright_base_says_nothing(sts):

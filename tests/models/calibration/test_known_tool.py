@@ -25,17 +25,19 @@ def _torque(model: IdentifiedModel, robot: Robot) -> np.ndarray:
 def test_the_tool_s_torque_is_added(ur10e):
     tooled = ur10e.with_tool(_TOOL, _FRAME)
     bare = replace(IdentifiedModel.nominal(ur10e), fitted_robot=FittedRobot.of(ur10e))
-    found = with_tool_of(bare, tooled)
+    with_tool = with_tool_of(bare, tooled)
     oracle = IdentifiedModel.nominal(tooled)  # Drake's plant adds the tool's body
-    np.testing.assert_allclose(_torque(found, tooled), _torque(oracle, tooled), atol=1e-10)
-    assert not found.fitted_robot.differs_by_tool(tooled)
+    np.testing.assert_allclose(_torque(with_tool, tooled), _torque(oracle, tooled), atol=1e-10)
+    assert not with_tool.fitted_robot.differs_by_tool(tooled)
     assert np.abs(_torque(bare, tooled) - _torque(oracle, tooled)).max() > 10.0
 
 
 def test_the_tool_that_the_model_had_is_taken_off(ur10e):
     point = ToolConfig(mass=2.0, com=[0.0, 0.05, 0.1], inertia=[1e-9, 1e-9, 1e-9, 0.0, 0.0, 0.0])
-    before, after = ur10e.with_tool(point, PoseConfig()), ur10e.with_tool(_TOOL, _FRAME)
-    model = replace(IdentifiedModel.nominal(before), fitted_robot=FittedRobot.of(before))
-    oracle = _torque(IdentifiedModel.nominal(after), after)
-    np.testing.assert_allclose(_torque(with_tool_of(model, after), after), oracle, atol=1e-8)
-    assert with_tool_of(model, before) is model
+    old_robot, new_robot = ur10e.with_tool(point, PoseConfig()), ur10e.with_tool(_TOOL, _FRAME)
+    model = replace(IdentifiedModel.nominal(old_robot), fitted_robot=FittedRobot.of(old_robot))
+    oracle = _torque(IdentifiedModel.nominal(new_robot), new_robot)
+    np.testing.assert_allclose(
+        _torque(with_tool_of(model, new_robot), new_robot), oracle, atol=1e-8
+    )
+    assert with_tool_of(model, old_robot) is model

@@ -28,11 +28,11 @@ def log_of(robot, seed, mass, joints=range(6), duration=5.0, moving=range(6)):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_seconds_tell_a_load_with_its_error(ur10e, seed):
-    found = load_across_joints(log_of(ur10e, seed, 2.0), LAW, PRIOR)
-    assert found is not None
-    assert abs(found.mass - 2.0) < 3.0 * found.sd
-    assert found.sd < 0.6
+def test_seconds_determine_a_load_with_its_error(ur10e, seed):
+    load = load_across_joints(log_of(ur10e, seed, 2.0), LAW, PRIOR)
+    assert load is not None
+    assert abs(load.mass - 2.0) < 3.0 * load.sd
+    assert load.sd < 0.6
 
 
 @pytest.mark.parametrize("joint", [1, 2])
@@ -40,7 +40,7 @@ def test_what_one_joint_shows_alone_is_no_load(ur10e, joint):
     # An error of the one joint that moves has the shape of a load; the others rest in stiction.
     log = log_of(ur10e, 1, 3.0, joints=[joint], duration=20.0, moving=[joint])
     weighed = weigh(log, LAW, PRIOR)
-    assert weighed.is_told
+    assert weighed.is_shown
     assert weighed.load.mass > LEAST_MASS
     assert load_across_joints(log, LAW, PRIOR) is None
 

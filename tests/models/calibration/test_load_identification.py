@@ -28,8 +28,8 @@ def body(rng):
     com = rng.normal(size=3) * 0.1
     points = rng.normal(size=(5, 3)) * 0.05 * mass ** (1.0 / 3.0)
     points -= points.mean(axis=0)
-    second = mass / 5.0 * points.T @ points
-    return mass, com, np.trace(second) * np.eye(3) - second
+    second_moments = mass / 5.0 * points.T @ points
+    return mass, com, np.trace(second_moments) * np.eye(3) - second_moments
 
 
 def measured(log, load, rng, gains=None, drift=True):
@@ -47,14 +47,14 @@ def measured(log, load, rng, gains=None, drift=True):
     return replace(log, rows=replace(rows, residual=residual))
 
 
-def scores(found, mass, com, inertia):
+def scores(estimate, mass, com, inertia):
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     error = np.r_[
-        found.mass - mass,
-        found.com - com,
-        [found.inertia[place] - inertia[place] for place in places],
+        estimate.mass - mass,
+        estimate.com - com,
+        [estimate.inertia[place] - inertia[place] for place in places],
     ]
-    return error / found.standard_deviation
+    return error / estimate.standard_deviation
 
 
 def test_loads_lie_within_the_stated_errors(ur10e):
@@ -122,27 +122,27 @@ def test_a_log_without_the_load_takes_the_models_errors_off(ur10e):
 def test_parameters_state_the_same_body(ur10e):
     rng = np.random.default_rng(9)
     mass, com, inertia = body(rng)
-    found = estimate_load(
+    estimate = estimate_load(
         measured(quiet(ur10e, 9), body_parameters(mass, com, inertia), rng), LAW, EXACT
     )
-    own = body_parameters(found.mass, found.com, found.inertia)
-    np.testing.assert_allclose(found.parameters, own, atol=1e-9)
-    assert found.is_there
-    assert found.standard_deviation[0] < 0.1
+    expected_parameters = body_parameters(estimate.mass, estimate.com, estimate.inertia)
+    np.testing.assert_allclose(estimate.parameters, expected_parameters, atol=1e-9)
+    assert estimate.is_there
+    assert estimate.standard_deviation[0] < 0.1
 
 
 def test_no_load_is_found_in_a_log_without_one(ur10e):
-    found = estimate_load(
+    estimate = estimate_load(
         measured(quiet(ur10e, 5), np.zeros(10), np.random.default_rng(5)), LAW, EXACT
     )
-    assert not found.is_there
-    assert abs(found.mass) < 3.0 * found.standard_deviation[0]
+    assert not estimate.is_there
+    assert abs(estimate.mass) < 3.0 * estimate.standard_deviation[0]
 
 
 def test_what_the_motion_does_not_tell_has_wide_errors(ur10e):
     """Joint 1 alone, about a vertical axis: gravity never changes, so neither does what it says."""
     log = quiet(ur10e, 3, only=[0])
-    found = estimate_load(
+    estimate = estimate_load(
         measured(
             log,
             body_parameters(3.0, np.array([0.0, 0.0, 0.1]), 0.01 * np.eye(3)),
@@ -161,6 +161,6 @@ def test_what_the_motion_does_not_tell_has_wide_errors(ur10e):
         EXACT,
     )
     # Joints 2 to 6 rest: each carries what its stiction takes.
-    assert found.standard_deviation[0] > 5.0 * moving.standard_deviation[0]
-    assert found.standard_deviation[1:4].max() > 5.0 * moving.standard_deviation[1:4].max()
-    assert (found.inertia_told <= moving.inertia_told + 0.01).all()
+    assert estimate.standard_deviation[0] > 5.0 * moving.standard_deviation[0]
+    assert estimate.standard_deviation[1:4].max() > 5.0 * moving.standard_deviation[1:4].max()
+    assert (estimate.inertia_determined_share <= moving.inertia_determined_share + 0.01).all()

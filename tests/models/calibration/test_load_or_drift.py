@@ -43,41 +43,41 @@ def log_of(robot, seed, load=None, drift=0.0, duration=25.0, since=0.0):
     [(None, 0.0, "none"), (None, 1.5, "drift"), (LOAD, 0.0, "load"), (LOAD, 1.5, "both")],
 )
 def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
-    found = weigh(log_of(ur10e, seed, load, drift), LAW, PRIOR)
-    assert sum(found.probability.values()) == pytest.approx(1.0)
-    assert found.probability[expected] > 0.9
-    assert found.is_told == (load is not None)
+    weighed = weigh(log_of(ur10e, seed, load, drift), LAW, PRIOR)
+    assert sum(weighed.probability.values()) == pytest.approx(1.0)
+    assert weighed.probability[expected] > 0.9
+    assert weighed.is_shown == (load is not None)
     if load is not None:
-        error = (found.load.mass - 1.5) / found.load.standard_deviation[0]
+        error = (weighed.load.mass - 1.5) / weighed.load.standard_deviation[0]
         assert abs(error) < 3.0
-        line = found.sentence()
-        assert line.startswith(f"unmodelled load at the tool: {found.load.mass:.3g} +- ")
+        line = weighed.sentence()
+        assert line.startswith(f"unmodelled load at the tool: {weighed.load.mass:.3g} +- ")
         assert "mm from the flange, since the log's start" in line
         assert ("drifted friction" in line) == (expected == "both")
 
 
 def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
-    found = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
-    assert not found.is_steady
-    assert not found.is_told
+    weighed = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
+    assert not weighed.is_steady
+    assert not weighed.is_shown
 
 
 @pytest.mark.parametrize(
     ("seed", "since", "drift"), [(1, 12.5, 0.0), (2, 7.3, 1.5), (3, 18.0, 1.5)]
 )
-def test_a_load_that_is_taken_up_is_told_with_its_time(ur10e, seed, since, drift):
+def test_a_load_that_is_taken_up_is_reported_with_its_time(ur10e, seed, since, drift):
     log = log_of(ur10e, seed, LOAD, drift, since=since)
-    found = weigh_begin(log, LAW, PRIOR)
-    assert found.is_told
-    assert found.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
-    assert found.begin_sd < 0.1
-    assert abs(found.load.mass - 1.5) < 3.0 * found.load.standard_deviation[0]
-    assert f"since t = {found.begin:.1f} +- 0.1 s" in found.sentence()
-    assert found.metrics()["begin_s"] == found.begin
-    row = int(np.searchsorted(log.rows.t, found.begin))
-    left = without_load(loaded_from(log, row), found.load).rows.residual
+    weighed = weigh_begin(log, LAW, PRIOR)
+    assert weighed.is_shown
+    assert weighed.begin == pytest.approx(since, abs=0.15)  # rows are .1 s apart
+    assert weighed.begin_sd < 0.1
+    assert abs(weighed.load.mass - 1.5) < 3.0 * weighed.load.standard_deviation[0]
+    assert f"since t = {weighed.begin:.1f} +- 0.1 s" in weighed.sentence()
+    assert weighed.metrics()["begin_s"] == weighed.begin
+    row = int(np.searchsorted(log.rows.t, weighed.begin))
+    remaining = without_load(loaded_from(log, row), weighed.load).rows.residual
     bare = log_of(ur10e, seed, None, drift).rows.residual
-    assert np.linalg.norm(left - bare) < 0.2 * np.linalg.norm(log.rows.residual - bare)
+    assert np.linalg.norm(remaining - bare) < 0.2 * np.linalg.norm(log.rows.residual - bare)
 
 
 @pytest.mark.parametrize("drift", [0.0, 1.5])
@@ -87,9 +87,9 @@ def test_nothing_is_taken_up_in_a_log_without_a_load(ur10e, seed, drift):
 
 
 def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
-    found = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
-    assert found.is_told
-    assert found.begin == pytest.approx(97.3, abs=0.15)
+    weighed = weigh_begin(log_of(ur10e, 6, LOAD, duration=150.0, since=97.3), LAW, PRIOR)
+    assert weighed.is_shown
+    assert weighed.begin == pytest.approx(97.3, abs=0.15)
 
 
 def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
@@ -97,7 +97,7 @@ def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
     log, gone = (log_of(ur10e, 4, LOAD, since=since) for since in (8.0, 14.0))
     torque = gone.rows.residual - log_of(ur10e, 4).rows.residual
     rows = replace(log.rows, residual=log.rows.residual - torque)
-    assert not weigh_begin(replace(log, rows=rows), LAW, PRIOR).is_told
+    assert not weigh_begin(replace(log, rows=rows), LAW, PRIOR).is_shown
 
 
 def test_too_short_on_either_side_of_a_beginning(ur10e):
@@ -105,14 +105,16 @@ def test_too_short_on_either_side_of_a_beginning(ur10e):
 
 
 def test_what_lifts_the_arm_is_no_load(ur10e):
-    assert not weigh(log_of(ur10e, 2, -LOAD), LAW, PRIOR).is_told
+    assert not weigh(log_of(ur10e, 2, -LOAD), LAW, PRIOR).is_shown
 
 
 def test_without_the_load_its_torque_is_gone(ur10e):
     log = log_of(ur10e, 3, LOAD)
     bare = log_of(ur10e, 3)
-    left = without_load(log, weigh(log, LAW, PRIOR).load).rows.residual
-    size = [np.linalg.norm(own - bare.rows.residual) for own in (log.rows.residual, left)]
+    remaining = without_load(log, weigh(log, LAW, PRIOR).load).rows.residual
+    size = [
+        np.linalg.norm(residual - bare.rows.residual) for residual in (log.rows.residual, remaining)
+    ]
     assert size[1] < 0.2 * size[0]
 
 
@@ -122,8 +124,8 @@ def test_errors_of_the_arms_own_model_are_no_load(ur10e):
     model, sd = log.load[:, :, :1], np.array([0.1])
     rows = replace(log.rows, residual=log.rows.residual + 0.15 * model[:, :, 0])
     loose = weigh(replace(log, rows=rows, model=model, model_sd=sd), LAW, PRIOR)
-    assert not loose.is_told
-    assert weigh(replace(log, rows=rows), LAW, PRIOR).is_told
+    assert not loose.is_shown
+    assert weigh(replace(log, rows=rows), LAW, PRIOR).is_shown
 
 
 def test_a_log_of_seconds_says_nothing(ur10e):

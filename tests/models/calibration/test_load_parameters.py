@@ -31,8 +31,8 @@ def test_ten_parameters_are_pinocchios():
 
 
 def test_pseudo_inertia_is_inverted():
-    own = np.arange(1.0, 11.0)
-    np.testing.assert_allclose(parameters_of(pseudo_inertia(own)), own)
+    parameters = np.arange(1.0, 11.0)
+    np.testing.assert_allclose(parameters_of(pseudo_inertia(parameters)), parameters)
 
 
 def test_a_change_of_frame_is_pinocchios():
@@ -58,9 +58,9 @@ def test_a_loads_torque_is_what_pinocchio_adds(request, name):
         pin.rnea(loaded, loaded.createData(), *row) - pin.rnea(model, model.createData(), *row)
         for row in zip(q, v, vdot, strict=True)
     ]
-    found = load_columns(robot, q, v, vdot) @ body_parameters(MASS, COM, INERTIA)
+    torque = load_columns(robot, q, v, vdot) @ body_parameters(MASS, COM, INERTIA)
     # 1e-8 of some 40 N m: a joint axis in a URDF has about ten digits.
-    np.testing.assert_allclose(found, expected, atol=1e-7)
+    np.testing.assert_allclose(torque, expected, atol=1e-7)
 
 
 def test_flange_map_keeps_the_mass(ur10e):

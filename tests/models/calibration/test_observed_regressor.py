@@ -1,4 +1,4 @@
-"""A load's torque as the observer shows it, against the estimator's own reading of a load."""
+"""A load's torque as the observer shows it, against the estimator's reading of a load."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -30,19 +30,19 @@ def test_a_loads_torque_through_the_pole(ur10e):
     cuts = [0, 1, 700, 701, 4000, ROWS]
     parts = []
     for begin, end in pairwise(cuts):
-        own = at[(at >= begin) & (at < end)] - begin
-        parts.append(regressor.along(q[begin:end], v[begin:end], own)[0])
+        rows = at[(at >= begin) & (at < end)] - begin
+        parts.append(regressor.along(q[begin:end], v[begin:end], rows)[0])
     load = body_parameters(2.0, np.array([0.05, -0.1, 0.08]), 0.01 * np.eye(3))
     exact = load_columns(ur10e, q, v, vdot) @ load
     exact = lfilter([1.0 - KEEP], [1.0, -KEEP], exact, axis=0)[at]
-    found = np.concatenate(parts) @ load
+    torque = np.concatenate(parts) @ load
     # The difference of two velocities is half a sample late: 2 ms of 2.9 rad/s.
-    np.testing.assert_allclose(found, exact, atol=0.01 * np.abs(exact).max())
+    np.testing.assert_allclose(torque, exact, atol=0.01 * np.abs(exact).max())
     whole = ObservedRegressor(ur10e, IdentifiedModel.nominal(ur10e), np.full(6, K_0), T)
     np.testing.assert_allclose(np.concatenate(parts), whole.along(q, v, at)[0], atol=1e-12)
 
 
-def test_the_models_own_columns_are_those_of_its_parameters(ur10e):
+def test_the_uncertain_parameters_columns_are_those_of_its_parameters(ur10e):
     q, v, vdot = motion(ur10e)
     nominal = IdentifiedModel.nominal(ur10e)
     links = ur10e.joint_names
@@ -52,12 +52,12 @@ def test_the_models_own_columns_are_those_of_its_parameters(ur10e):
     model = replace(nominal, base_parameters=table)
     regressor = ObservedRegressor(ur10e, model, None, T)
     at = np.arange(100, 200)
-    _, own = regressor.along(q, v, at)
-    if not own.shape[2]:
+    _, columns = regressor.along(q, v, at)
+    if not columns.shape[2]:
         pytest.fail("the parameter's name is not known")
     np.testing.assert_allclose(regressor.model_sd, [0.2])
     expected = ur10e.chain.regressor(q, v, vdot)[at, :, 50]
-    np.testing.assert_allclose(own[:, :, 0], expected, atol=0.01 * np.abs(expected).max())
+    np.testing.assert_allclose(columns[:, :, 0], expected, atol=0.01 * np.abs(expected).max())
 
 
 def test_missing_samples_leave_it_finite(ur10e):

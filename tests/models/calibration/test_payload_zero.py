@@ -12,11 +12,11 @@ def visit(robot, rng, postures, rest=1.5, move=1.5):
     """q, v (N, 6)."""
     corners = robot.home + rng.uniform(-0.8, 0.8, (postures, 6))
     q = []
-    for k, own in enumerate(corners):
-        q.append(np.tile(own, (round(rest / T), 1)))
+    for k, posture in enumerate(corners):
+        q.append(np.tile(posture, (round(rest / T), 1)))
         if k + 1 < postures:
             s = np.linspace(0.0, 1.0, round(move / T), endpoint=False)[:, None]
-            q.append(own + (corners[k + 1] - own) * (10 * s**3 - 15 * s**4 + 6 * s**5))
+            q.append(posture + (corners[k + 1] - posture) * (10 * s**3 - 15 * s**4 + 6 * s**5))
     q = np.vstack(q)
     return q, np.gradient(q, T, axis=0)
 
@@ -38,10 +38,10 @@ def reading(robot, rng, q, v, mass, com):
 
 
 def zeroed(robot, q, v, J, R_WE, tau, sd, rows=slice(None)):
-    own = PayloadZero(robot.payload, np.asarray(robot.gravity), T, np.full(6, T))
-    known = np.ones(len(q), bool)[rows]
-    own.add(q[rows], v[rows], J[rows], R_WE[rows], tau[rows], sd[rows], known)
-    return own.result()
+    zero = PayloadZero(robot.payload, np.asarray(robot.gravity), T, np.full(6, T))
+    is_valid = np.ones(len(q), bool)[rows]
+    zero.add(q[rows], v[rows], J[rows], R_WE[rows], tau[rows], sd[rows], is_valid)
+    return zero.result()
 
 
 def test_columns_are_a_bodys_weight(ur10e):
@@ -51,7 +51,7 @@ def test_columns_are_a_bodys_weight(ur10e):
     mass, com = 2.0, np.array([0.05, -0.1, 0.08])
     chain = ur10e.chain
     J, R_WE = chain.jacobian(q), chain.pose(q)[0]
-    found = weight_columns(J, R_WE, np.asarray(ur10e.gravity)) @ np.array([mass, *(mass * com)])
+    payload = weight_columns(J, R_WE, np.asarray(ur10e.gravity)) @ np.array([mass, *(mass * com)])
     # By virtual work: the torque is mass times g along the change of the body's place.
     step = 1e-6
     for j in range(6):
@@ -63,7 +63,7 @@ def test_columns_are_a_bodys_weight(ur10e):
             ends.append(p + R @ com)
         slope = (ends[0] - ends[1]) / (2.0 * step)
         expected = mass * slope @ np.asarray(ur10e.gravity)
-        np.testing.assert_allclose(found[:, j], expected, atol=1e-5)
+        np.testing.assert_allclose(payload[:, j], expected, atol=1e-5)
 
 
 def test_three_postures_and_the_way_between_them_tell_it_for_all_others(ur10e):
@@ -73,17 +73,17 @@ def test_three_postures_and_the_way_between_them_tell_it_for_all_others(ur10e):
         rng = np.random.default_rng(seed)
         mass, com = rng.uniform(0.5, 2.0), rng.uniform(-0.1, 0.1, 3)
         q, v = visit(ur10e, rng, 3)
-        found = zeroed(ur10e, q, v, *reading(ur10e, rng, q, v, mass, com))
+        payload = zeroed(ur10e, q, v, *reading(ur10e, rng, q, v, mass, com))
         truth = np.array([mass, *(mass * com)])
         scores.append(
-            np.linalg.solve(np.linalg.cholesky(found.covariance), found.parameters - truth)
+            np.linalg.solve(np.linalg.cholesky(payload.covariance), payload.parameters - truth)
         )
-        worst = max(worst, 9.81 * abs(found.mass - mass))
-        assert found.postures == 3
+        worst = max(worst, 9.81 * abs(payload.mass - mass))
+        assert payload.postures == 3
         other = ur10e.home + rng.uniform(-1.0, 1.0, (5, 6))
         J, R_WE = ur10e.chain.jacobian(other), ur10e.chain.pose(other)[0]
-        torque, columns = found.torque(J, R_WE)
-        np.testing.assert_allclose(torque, columns @ found.parameters)
+        torque, columns = payload.torque(J, R_WE)
+        np.testing.assert_allclose(torque, columns @ payload.parameters)
         np.testing.assert_allclose(columns, weight_columns(J, R_WE, gravity))
     assert np.mean(np.abs(scores) < 1.96) > 0.85
     assert worst < 2.0  # N
@@ -99,7 +99,7 @@ def test_a_rest_counts_once_however_long_it_lasts(ur10e):
     np.testing.assert_allclose(long.covariance, short.covariance, rtol=0.01)
     assert long.postures == 1
     assert np.sqrt(long.covariance[0, 0]) > 0.1  # kg
-    assert "zeroed in 1 posture: taken for the weight of" in long.sentence()
+    assert "zeroed in 1 posture: payload of" in long.sentence()
 
 
 def test_joints_that_move_tell_more_the_longer_they_do(ur10e):

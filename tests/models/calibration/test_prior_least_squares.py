@@ -8,8 +8,8 @@ from wrenchsight.models.calibration.prior_least_squares import FREEDOM, fit_with
 RNG = np.random.default_rng(5)
 A = [RNG.normal(size=(60, 3)), RNG.normal(size=(40, 3))]
 X = np.array([1.0, -2.0, 0.5])
-B = [own @ X + 0.3 * RNG.normal(size=len(own)) for own in A]
-ROWS = [np.column_stack([own, right]) for own, right in zip(A, B, strict=True)]
+B = [columns @ X + 0.3 * RNG.normal(size=len(columns)) for columns in A]
+ROWS = [np.column_stack([columns, right]) for columns, right in zip(A, B, strict=True)]
 
 
 def test_closed_form_with_the_scale_that_it_states():
@@ -17,12 +17,12 @@ def test_closed_form_with_the_scale_that_it_states():
     fit = fit_with_prior(ROWS, sd, mean)
     information = np.diag(sd**-2.0)
     right = mean / sd**2
-    for own, b, s in zip(A, B, fit.scale, strict=True):
-        information = information + own.T @ own / s**2
-        right = right + own.T @ b / s**2
+    for columns, b, s in zip(A, B, fit.scale, strict=True):
+        information = information + columns.T @ columns / s**2
+        right = right + columns.T @ b / s**2
     np.testing.assert_allclose(fit.values, np.linalg.solve(information, right), rtol=1e-6)
     np.testing.assert_allclose(fit.covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-12)
-    errors = [np.sum((own @ fit.values - b) ** 2) for own, b in zip(A, B, strict=True)]
+    errors = [np.sum((columns @ fit.values - b) ** 2) for columns, b in zip(A, B, strict=True)]
     expected = [np.sqrt((FREEDOM + e) / (FREEDOM + len(b))) for e, b in zip(errors, B, strict=True)]
     # The scale follows the values of the pass before; its changes shrink a hundredfold a pass.
     np.testing.assert_allclose(fit.scale, expected, rtol=1e-6)
@@ -42,16 +42,16 @@ def test_the_evidence_is_that_of_the_integral():
         largest = log.max()
         return largest + np.log(np.exp(log - largest).sum())
 
-    found = [
+    evidence = [
         fit_with_prior([np.column_stack([a, b])], np.full(1, sd), np.zeros(1)).log_evidence
         for a in columns.T
     ]
     expected = integral(columns[:, 0]) - integral(columns[:, 1])
     # Laplace's method, and the scale at its mode: a share of 1 / (FREEDOM + m).
-    assert found[0] - found[1] == pytest.approx(expected, abs=0.05)
-    assert found[0] - found[1] > 3.0
-    wide = fit_with_prior(ROWS, np.full(3, np.inf), np.zeros(3))
-    assert np.isnan(wide.log_evidence)
+    assert evidence[0] - evidence[1] == pytest.approx(expected, abs=0.05)
+    assert evidence[0] - evidence[1] > 3.0
+    without_prior = fit_with_prior(ROWS, np.full(3, np.inf), np.zeros(3))
+    assert np.isnan(without_prior.log_evidence)
 
 
 def test_without_a_prior_it_is_least_squares():
@@ -72,15 +72,15 @@ def test_a_narrow_prior_wins_and_no_rows_leave_it():
 
 def test_scatter_widens_the_standard_errors():
     fit = fit_with_prior(ROWS, np.full(3, np.inf), np.zeros(3))
-    noisy = [np.column_stack([own[:, :-1], own[:, :-1] @ X]) for own in ROWS]
-    for own in noisy:
-        own[:, -1] += 10.0 * RNG.normal(size=len(own))
+    noisy = [np.column_stack([columns[:, :-1], columns[:, :-1] @ X]) for columns in ROWS]
+    for columns in noisy:
+        columns[:, -1] += 10.0 * RNG.normal(size=len(columns))
     wider = fit_with_prior(noisy, np.full(3, np.inf), np.zeros(3))
     assert (wider.standard_deviation > 5.0 * fit.standard_deviation).all()
 
 
 @pytest.mark.parametrize(
-    ("rows", "sd", "what"),
+    ("rows", "sd", "message"),
     [
         ([np.zeros((5, 3))], np.ones(3), "3 columns"),
         ([np.full((5, 4), np.nan)], np.ones(3), "finite"),
@@ -88,6 +88,6 @@ def test_scatter_widens_the_standard_errors():
         ([np.ones((5, 4))], np.full(3, np.inf), "neither rows nor prior"),
     ],
 )
-def test_what_cannot_be_solved_is_refused(rows, sd, what):
-    with pytest.raises(ValueError, match=what):
+def test_what_cannot_be_solved_is_refused(rows, sd, message):
+    with pytest.raises(ValueError, match=message):
         fit_with_prior(rows, sd, np.zeros(3))

@@ -23,7 +23,7 @@ def rows(m=40, n=2, seed=0, **changes):
 
 
 def test_covariance_by_hand(monkeypatch):
-    one = ResidualRows(
+    two_rows = ResidualRows(
         t=np.array([0.0, 0.3]),
         v=np.array([[0.5], [-0.04]]),
         residual=np.zeros((2, 1)),
@@ -39,24 +39,28 @@ def test_covariance_by_hand(monkeypatch):
     reversal = 1.0 + 3.0 * np.exp(-((np.array([0.5, 0.04]) / 0.08) ** 2))
     white = (0.5 * 1.5 * reversal) ** 2
     slow = (0.6 * 1.5) ** 2
-    first = slow + (0.03 * 6.0) ** 2 + (0.05 * 2.0) ** 2 + white[0]
-    second = slow + (0.03 * 5.0) ** 2 + (0.05 * 0.2) ** 2 + white[1]
-    both = (slow - 0.03**2 * 6.0 * 5.0 - 0.05**2 * 2.0 * 0.2) * np.exp(-0.3 / 0.4)
-    np.testing.assert_allclose(one.covariance(0), [[first, both], [both, second]])
+    variance_0 = slow + (0.03 * 6.0) ** 2 + (0.05 * 2.0) ** 2 + white[0]
+    variance_1 = slow + (0.03 * 5.0) ** 2 + (0.05 * 0.2) ** 2 + white[1]
+    covariance_01 = (slow - 0.03**2 * 6.0 * 5.0 - 0.05**2 * 2.0 * 0.2) * np.exp(-0.3 / 0.4)
+    np.testing.assert_allclose(
+        two_rows.covariance(0), [[variance_0, covariance_01], [covariance_01, variance_1]]
+    )
 
 
 def test_whitening_is_a_square_root_of_the_inverse_covariance():
-    own = rows()
-    W = own.whitened(1, np.eye(len(own.t)))
-    np.testing.assert_allclose(W[:, :-1].T @ W[:, :-1] @ own.covariance(1), np.eye(40), atol=1e-9)
-    np.testing.assert_allclose(W[:, -1], W[:, :-1] @ own.residual[:, 1])
+    residual_rows = rows()
+    W = residual_rows.whitened(1, np.eye(len(residual_rows.t)))
+    np.testing.assert_allclose(
+        W[:, :-1].T @ W[:, :-1] @ residual_rows.covariance(1), np.eye(40), atol=1e-9
+    )
+    np.testing.assert_allclose(W[:, -1], W[:, :-1] @ residual_rows.residual[:, 1])
 
 
 def test_a_rest_holds_one_unknown_torque():
     v = np.full((9, 1), 0.3)
     v[2:4] = v[6:8] = 0.2 * V_REST  # two rests, a motion between them
-    own, moving = rows(9, 1, v=v), rows(9, 1, v=np.where(v < V_REST, V_REST, v))
-    held = own.covariance(0) - moving.covariance(0)
+    residual_rows, moving = rows(9, 1, v=v), rows(9, 1, v=np.where(v < V_REST, V_REST, v))
+    held = residual_rows.covariance(0) - moving.covariance(0)
     expected = np.zeros((9, 9))
     expected[2:4, 2:4] = expected[6:8, 6:8] = 6.0**2 / 3.0
     # 2 %: at a fifth of V_REST white is larger by exp(-(v / v_r)^2), a little.
@@ -66,32 +70,37 @@ def test_a_rest_holds_one_unknown_torque():
 def test_dry_level_is_that_of_motion():
     v = np.array([[0.5, 0.0], [0.0, 0.0], [-0.5, 0.0]])
     dry = np.array([[3.0, 0.5], [0.1, 2.0], [-4.0, 1.0]])
-    own = rows(3, 2, v=v, dry=dry)
+    residual_rows = rows(3, 2, v=v, dry=dry)
     # The second joint never moves: what is known of its friction is the stiction.
-    np.testing.assert_allclose(own.dry_level, [np.sqrt((9.0 + 16.0) / 2.0), 6.0])
-    np.testing.assert_allclose(own.moving_share, [2.0 / 3.0, 0.0])
+    np.testing.assert_allclose(residual_rows.dry_level, [np.sqrt((9.0 + 16.0) / 2.0), 6.0])
+    np.testing.assert_allclose(residual_rows.moving_share, [2.0 / 3.0, 0.0])
 
 
 def test_at_rest_only_the_offset_can_drift():
     v = np.array([[0.5, 0.0], [0.2 * V_REST, 0.3]])
-    own = rows(2, 2, v=v)
-    np.testing.assert_array_equal(own.drift[0, 0], own.sliding[0, 0])
-    np.testing.assert_array_equal(own.drift[1, 0], [0.0, 0.0, own.sliding[1, 0, 2]])
-    np.testing.assert_array_equal(own.drift[0, 1], [0.0, 0.0, own.sliding[0, 1, 2]])
+    residual_rows = rows(2, 2, v=v)
+    np.testing.assert_array_equal(residual_rows.drift[0, 0], residual_rows.sliding[0, 0])
+    np.testing.assert_array_equal(
+        residual_rows.drift[1, 0], [0.0, 0.0, residual_rows.sliding[1, 0, 2]]
+    )
+    np.testing.assert_array_equal(
+        residual_rows.drift[0, 1], [0.0, 0.0, residual_rows.sliding[0, 1, 2]]
+    )
 
 
 def test_long_logs_are_taken_block_by_block():
-    own = rows(BLOCK + 50)
+    residual_rows = rows(BLOCK + 50)
     none = np.zeros((BLOCK + 50, 0))
-    whole = own.whitened(0, none)[:, 0]
+    whole = residual_rows.whitened(0, none)[:, 0]
     parts = [
-        own[part].whitened(0, none[part])[:, 0] for part in (slice(0, BLOCK), slice(BLOCK, None))
+        residual_rows[part].whitened(0, none[part])[:, 0]
+        for part in (slice(0, BLOCK), slice(BLOCK, None))
     ]
     np.testing.assert_allclose(whole, np.concatenate(parts))
 
 
 @pytest.mark.parametrize(
-    ("changes", "what"),
+    ("changes", "message"),
     [
         ({"t": np.zeros(40)}, "rise"),
         ({"t": np.arange(39.0)}, "expected t"),
@@ -100,18 +109,18 @@ def test_long_logs_are_taken_block_by_block():
         ({"residual": np.full((40, 2), np.nan)}, "finite"),
     ],
 )
-def test_rows_that_make_no_sense_are_refused(changes, what):
-    with pytest.raises(ValueError, match=what):
+def test_rows_that_make_no_sense_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
         rows(**changes)
 
 
 def test_rows_of_two_logs_are_independent_and_rest_apart():
     """A joint that rests at the end of one log and at the start of the next rests twice."""
     v = np.full((40, 2), V_REST / 2.0)
-    one, other = rows(v=v), rows(seed=1, v=v)
-    joined = ResidualRows.joined([one, other])
+    log, other_log = rows(v=v), rows(seed=1, v=v)
+    joined = ResidualRows.joined([log, other_log])
     assert (np.diff(joined.t) > 0.0).all()
     covariance = joined.covariance(0)
-    np.testing.assert_allclose(covariance[:40, :40], one.covariance(0))
-    np.testing.assert_allclose(covariance[40:, 40:], other.covariance(0))
+    np.testing.assert_allclose(covariance[:40, :40], log.covariance(0))
+    np.testing.assert_allclose(covariance[40:, 40:], other_log.covariance(0))
     np.testing.assert_allclose(covariance[:40, 40:], 0.0, atol=1e-9)

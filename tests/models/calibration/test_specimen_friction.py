@@ -40,12 +40,12 @@ def _rows(rng: np.random.Generator, gain: float = 0.0, noise: float = 0.5) -> Sl
 def test_the_other_specimens_friction_is_found():
     rows = _rows(np.random.default_rng(3))
     fit = fit_specimen(_KNOWN, [rows, _NONE], SpecimenPrior(dependence=1.0))
-    found = [fit.law.coulomb[0], fit.law.load[0]]
+    values = [fit.law.coulomb[0], fit.law.load[0]]
     plain = fit.law.coulomb_viscous
-    found += [plain.viscous[0], plain.offset[0]]
+    values += [plain.viscous[0], plain.offset[0]]
     # Four of the stated deviations: one false alarm in 4000.
     np.testing.assert_array_less(
-        np.abs(np.array(found) - [7.0, 0.07, 30.0, 0.4]), 4.0 * fit.deviation[0, :4]
+        np.abs(np.array(values) - [7.0, 0.07, 30.0, 0.4]), 4.0 * fit.deviation[0, :4]
     )
     assert np.all(fit.deviation[0, :4] < [0.6, 0.006, 1.0, 0.15])
     assert fit.scatter[0] == pytest.approx(0.5, rel=0.15)

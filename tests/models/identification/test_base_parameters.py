@@ -47,9 +47,9 @@ def test_combinations_carry_the_whole_torque(W):
 
 def test_condition_number_is_that_of_the_scaled_kept_columns(W):
     base = find_base_parameters(W, NAMES)
-    kept = W[:, base.independent]
+    columns = W[:, base.independent]
     # 1e-9: svd of the tall matrix against svd of its triangular factor.
-    expected = np.linalg.cond(kept / np.linalg.norm(kept, axis=0))
+    expected = np.linalg.cond(columns / np.linalg.norm(columns, axis=0))
     assert base.condition_number == pytest.approx(expected, rel=1e-9)
 
 

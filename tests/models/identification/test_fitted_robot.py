@@ -24,10 +24,10 @@ def saved(sts: Robot, tmp_path: Path) -> Path:
     return path
 
 
-def test_the_same_robot_is_not_asked_twice(sts: Robot, saved: Path) -> None:
+def test_the_same_robot_gives_no_warning(sts: Robot, saved: Path) -> None:
     model = IdentifiedModel.load(saved, sts)
     assert model.fitted_robot == FittedRobot.of(sts)
-    assert model.fitted_robot.doubts(sts) == []
+    assert model.fitted_robot.warnings(sts) == []
 
 
 def test_torque_per_ampere_doubled(sts: Robot, saved: Path) -> None:
@@ -36,12 +36,14 @@ def test_torque_per_ampere_doubled(sts: Robot, saved: Path) -> None:
         IdentifiedModel.load(saved, other)
 
 
-def test_another_robot_that_is_meant_is_read_and_told(sts: Robot, saved: Path) -> None:
+def test_another_robot_that_is_meant_is_read_and_its_differences_listed(
+    sts: Robot, saved: Path
+) -> None:
     other = sts.with_torque_per_ampere((2.0 * sts.torque_per_ampere).tolist())
     model = IdentifiedModel.load(saved, other, other_robot=True)
-    told = model.fitted_robot.differences(other)
-    assert [key for key, _ in told] == ["torque_per_ampere"] * sts.num_joints
-    assert "47.47 (joint_1)" in told[0][1] and "94.94" in told[0][1]
+    differences = model.fitted_robot.differences(other)
+    assert [key for key, _ in differences] == ["torque_per_ampere"] * sts.num_joints
+    assert "47.47 (joint_1)" in differences[0][1] and "94.94" in differences[0][1]
     assert model.fitted_robot.differences(sts) == []
 
 
@@ -57,17 +59,17 @@ def test_gravity_changed(sts: Robot, saved: Path) -> None:
         IdentifiedModel.load(saved, other)
 
 
-def test_another_tool_is_told_with_its_weight(sts: Robot, saved: Path) -> None:
+def test_another_tool_gives_a_warning_with_its_weight(sts: Robot, saved: Path) -> None:
     tool = ToolConfig(mass=2.0, com=[0.0, 0.0, 0.1], inertia=[0.01, 0.01, 0.01, 0.0, 0.0, 0.0])
     other = sts.with_tool(tool, PoseConfig())
     then = replace(FittedRobot.of(other), tool_mass=0.0, tool_com=[0.0, 0.0, 0.0])
-    (sentence,) = then.doubts(other)
+    (sentence,) = then.warnings(other)
     assert "a tool of 0 kg" in sentence and "has one of 2 kg" in sentence
     assert f"{2.0 * np.linalg.norm(sts.gravity):.3g} N" in sentence
     then.check(other, saved)
 
 
-def test_a_file_without_the_keys_loads_with_a_sentence(sts: Robot, tmp_path: Path) -> None:
+def test_a_file_without_the_keys_loads_with_a_warning(sts: Robot, tmp_path: Path) -> None:
     path = tmp_path / "model.yaml"
     IdentifiedModel.nominal(sts).save(path)
     text = path.read_text()
@@ -75,5 +77,5 @@ def test_a_file_without_the_keys_loads_with_a_sentence(sts: Robot, tmp_path: Pat
     begin = text.index("fitted_robot")
     path.write_text(text[:begin] + text[text.index("complete") :])
     model = IdentifiedModel.load(path, sts)
-    (sentence,) = model.fitted_robot.doubts(sts)
+    (sentence,) = model.fitted_robot.warnings(sts)
     assert "states no torque per ampere" in sentence

@@ -19,9 +19,9 @@ def fits(ur10e: Robot) -> np.ndarray:
     """(4, n, 5) parameters of four fits that differ."""
     n = ur10e.num_joints
     rng = np.random.default_rng(1)
-    own = np.zeros((n, 5))
-    own[:, :4] = ur10e.chain.inertial_parameters[:, :4]
-    return own + rng.normal(0.0, [0.3, 0.05, 0.05, 0.05, 0.2], (4, n, 5))
+    parameters = np.zeros((n, 5))
+    parameters[:, :4] = ur10e.chain.inertial_parameters[:, :4]
+    return parameters + rng.normal(0.0, [0.3, 0.05, 0.05, 0.05, 0.2], (4, n, 5))
 
 
 @pytest.fixture
@@ -38,17 +38,17 @@ def _torque(robot: Robot, parameters: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def _variance(table: np.ndarray, q: np.ndarray) -> np.ndarray:
-    found = np.empty_like(q)
+    variance = np.empty_like(q)
     for k, row in enumerate(q):
-        spread_beyond(table, row, found[k])
-    return found
+        spread_beyond(table, row, variance[k])
+    return variance
 
 
 def test_the_spread_is_the_jackknife_of_the_torques(
     ur10e: Robot, fits: np.ndarray, q: np.ndarray
 ) -> None:
     """Gravity is linear: the variance of the fits' torques is that of their parameters' torque."""
-    torques = np.stack([_torque(ur10e, one, q) for one in fits])
+    torques = np.stack([_torque(ur10e, fit, q) for fit in fits])
     expected = (len(fits) - 1) * torques.var(axis=0)
     table = spread_table(ur10e.chain, jackknife(fits), np.zeros(ur10e.num_joints))
     np.testing.assert_allclose(_variance(table, q), expected, rtol=1e-9)

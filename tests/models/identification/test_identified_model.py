@@ -29,9 +29,9 @@ def model(sts):
     rng = np.random.default_rng(0)
     n = sts.num_joints
     A = rng.normal(size=(n, n))
-    wide = {key: rng.normal(size=(n, 10)) for key in ("W1", "b1", "W2")}
+    matrices = {key: rng.normal(size=(n, 10)) for key in ("W1", "b1", "W2")}
     networks = FrictionNetworks(
-        **wide, b2=rng.normal(size=n) * 1e-17, v_scale=rng.uniform(0.1, 1.0, n)
+        **matrices, b2=rng.normal(size=n) * 1e-17, v_scale=rng.uniform(0.1, 1.0, n)
     )
     law = CoulombViscous(*rng.normal(size=(3, n)))
     return IdentifiedModel(
@@ -76,16 +76,16 @@ def test_round_trip_is_bit_exact(model, sts, tmp_path):
 
 
 def test_same_model_gives_the_same_bytes(model, tmp_path):
-    first = saved(model, tmp_path).read_bytes()
-    assert saved(model, tmp_path).read_bytes() == first
+    content = saved(model, tmp_path).read_bytes()
+    assert saved(model, tmp_path).read_bytes() == content
 
 
 def test_a_failed_save_leaves_the_old_file(model, sts, tmp_path):
     path = saved(model, tmp_path)
-    before = path.read_bytes()
+    content = path.read_bytes()
     with pytest.raises(Exception, match="object"):
         replace(model, provenance=object()).save(path)
-    assert path.read_bytes() == before
+    assert path.read_bytes() == content
     assert [p.name for p in tmp_path.iterdir()] == ["model.yaml"]
 
 
@@ -249,7 +249,7 @@ def test_a_broken_law_with_memory_is_one_clear_line(model, sts, tmp_path, key, v
 def with_torque_error(model):
     n = len(model.joint_names)
     rng = np.random.default_rng(5)
-    own = {
+    constants = {
         key: rng.uniform(0.1, 1.0, n)
         for key in (
             "constant",
@@ -266,14 +266,14 @@ def with_torque_error(model):
         )
     }
     correlation = np.full((n, n), 0.1) + 0.9 * np.eye(n)
-    error = TorqueErrorModel(**own, correlation=correlation, drift=1.0 / 3.0)
+    error = TorqueErrorModel(**constants, correlation=correlation, drift=1.0 / 3.0)
     return replace(model, torque_error=error)
 
 
 def test_a_file_without_the_drift_of_a_log_loads(model, sts, tmp_path):
-    own = with_torque_error(model)
-    shown = replace(own.torque_error, drift_shown=np.linspace(0.0, 0.5, 6))
-    path = saved(replace(own, torque_error=shown), tmp_path)
+    original = with_torque_error(model)
+    shown = replace(original.torque_error, drift_shown=np.linspace(0.0, 0.5, 6))
+    path = saved(replace(original, torque_error=shown), tmp_path)
     loaded = IdentifiedModel.load(path, sts).torque_error
     np.testing.assert_array_equal(loaded.drift_shown, shown.drift_shown)
     content = yaml.safe_load(path.read_text())
@@ -283,13 +283,15 @@ def test_a_file_without_the_drift_of_a_log_loads(model, sts, tmp_path):
 
 
 def test_a_file_without_the_spread_of_gravity_loads(model, sts, tmp_path):
-    own = with_torque_error(model)
+    original = with_torque_error(model)
     spread = np.linspace(-1.0, 1.0, 60).reshape(2, 6, 5)
-    known = replace(own.torque_error, spread=spread, fitted_spread=np.linspace(0.0, 0.5, 6))
-    path = saved(replace(own, torque_error=known), tmp_path)
+    with_spread = replace(
+        original.torque_error, spread=spread, fitted_spread=np.linspace(0.0, 0.5, 6)
+    )
+    path = saved(replace(original, torque_error=with_spread), tmp_path)
     loaded = IdentifiedModel.load(path, sts).torque_error
     np.testing.assert_array_equal(loaded.spread, spread)
-    np.testing.assert_array_equal(loaded.fitted_spread, known.fitted_spread)
+    np.testing.assert_array_equal(loaded.fitted_spread, with_spread.fitted_spread)
     content = yaml.safe_load(path.read_text())
     content["torque_error"]["spread"][0].pop()
     path.write_text(yaml.safe_dump(content, sort_keys=False))
@@ -301,9 +303,9 @@ def test_a_file_without_the_spread_of_gravity_loads(model, sts, tmp_path):
 
 
 def test_the_torque_error_makes_the_round_trip(model, sts, tmp_path):
-    own = with_torque_error(model)
-    loaded = IdentifiedModel.load(saved(own, tmp_path), sts)
-    assert loaded.torque_error.to_dict() == own.torque_error.to_dict()
+    original = with_torque_error(model)
+    loaded = IdentifiedModel.load(saved(original, tmp_path), sts)
+    assert loaded.torque_error.to_dict() == original.torque_error.to_dict()
 
 
 def test_a_file_without_the_torque_error_loads(model, sts, tmp_path):
@@ -337,12 +339,12 @@ def test_a_broken_torque_error_is_one_clear_line(model, sts, tmp_path, key, valu
 
 
 def test_the_fitted_speed_of_a_law_makes_the_round_trip(model, sts, tmp_path):
-    own = with_memory(model)
+    original = with_memory(model)
     limit = np.linspace(0.5, 1.5, len(model.joint_names))
-    bounded = replace(own, friction=replace(own.friction, speed_limit=limit))
+    bounded = replace(original, friction=replace(original.friction, speed_limit=limit))
     loaded = IdentifiedModel.load(saved(bounded, tmp_path), sts).friction
     np.testing.assert_array_equal(loaded.speed_limit, limit)
-    free = IdentifiedModel.load(saved(own, tmp_path), sts).friction
+    free = IdentifiedModel.load(saved(original, tmp_path), sts).friction
     assert np.isinf(free.speed_limit).all()
 
 
@@ -354,8 +356,10 @@ def with_contact_noise(model):
 
 
 def test_the_contact_noise_makes_the_round_trip(model, sts, tmp_path):
-    own = with_contact_noise(model)
-    assert IdentifiedModel.load(saved(own, tmp_path), sts).contact_noise == own.contact_noise
+    original = with_contact_noise(model)
+    assert (
+        IdentifiedModel.load(saved(original, tmp_path), sts).contact_noise == original.contact_noise
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,8 @@ def test_pinocchio_reads_the_inertias(bundled_arm, changed):
     inertial, rotor = changed
     model = pin.buildModelFromXML(identified_urdf(bundled_arm, inertial, rotor))
     assert list(model.names)[1:] == list(bundled_arm.joint_names)
-    found = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(model.nv)])
-    np.testing.assert_allclose(found, inertial, rtol=1e-9, atol=1e-12)
+    parameters = np.array([model.inertias[i + 1].toDynamicParameters() for i in range(model.nv)])
+    np.testing.assert_allclose(parameters, inertial, rtol=1e-9, atol=1e-12)
 
 
 def test_drake_reads_inertias_and_rotors(bundled_arm, changed):

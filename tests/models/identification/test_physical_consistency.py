@@ -74,7 +74,7 @@ def problem(sts):
     tau = -rows.residual(friction, truth)
     noisy = tau + rng.normal(scale=2.0, size=tau.shape)
     rows = RegressionRows(rows.rigid, noisy, rows.low_pass, rows.rows)
-    R = np.vstack([own / 2.0 for own in rows.factors(friction).R])
+    R = np.vstack([factor / 2.0 for factor in rows.factors(friction).R])
     return sts, structure, prior, spread, truth, R, np.abs(v).max(axis=0)
 
 

@@ -36,8 +36,8 @@ def test_a_joint_that_is_led_the_other_way_may_be_wrong_by_twice_its_level():
     q, v = there_and_back()
     other = q.copy()
     other[:500, 0] = q[0, 0] - q[:500, 0]  # joint 1 backwards; joint 2 as before
-    both = np.vstack([q, other])
-    sd = error().sd(both, np.vstack([v, v]), np.zeros((1000, 2)), 1000, STEP)
+    samples = np.vstack([q, other])
+    sd = error().sd(samples, np.vstack([v, v]), np.zeros((1000, 2)), 1000, STEP)
     # Well after the start, all elements of either cycle slide.
     np.testing.assert_allclose(sd[200:490, 0], np.hypot(NOISE[0], 2.0 * LEVEL[0]), rtol=1e-9)
     np.testing.assert_allclose(sd[200:490, 1], NOISE[1], rtol=1e-9)
@@ -77,11 +77,11 @@ def test_an_encoder_that_flickers_between_two_steps_at_rest_turns_nothing_round(
     rng = np.random.default_rng(3)
     step = 1e-4
     q = step * rng.integers(0, 2, (400, 2)).astype(float)
-    known = error(resolution=(step, step)).sd(q, 0.0 * q, np.zeros((200, 2)), 200, STEP)
+    with_resolution = error(resolution=(step, step)).sd(q, 0.0 * q, np.zeros((200, 2)), 200, STEP)
     # The first steps of all say where between them the joint rests.
-    np.testing.assert_allclose(known[20:], NOISE * np.ones((180, 1)), rtol=1e-9)
+    np.testing.assert_allclose(with_resolution[20:], NOISE * np.ones((180, 1)), rtol=1e-9)
     fooled = error().sd(q, 0.0 * q, np.zeros((200, 2)), 200, STEP)
-    assert fooled[20:].mean() > 2.0 * known[20:].mean()
+    assert fooled[20:].mean() > 2.0 * with_resolution[20:].mean()
 
 
 def test_of_an_encoder_s_displacement_half_a_step_may_be_rounding():
@@ -108,11 +108,11 @@ def test_a_sample_that_is_not_finite_leaves_the_slip_as_it_was():
 
 def test_noise_is_about_zero_and_correlations_are_those_of_the_errors():
     rng = np.random.default_rng(5)
-    both = rng.normal(size=(40_000, 2))
-    errors = 0.1 + both @ np.array([[0.3, 0.2], [0.0, 0.4]])  # a lasting error is an error
-    found = repetition_error(errors, LEVEL, np.zeros(2), 20.0)
+    samples = rng.normal(size=(40_000, 2))
+    errors = 0.1 + samples @ np.array([[0.3, 0.2], [0.0, 0.4]])  # a lasting error is an error
+    repetition = repetition_error(errors, LEVEL, np.zeros(2), 20.0)
     # 40,000 samples: a half percent
-    np.testing.assert_allclose(found.noise, np.sqrt([0.01 + 0.09, 0.01 + 0.2]), rtol=0.02)
+    np.testing.assert_allclose(repetition.noise, np.sqrt([0.01 + 0.09, 0.01 + 0.2]), rtol=0.02)
     expected = (0.01 + 0.06) / np.sqrt(0.1 * 0.21)
-    assert found.correlation[0, 1] == pytest.approx(expected, abs=0.02)
-    assert found.K_0 == 20.0
+    assert repetition.correlation[0, 1] == pytest.approx(expected, abs=0.02)
+    assert repetition.K_0 == 20.0

@@ -57,9 +57,11 @@ def truth(**changes: Any) -> TorqueErrorModel:
     return TorqueErrorModel(**(values | changes))
 
 
-def reading(seed: int, own: TorqueErrorModel | None = None, T: float = 0.0) -> HeldOutReading:
+def reading(
+    seed: int, error_model: TorqueErrorModel | None = None, T: float = 0.0
+) -> HeldOutReading:
     """Errors drawn with the sds of the model, with correlation time T."""
-    own = own or truth()
+    error_model = error_model or truth()
     rng = np.random.default_rng(seed)
     t = STEP * np.arange(6000)
     phase = rng.uniform(0.0, 6.0, 2)
@@ -67,8 +69,8 @@ def reading(seed: int, own: TorqueErrorModel | None = None, T: float = 0.0) -> H
     v = np.gradient(q, STEP, axis=0)
     load = np.stack([30.0 * np.sin(0.7 * t), 5.0 * np.cos(0.5 * t + phase[0])], axis=1)
     q = np.round(q, 4)
-    sd, _ = torque_sds(own, law(), q, v, load, STEP)
-    noise = rng.normal(size=q.shape) @ np.linalg.cholesky(own.correlation).T
+    sd, _ = torque_sds(error_model, law(), q, v, load, STEP)
+    noise = rng.normal(size=q.shape) @ np.linalg.cholesky(error_model.correlation).T
     if T > 0.0:
         a = np.exp(-STEP / T)
         for k in range(1, len(noise)):
@@ -81,17 +83,19 @@ def fitted(readings: list[HeldOutReading], **changes: Any) -> TorqueErrorModel:
 
 
 def test_known_sds_are_recovered() -> None:
-    own = fitted([reading(seed) for seed in range(3)])
+    error_model = fitted([reading(seed) for seed in range(3)])
     expected = truth()
     # Eighteen thousand samples: an sd is known to half a percent, a part of it to ten.
-    np.testing.assert_allclose(own.constant, expected.constant, rtol=0.1)
-    np.testing.assert_allclose(own.speed, expected.speed, rtol=0.1)
-    assert own.load[0] * 30.0 < 0.4 * own.constant[0]  # none was put in: a tenth of the variance
-    assert own.load[1] == pytest.approx(0.06, rel=0.1)
-    np.testing.assert_allclose(own.reversal, expected.reversal, rtol=0.25)
-    assert own.correlation[0, 1] == pytest.approx(0.4 * 0.98, abs=0.03)
+    np.testing.assert_allclose(error_model.constant, expected.constant, rtol=0.1)
+    np.testing.assert_allclose(error_model.speed, expected.speed, rtol=0.1)
+    assert (
+        error_model.load[0] * 30.0 < 0.4 * error_model.constant[0]
+    )  # none was put in: a tenth of the variance
+    assert error_model.load[1] == pytest.approx(0.06, rel=0.1)
+    np.testing.assert_allclose(error_model.reversal, expected.reversal, rtol=0.25)
+    assert error_model.correlation[0, 1] == pytest.approx(0.4 * 0.98, abs=0.03)
     new = reading(9)
-    sd, _ = torque_sds(replace(own, drift=0.0), law(), new.q, new.v, new.transmitted, STEP)
+    sd, _ = torque_sds(replace(error_model, drift=0.0), law(), new.q, new.v, new.transmitted, STEP)
     inside = np.mean(np.abs(new.tau_ext) < 1.96 * sd, axis=0)
     np.testing.assert_allclose(inside, 0.95, atol=0.01)
     for low, high in ((0.0, 0.05), (0.05, 0.5), (0.5, 5.0)):
@@ -101,7 +105,7 @@ def test_known_sds_are_recovered() -> None:
         assert share == pytest.approx(0.95, abs=0.02)
 
 
-def test_of_many_samples_some_tell_where_to_look(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_of_many_samples_locates_the_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same top is reached with a fraction of the work, whatever the number that is enough."""
     many = [reading(seed, T=0.02) for seed in range(8)]
     likelihood, looked_at = torque_error_fit._minus_log_likelihood, list[int]()
@@ -111,17 +115,17 @@ def test_of_many_samples_some_tell_where_to_look(monkeypatch: pytest.MonkeyPatch
         return float(likelihood(A, *others))
 
     monkeypatch.setattr(torque_error_fit, "_minus_log_likelihood", counted)
-    found, work = [], []
+    sds, work = [], []
     for enough in (10**9, torque_error_fit._ENOUGH):
         monkeypatch.setattr(torque_error_fit, "_ENOUGH", enough)
         looked_at.clear()
-        own = fitted(many)
+        fitted_model = fitted(many)
         new = reading(9)
-        found.append(torque_sds(own, law(), new.q, new.v, new.transmitted, STEP)[0])
+        sds.append(torque_sds(fitted_model, law(), new.q, new.v, new.transmitted, STEP)[0])
         work.append(sum(looked_at))
     # Climbs end where a sample's likelihood grows by 1e-9, that is, of a rare state's sd by .4 %;
     # forty thousand samples know it to a percent.
-    np.testing.assert_allclose(found[0], found[1], rtol=0.01)
+    np.testing.assert_allclose(sds[0], sds[1], rtol=0.01)
     assert work[1] < 0.6 * work[0]
 
 
@@ -140,11 +144,13 @@ def test_what_is_minimised_is_the_likelihood_whatever_the_unit(size: float) -> N
 
 
 def test_the_ranges_are_those_of_the_samples_that_count() -> None:
-    own, used = reading(0), np.zeros(6000, bool)
+    log, used = reading(0), np.zeros(6000, bool)
     used[1000:3000] = True
-    found = fitted([replace(own, used=used)])
-    np.testing.assert_array_equal(found.fitted_speed, np.abs(own.v[1000:3000]).max(axis=0))
-    np.testing.assert_array_equal(found.fitted_load, np.abs(own.transmitted[1000:3000]).max(axis=0))
+    fitted_model = fitted([replace(log, used=used)])
+    np.testing.assert_array_equal(fitted_model.fitted_speed, np.abs(log.v[1000:3000]).max(axis=0))
+    np.testing.assert_array_equal(
+        fitted_model.fitted_load, np.abs(log.transmitted[1000:3000]).max(axis=0)
+    )
 
 
 def between(share: float) -> TorqueErrorModel:
@@ -160,16 +166,16 @@ def test_what_one_motion_does_to_two_joints_is_not_the_arms() -> None:
 
 
 def test_of_a_correlation_the_share_that_motions_have_in_common_is_left() -> None:
-    own = fitted([reading(0, between(0.8)), reading(1, between(0.2))])
+    error_model = fitted([reading(0, between(0.8)), reading(1, between(0.2))])
     # mean .5, its standard error .3; 6,000 samples know each to .005 and .013
     expected = 0.5 * (1.0 - (0.3 / 0.5) ** 2) * 0.98
-    assert own.correlation[0, 1] == pytest.approx(expected, abs=0.05)
+    assert error_model.correlation[0, 1] == pytest.approx(expected, abs=0.05)
 
 
 def test_a_long_log_of_one_motion_outweighs_no_other() -> None:
     """Four logs, of which the longest has ten times the samples."""
     drawn = [reading(seed, between(0.3)) for seed in range(3)]
-    short = [replace(own, used=own.used & (np.arange(6000) < 700)) for own in drawn]
+    short = [replace(log, used=log.used & (np.arange(6000) < 700)) for log in drawn]
     long = reading(3, between(0.5))
     # mean .35, its standard error .05 and that of 600 samples, .02
     expected = 0.35 * (1.0 - (0.05 / 0.35) ** 2) * 0.98
@@ -179,57 +185,57 @@ def test_a_long_log_of_one_motion_outweighs_no_other() -> None:
 def test_correlations_that_do_not_fit_each_other_leave_an_inverse() -> None:
     """One joint shares .6 with three others, whose own correlations differ from log to log."""
     logs = []
-    for first, second in ((1, 2), (1, 3), (2, 3)):
+    for i, j in ((1, 2), (1, 3), (2, 3)):
         R = np.full((4, 4), 0.36)
         R[0], R[:, 0] = 0.6, 0.6
-        R[first, second] = R[second, first] = -0.28
+        R[i, j] = R[j, i] = -0.28
         R[np.arange(4), np.arange(4)] = 1.0
         values, vectors = np.linalg.eigh(R)
         logs.append((vectors * np.sqrt(np.maximum(values, 0.0))).T)  # its squares' sum is R
-    found = _correlation(logs)
-    np.testing.assert_array_equal(found[1:, 1:], np.eye(3))
+    correlation = _correlation(logs)
+    np.testing.assert_array_equal(correlation[1:, 1:], np.eye(3))
     # Undisturbed the smallest eigenvalue were 1 - .6 sqrt 3 = -.04.
-    assert np.linalg.eigvalsh(found)[0] == pytest.approx(0.02, abs=1e-9)
-    assert 0.5 < found[0, 1] < 0.6
+    assert np.linalg.eigvalsh(correlation)[0] == pytest.approx(0.02, abs=1e-9)
+    assert 0.5 < correlation[0, 1] < 0.6
 
 
-def test_correlation_time_and_what_lasts() -> None:
+def test_correlation_time_and_correlated_error() -> None:
     drawn = [reading(seed, T=0.3) for seed in range(3)]
-    found = fitted(drawn)
+    fitted_model = fitted(drawn)
     # 180 s hold 300 correlation times: some 10 % of one.
-    np.testing.assert_allclose(found.correlation_time, 0.3, rtol=0.3)
-    assert (found.lasting < 0.06).all()
+    np.testing.assert_allclose(fitted_model.correlation_time, 0.3, rtol=0.3)
+    assert (fitted_model.lasting < 0.06).all()
     sd, _ = torque_sds(truth(), law(), drawn[0].q, drawn[0].v, drawn[0].transmitted, STEP)
     shifted = [
-        replace(own, tau_ext=own.tau_ext + sign * 0.7 * sd)
-        for own, sign in zip(drawn, (1.0, -1.0, 1.0), strict=True)
+        replace(log, tau_ext=log.tau_ext + sign * 0.7 * sd)
+        for log, sign in zip(drawn, (1.0, -1.0, 1.0), strict=True)
     ]
     assert (fitted(shifted).lasting > 0.15).all()
 
 
 def test_rest_is_wider_than_all_that_was_fitted() -> None:
     """The logs hold no rest; there the band is the law's."""
-    own = fitted([reading(seed) for seed in range(2)])
+    error_model = fitted([reading(seed) for seed in range(2)])
     q = np.full((200, N), 0.1)
-    _, stiction = torque_sds(own, law(), q, np.zeros_like(q), np.zeros_like(q), STEP)
+    _, stiction = torque_sds(error_model, law(), q, np.zeros_like(q), np.zeros_like(q), STEP)
     np.testing.assert_allclose(stiction[-1], np.array([20.0, 2.5]) / np.sqrt(3.0))
 
 
 def test_without_any_error_the_floor_is_left() -> None:
     silent = replace(reading(0), tau_ext=np.zeros((6000, N)))
-    found = fitted([silent], least=np.array([0.01, 0.002]))
-    np.testing.assert_array_equal(found.constant, [0.01, 0.002])
-    for own in (found.speed, found.load, found.acceleration):
-        np.testing.assert_allclose(own, 0.0, atol=1e-4)
+    floor_model = fitted([silent], least=np.array([0.01, 0.002]))
+    np.testing.assert_array_equal(floor_model.constant, [0.01, 0.002])
+    for share in (floor_model.speed, floor_model.load, floor_model.acceleration):
+        np.testing.assert_allclose(share, 0.0, atol=1e-4)
 
 
-def test_too_little_and_what_disagrees() -> None:
-    own = reading(0)
+def test_too_few_samples_and_readings_that_disagree_are_refused() -> None:
+    log = reading(0)
     with pytest.raises(ValueError, match="no held-out"):
         fitted([])
     few = np.zeros(6000, bool)
     few[:50] = True
     with pytest.raises(ValueError, match="50 samples"):
-        fitted([replace(own, used=few)])
+        fitted([replace(log, used=few)])
     with pytest.raises(ValueError, match="disagree"):
-        fitted([own, replace(own, K_0=np.full(N, 10.0))])
+        fitted([log, replace(log, K_0=np.full(N, 10.0))])

@@ -69,23 +69,23 @@ def motion(samples: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_the_formula_written_out() -> None:
-    own, friction, (q, v, load) = model(), law(), motion()
-    found, stiction = torque_sds(own, friction, q, v, load, STEP)
+    error_model, friction, (q, v, load) = model(), law(), motion()
+    computed, stiction = torque_sds(error_model, friction, q, v, load, STEP)
     pole = np.exp(-20.0 * STEP)
     p, w, z = q[0].copy(), np.ones(N), np.ones(N)
-    unknown = turning = slow = before = np.zeros(N)
+    unknown = turning = slow = last_load = np.zeros(N)
     for k in range(len(q)):
         at = np.clip(p + v[k] * STEP, q[k] - 5e-5, q[k] + 5e-5) if k else q[0]
-        moved, p = (at - p) / own.reach, at
+        moved, p = (at - p) / error_model.reach, at
         fading = np.exp(-((v[k] / friction.stribeck_velocity) ** 2))
-        level = friction.coulomb + friction.stribeck * fading + friction.load * np.abs(before)
-        w = (1.0 - (1.0 - w) * np.exp(-2.0 * STEP / own.rest_time)) * np.exp(-np.abs(moved))
+        level = friction.coulomb + friction.stribeck * fading + friction.load * np.abs(last_load)
+        w = (1.0 - (1.0 - w) * np.exp(-2.0 * STEP / error_model.rest_time)) * np.exp(-np.abs(moved))
         z = np.clip(z + moved, -1.0, 1.0)
         a = pole if k else 0.0
         unknown = a * unknown + (1.0 - a) * level * np.sqrt(w / 3.0)
         turning = a * turning + (1.0 - a) * level * (1.0 - z**2) * (1.0 - w)
         slow = a * slow + (1.0 - a) * v[k]
-        held = unknown**2 + (own.reversal * turning) ** 2
+        held = unknown**2 + (error_model.reversal * turning) ** 2
         viscous = VISCOUS * v[k] + friction.cubic * v[k] ** 3
         fast = np.abs(v[k]) - friction.speed_limit
         tangent = np.maximum(3.0 * friction.cubic * friction.speed_limit**2, -VISCOUS)
@@ -95,31 +95,39 @@ def test_the_formula_written_out() -> None:
             + np.sign(v[k]) * (friction.cubic * friction.speed_limit**3 + tangent * fast),
             viscous,
         )
-        variance = own.constant**2 + (own.speed * v[k]) ** 2 + (own.load * before) ** 2
-        variance += (own.acceleration * 20.0 * (v[k] - slow)) ** 2 + held
-        variance += (own.drift * viscous) ** 2
+        variance = (
+            error_model.constant**2
+            + (error_model.speed * v[k]) ** 2
+            + (error_model.load * last_load) ** 2
+        )
+        variance += (error_model.acceleration * 20.0 * (v[k] - slow)) ** 2 + held
+        variance += (error_model.drift * viscous) ** 2
         variance += (
-            own.beyond_speed * VISCOUS * np.maximum(np.abs(v[k]) - own.fitted_speed, 0.0)
+            error_model.beyond_speed
+            * VISCOUS
+            * np.maximum(np.abs(v[k]) - error_model.fitted_speed, 0.0)
         ) ** 2
-        variance += (own.beyond_load * np.maximum(np.abs(before) - own.fitted_load, 0.0)) ** 2
-        np.testing.assert_allclose(found[k], np.sqrt(variance), rtol=1e-10)
+        variance += (
+            error_model.beyond_load * np.maximum(np.abs(last_load) - error_model.fitted_load, 0.0)
+        ) ** 2
+        np.testing.assert_allclose(computed[k], np.sqrt(variance), rtol=1e-10)
         np.testing.assert_allclose(stiction[k], np.sqrt(held), rtol=1e-10, atol=1e-14)
-        before = load[k]
-    assert (np.abs(v) > own.fitted_speed).any()
-    assert (np.abs(load) > own.fitted_load).any()
+        last_load = load[k]
+    assert (np.abs(v) > error_model.fitted_speed).any()
+    assert (np.abs(load) > error_model.fitted_load).any()
 
 
 def test_tick_by_tick_is_the_log() -> None:
-    own, friction, (q, v, load) = model(), law(), motion(200)
-    sd, stiction = torque_sds(own, friction, q, v, load, STEP)
-    table, state = own.table(friction, STEP, 20.0), own.initial_state()
+    error_model, friction, (q, v, load) = model(), law(), motion(200)
+    sd, stiction = torque_sds(error_model, friction, q, v, load, STEP)
+    table, state = error_model.table(friction, STEP, 20.0), error_model.initial_state()
     assert state.shape == (TORQUE_ERROR_ROWS, N)
-    one, held, drift = np.empty(N), np.empty(N), np.empty(N)
+    tick_sd, held, drift = np.empty(N), np.empty(N), np.empty(N)
     for k in range(200):
-        posture_variance(table, q[k], one)
-        torque_sd_tick(table, state, q[k], v[k], one, held, drift)
+        posture_variance(table, q[k], tick_sd)
+        torque_sd_tick(table, state, q[k], v[k], tick_sd, held, drift)
         take_transmitted(state, load[k], np.zeros(N))
-        np.testing.assert_array_equal(one, sd[k])
+        np.testing.assert_array_equal(tick_sd, sd[k])
         np.testing.assert_array_equal(held, stiction[k])
 
 
@@ -179,8 +187,8 @@ def test_a_reversal_is_remembered_as_long_as_the_observer_remembers_it() -> None
     t = STEP * np.arange(400)
     v = 3.0 * (1.0 - t)[:, None] * np.ones(N)  # turns at 1 s
     q = 3.0 * (t - 0.5 * t**2)[:, None] * np.ones(N)
-    own = model(resolution=np.zeros(N))
-    _, stiction = torque_sds(own, law(), q, v, np.zeros_like(q), STEP)
+    error_model = model(resolution=np.zeros(N))
+    _, stiction = torque_sds(error_model, law(), q, v, np.zeros_like(q), STEP)
     peak = 50 + stiction[50:, 0].argmax()  # before: the start, where nothing is known
     assert 100 <= peak <= 108
     assert stiction[90, 0] < 0.1 * stiction[peak, 0]
@@ -194,27 +202,27 @@ def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:
     sd, _ = torque_sds(model(), law(), q, v, load, STEP)
     quiet, _ = torque_sds(model(), law(), *still(), STEP)
     np.testing.assert_allclose(sd[100:], quiet[100:], rtol=2e-2)
-    seen, _ = torque_sds(model(), law(), q, v, load, STEP, resolution=0.0)
-    assert (seen[100:, 0] < 0.8 * quiet[100:, 0]).all()
+    sharp, _ = torque_sds(model(), law(), q, v, load, STEP, resolution=0.0)
+    assert (sharp[100:, 0] < 0.8 * quiet[100:, 0]).all()
 
 
 def test_a_change_in_the_last_digit_of_a_position_stays_one() -> None:
-    own, friction, (q, v, load) = model(), law(), motion()
-    sd, _ = torque_sds(own, friction, q, v, load, STEP)
+    error_model, friction, (q, v, load) = model(), law(), motion()
+    sd, _ = torque_sds(error_model, friction, q, v, load, STEP)
     shift = 1e-12 * np.random.default_rng(0).choice([-1.0, 1.0], q.shape)
-    shifted, _ = torque_sds(own, friction, q + shift, v + shift, load, STEP)
+    shifted, _ = torque_sds(error_model, friction, q + shift, v + shift, load, STEP)
     # Some 20 N m over .3 mrad, and 1e-12 rad a tick for as long as w lasts.
     np.testing.assert_allclose(shifted, sd, atol=1e-6)
 
 
 def test_a_sample_that_is_not_finite_costs_its_row_alone() -> None:
-    own, friction, (q, v, load) = model(), law(), motion(300)
+    error_model, friction, (q, v, load) = model(), law(), motion(300)
     broken, fast = q.copy(), v.copy()
     broken[100], fast[150] = np.nan, np.inf
-    sd, stiction = torque_sds(own, friction, broken, fast, load, STEP)
+    sd, stiction = torque_sds(error_model, friction, broken, fast, load, STEP)
     assert np.isfinite(sd).all()
     assert np.isfinite(stiction).all()
-    whole, _ = torque_sds(own, friction, q, v, load, STEP)
+    whole, _ = torque_sds(error_model, friction, q, v, load, STEP)
     np.testing.assert_array_equal(sd[:100], whole[:100])
     np.testing.assert_allclose(sd[200:], whole[200:], rtol=0.02)
 
@@ -235,17 +243,17 @@ def test_another_gain_filters_the_smooth_part_as_the_observer_does() -> None:
             y = pole * y + (1.0 - pole) * value
             total += y * y
         rms.append(np.sqrt(total / len(x)))
-    own = model(
+    error_model = model(
         correlation_time=np.full(N, T),
         speed=np.zeros(N),
         acceleration=np.zeros(N),
         load=np.zeros(N),
     )
     calm = law(coulomb=np.zeros(N), stribeck=np.zeros(N), load=np.zeros(N))
-    for gain, found in zip(K_0, rms[1:], strict=True):
-        sd, _ = torque_sds(own, calm, *still(), STEP, K_0=gain)
+    for gain, measured in zip(K_0, rms[1:], strict=True):
+        sd, _ = torque_sds(error_model, calm, *still(), STEP, K_0=gain)
         # 400 s hold some thousand correlation times: 3 % of an sd.
-        np.testing.assert_allclose(sd[-1] / own.constant, found / rms[0], rtol=0.05)
+        np.testing.assert_allclose(sd[-1] / error_model.constant, measured / rms[0], rtol=0.05)
 
 
 def test_an_average_over_a_window() -> None:
@@ -261,8 +269,8 @@ def test_an_average_over_a_window() -> None:
         if count in windows:
             windows[count] = [float(np.std(total / count))]
     for samples, (spread,) in windows.items():
-        found = np.sqrt(averaged_share(samples * step / T))
-        np.testing.assert_allclose(found, spread, rtol=0.06)  # 2000 runs: 1.6 % of an sd
+        computed = np.sqrt(averaged_share(samples * step / T))
+        np.testing.assert_allclose(computed, spread, rtol=0.06)  # 2000 runs: 1.6 % of an sd
     assert averaged_share(0.0) == pytest.approx(1.0, abs=1e-5)
 
 
@@ -289,32 +297,34 @@ def test_a_law_without_memory_has_its_coulomb_friction_as_band() -> None:
 
 
 def test_the_stated_assumptions_are_numbers_of_the_model() -> None:
-    own, friction, (q, v, load) = model(), law(), motion()
-    plain = replace(own, drift=0.0, beyond_speed=0.0, beyond_load=0.0)
+    error_model, friction, (q, v, load) = model(), law(), motion()
+    plain = replace(error_model, drift=0.0, beyond_speed=0.0, beyond_load=0.0)
     assert (
-        torque_sds(own, friction, q, v, load, STEP)[0]
+        torque_sds(error_model, friction, q, v, load, STEP)[0]
         >= torque_sds(plain, friction, q, v, load, STEP)[0]
     ).all()
-    refreshed = own.with_drift(0.0)
+    refreshed = error_model.with_drift(0.0)
     assert refreshed.drift == 0.0
-    assert refreshed.beyond_speed == own.beyond_speed
+    assert refreshed.beyond_speed == error_model.beyond_speed
 
 
 def test_the_drift_that_a_log_shows_counts_where_it_is_more() -> None:
-    own, friction, (q, v, load) = model(drift=0.1), law(), motion()
-    shown = replace(own, drift_shown=np.array([0.4, 0.05]))
+    error_model, friction, (q, v, load) = model(drift=0.1), law(), motion()
+    shown = replace(error_model, drift_shown=np.array([0.4, 0.05]))
     np.testing.assert_array_equal(shown.drifts, [0.4, 0.1])
-    found = torque_sds(shown, friction, q, v, load, STEP)[0]
-    expected = torque_sds(replace(own, drift=0.4), friction, q, v, load, STEP)[0]
-    np.testing.assert_array_equal(found[:, 0], expected[:, 0])
-    np.testing.assert_array_equal(found[:, 1], torque_sds(own, friction, q, v, load, STEP)[0][:, 1])
+    computed = torque_sds(shown, friction, q, v, load, STEP)[0]
+    expected = torque_sds(replace(error_model, drift=0.4), friction, q, v, load, STEP)[0]
+    np.testing.assert_array_equal(computed[:, 0], expected[:, 0])
+    np.testing.assert_array_equal(
+        computed[:, 1], torque_sds(error_model, friction, q, v, load, STEP)[0][:, 1]
+    )
     np.testing.assert_array_equal(shown.with_drift(0.2).drifts, [0.2, 0.2])
 
 
 @pytest.mark.parametrize("shown", [0.0, [0.3, 0.0]])
 def test_plain_numbers_and_back(shown: Any) -> None:
-    own = model(drift=0.1, drift_shown=shown)
-    values = own.to_dict()
+    error_model = model(drift=0.1, drift_shown=shown)
+    values = error_model.to_dict()
     again = TorqueErrorModel(**values)
     assert again.to_dict() == values
     assert all(isinstance(value, (float, list)) for value in values.values())

@@ -35,8 +35,8 @@ def true_parameters(robot, seed=3):
     rng = np.random.default_rng(seed)
     n = robot.num_joints
     inertial = robot.chain.inertial_parameters * rng.uniform(0.7, 1.3, (n, 10))
-    own = rng.uniform([0.5, 1.0, 2.0, -0.5], [2.0, 8.0, 9.0, 0.5], (n, 4))
-    return np.concatenate([inertial.ravel(), own.ravel()])
+    drive = rng.uniform([0.5, 1.0, 2.0, -0.5], [2.0, 8.0, 9.0, 0.5], (n, 4))
+    return np.concatenate([inertial.ravel(), drive.ravel()])
 
 
 def torque(robot, x, q, v, vdot):
@@ -46,12 +46,12 @@ def torque(robot, x, q, v, vdot):
     for i in range(n):
         # FromDynamicParameters would shift to the centre of mass and back: rounding only.
         model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(x[10 * i : 10 * i + 10])
-    own = x[10 * n :].reshape(n, 4)
-    model.armature = own[:, 0].copy()
+    drive = x[10 * n :].reshape(n, 4)
+    model.armature = drive[:, 0].copy()
     model.gravity.linear = np.array(robot.gravity)
     data = model.createData()
     rigid = np.array([pin.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)])
-    return rigid + own[:, 1] * np.sign(v) + own[:, 2] * v + own[:, 3]
+    return rigid + drive[:, 1] * np.sign(v) + drive[:, 2] * v + drive[:, 3]
 
 
 def unfiltered(x):
@@ -96,9 +96,11 @@ def test_two_halves_are_one_log(sts, problem):
     rows = np.arange(len(q))
     parts = [factorise(sts.chain, q, v, vdot, tau, unfiltered, half) for half in np.split(rows, 2)]
     whole = factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)
-    one, two = solve([whole], base, 3), solve(parts, base, 3)
-    np.testing.assert_allclose(two.values, one.values, atol=1e-9)
-    np.testing.assert_allclose(two.standard_deviations, one.standard_deviations, rtol=1e-7)
+    of_whole, of_parts = solve([whole], base, 3), solve(parts, base, 3)
+    np.testing.assert_allclose(of_parts.values, of_whole.values, atol=1e-9)
+    np.testing.assert_allclose(
+        of_parts.standard_deviations, of_whole.standard_deviations, rtol=1e-7
+    )
 
 
 def test_standard_deviations_and_weights_are_those_of_the_noise(sts, problem):
@@ -143,9 +145,9 @@ def test_the_realisation_predicts_a_motion_that_was_never_seen(sts, problem):
 def test_the_realisation_of_the_files_own_values_is_the_file(sts, problem):
     *_, base = problem
     n = sts.num_joints
-    own = np.zeros((n, 4))
-    own[:, 0] = sts.chain.reflected_inertia
-    x = np.concatenate([sts.chain.inertial_parameters.ravel(), own.ravel()])
+    drive = np.zeros((n, 4))
+    drive[:, 0] = sts.chain.reflected_inertia
+    x = np.concatenate([sts.chain.inertial_parameters.ravel(), drive.ravel()])
     np.testing.assert_allclose(realisation(sts, base, base.combination @ x), x, atol=1e-12)
 
 

@@ -100,7 +100,7 @@ class RefreshResult:
                     f"change_sd_{unit}": result.standard_deviation[:, k],
                     f"prior_sd_{unit}": result.prior_deviation[:, k],
                     "standard_errors": result.standard_errors[:, k],
-                    "told_pct": 100.0 * result.told[:, k],
+                    "told_pct": 100.0 * result.determined_share[:, k],
                 }
                 for k, (term, unit) in enumerate(zip(TERMS, UNIT_KEYS, strict=True))
             },
@@ -265,7 +265,9 @@ def _source(residuals: Sequence[ModelResidual], refresh: FrictionRefresh) -> Fri
 def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     refresh, names = result.refresh, robot.joint_names
     warnings = []
-    hardly_moved = [names[j] for j in np.flatnonzero((refresh.told[:, :2] < LITTLE).all(axis=1))]
+    hardly_moved = [
+        names[j] for j in np.flatnonzero((refresh.determined_share[:, :2] < LITTLE).all(axis=1))
+    ]
     if hardly_moved:
         warnings.append(
             f"the log says little about the friction of {', '.join(hardly_moved)}: unchanged "

@@ -131,7 +131,7 @@ class ModelResidual:
         predicted = self._rigid + law.torque_along(log.q, log.v, carried)
         rows = self._chosen
         residual = log.tau[rows] - log.match(predicted)[rows]
-        signals = log.t, log.q, log.v, carried
+        signals = LogSignals(log.t, log.q, log.v, carried)
         return ResidualRows.of_law(law, signals, residual, self.residual_sd, rows, log.match)
 
     def load_rows(self, load: Array | None = None) -> LoadRows:

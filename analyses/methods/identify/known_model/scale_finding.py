@@ -11,7 +11,7 @@ from wrenchsight.analyses.methods.identify.identification_config import Identify
 from wrenchsight.analyses.methods.identify.known_model.load_calibration import known_load
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.effort_scale import (
-    SEEN,
+    DETERMINED,
     EffortScale,
     scale_from_gravity,
     scale_from_weight,
@@ -55,7 +55,7 @@ class ScaleResult:
             "standard_error_nm": scale.standard_error,
             "stated_nm": self.stated,
             "known_torque_sd_nm": scale.gravity,
-            "seen": scale.seen,
+            "seen": scale.is_determined,
             "rows": scale.count,
             "of_torque": self.of_torque,
         }
@@ -122,13 +122,13 @@ def _hold_torque(recordings: Sequence[Recording]) -> bool:
 def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
     """Notes on the result for the user, one sentence each."""
     names = np.array(result.robot.joint_names)
-    hidden = ", ".join(names[~result.scale.seen])
+    hidden = ", ".join(names[~result.scale.is_determined])
     notes = []
     if hidden:
         cause = "the weight" if by_weight else "gravity"
         notes.append(
-            f"{cause} does not show {hidden} to {100 * SEEN:.0f} %: kept as stated; take it from "
-            "the drive's data sheet, or put a weight on a lever across that axis: "
+            f"{cause} does not show {hidden} to {100 * DETERMINED:.0f} %: kept as stated; take it "
+            "from the drive's data sheet, or put a weight on a lever across that axis: "
             "--load LOG=KG,X,Y,Z"
         )
     if by_weight:
@@ -148,12 +148,12 @@ def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
 
 
 def _or_stated(result: ScaleResult) -> Array:
-    return np.where(result.scale.seen, result.scale.torque_per_unit, result.stated)
+    return np.where(result.scale.is_determined, result.scale.torque_per_unit, result.stated)
 
 
 def _with_scale(robot: Robot, scale: EffortScale) -> Robot:
     """The robot with torque per ampere and sign of the drives that the logs show."""
-    by_joint = zip(robot.joint_names, scale.torque_per_unit, scale.seen, strict=True)
+    by_joint = zip(robot.joint_names, scale.torque_per_unit, scale.is_determined, strict=True)
     measured = {name: float(value) for name, value, is_shown in by_joint if is_shown}
     drives = []
     for drive in robot.config.drives:

@@ -117,7 +117,7 @@ def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
     result = refresh_log(settings(tmp_path, logs), tmp_path / "out")
     error = result.refresh.after.viscous - 1.2 * VISCOUS
     assert (np.abs(error) < 3.0 * result.refresh.standard_deviation[:, 1]).all()
-    assert (result.refresh.told[:3, 1] > 0.3).all()
+    assert (result.refresh.determined_share[:3, 1] > 0.3).all()
     # Half a second of each end is the filter's, and .2 s of what borders on other stretches.
     assert 25 <= len(result.residual_before.t) <= 45
     again = IdentifiedModel.load(tmp_path / "out" / "model.yaml", ur10e)
@@ -128,7 +128,7 @@ def test_short_logs_and_stretches_are_taken_together(ur10e, model, tmp_path):
 def test_two_and_a_half_seconds_are_enough(ur10e, model):
     log = recording(ur10e, 1, viscous=1.2 * VISCOUS)
     result = refresh_model(log, ur10e, model, RefreshConfig(part=[0.0, 2.5]))
-    assert (result.refresh.told[:2, 1] > 0.3).all()
+    assert (result.refresh.determined_share[:2, 1] > 0.3).all()
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def test_a_real_arms_amperes(data, tmp_path, ur10e):
     settings = IdentifySettings(logs=[str(path)], robot="ur10e", scale=True)
     result = find_scale(settings, tmp_path / "out")
     shown = [1, 2, 3]  # joints
-    assert result.scale.seen[shown].all()
+    assert result.scale.is_determined[shown].all()
     want = (ur10e.torque_per_ampere * ur10e.current_sign / spoilt)[shown]
     np.testing.assert_allclose(result.scale.torque_per_unit[shown], want, rtol=0.1)
     assert (result.scale.standard_error[shown] < 0.03 * np.abs(want)).all()
@@ -36,7 +36,7 @@ def test_a_real_arms_amperes(data, tmp_path, ur10e):
     assert constants[0] == ur10e.torque_per_ampere[0] * ur10e.current_sign[0]  # as it was
     assert read_recording(path, robot=again).num_samples == log.num_samples  # and passes the checks
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert metrics["seen"] == result.scale.seen.tolist()
+    assert metrics["seen"] == result.scale.is_determined.tolist()
     notes = " ".join(sentences(result, False))
     assert "gravity does not show shoulder_pan_joint" in notes
     assert "masses of the URDF" in notes
