@@ -25,7 +25,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
 from wrenchsight.models.calibration.load_identification import LoadRows
 from wrenchsight.models.calibration.load_parameters import load_columns
 from wrenchsight.models.calibration.model_uncertainty import uncertain_parameters
-from wrenchsight.models.calibration.residual_noise import ResidualRows
+from wrenchsight.models.calibration.residual_noise import LogSignals, ResidualRows
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
