@@ -152,7 +152,7 @@ def test_a_change_beyond_drift_is_bounded_and_reported(sts, model):
     track(tracker, sts, q, v, reading(v, change))
     assert tracker.change[1, 1] == pytest.approx(9.0)  # 3 sds of 30 % of 10 N m s/rad
     lines = tracker.advice(sts.joint_names)
-    assert any("viscous friction of joint_2 differs from the model by +9" in line for line in lines)
+    assert any("viscous friction of joint_2 is +9" in line for line in lines)
     assert all("identify --refresh" in line for line in lines)
 
 
