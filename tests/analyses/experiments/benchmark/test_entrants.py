@@ -74,7 +74,7 @@ def test_an_observer_s_configuration_reads_with_the_model(log, ur10e, model):
     reading = reader_of(config, ur10e, model, STEP)(log)
     expected = by_estimator(log, ur10e, model, observer=config)
     np.testing.assert_array_equal(reading.wrench, expected.wrench)
-    with pytest.raises(FaultError, match=r"time_step is 0.001 s, the logs have 0.01 s: take MethodSetting"):
+    with pytest.raises(FaultError, match=r"0.001 s, the logs have 0.01 s: take MethodSetting"):
         reader_of(KalmanObserverConfig(), ur10e, model, STEP)
 
 
