@@ -66,7 +66,7 @@ bench: .venv/.ready-test
 
 # Runs the tutorial, too: a minute, and some more where its kernels are not compiled yet.
 docs: .venv/.ready-docs
-	$(BIN)/python -m mkdocs build --strict --quiet
+	$(BIN)/python -m mkdocs build --strict
 	@echo "out/docs/index.html"
 
 readme: .venv/.ready

@@ -115,3 +115,9 @@ def test_the_public_names_have_words(monkeypatch):
     assert "| `Robot` |" in "\n".join(rows)
     assert "| `wrenchsight estimate` |" in "\n".join(rows)
     assert all(len(row.split("|")[2].strip()) > 8 for row in rows)
+
+
+def test_the_build_counts_warnings():
+    (command,) = re.findall(r"mkdocs build.*", (ROOT / "Makefile").read_text("utf-8"))
+    assert "--strict" in command
+    assert "--quiet" not in command  # drops warnings before --strict counts them
