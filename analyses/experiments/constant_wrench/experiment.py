@@ -285,4 +285,5 @@ EXPERIMENT = Experiment(
     section="4.3, Figs. 8-10",
     run=run,
     order=40,
+    readme=("optimised.max_error_y_n",),
 )

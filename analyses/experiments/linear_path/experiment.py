@@ -261,5 +261,4 @@ EXPERIMENT = Experiment(
     run=run,
     order=30,
     seconds=60,
-    readme=("optimised.mean_jcn_along_path",),
 )
