@@ -33,16 +33,16 @@ README = f"# Title\n\n{BEGIN}\nold\n{END}\n\nAfter ü.\n"
 def study(tmp_path):
     out = OutputFolder(tmp_path / "study")
     metrics = {
-        "repeat-cycle": {"reduction_rmse_y_pct": 20.5},
+        "combined": {"reduction_rmse_x_pct": 20.5},
         "constant-wrench": {"optimised": {"max_error_y_n": 24.7}, "rmse": [1.0, 2.0]},
         "silent": {},
     }
     out.write_json("metrics.json", metrics)
 
-    pole = ComparisonRow("Pole", "reduction_rmse_y_pct", 20, "a | b", "eq. 30", unit="1/s")
+    pole = ComparisonRow("Pole", "reduction_rmse_x_pct", 20, "a | b", "eq. 30", unit="1/s")
     largest = ComparisonRow("Largest", "optimised.max_error_y_n", 24.86)
     rows = {
-        "repeat-cycle": [pole],
+        "combined": [pole],
         "constant-wrench": [largest, ComparisonRow("Per axis", "rmse")],
         "silent": [],
     }
@@ -66,7 +66,7 @@ def test_the_table_has_one_line_a_row_in_the_report_s_order(study):
         "| Experiment | Measure | Article | Here | Why, where they differ |",
         "|---|---|---:|---:|---|",
         "| The constant-wrench | Largest [N] | 24.86 | 24.70 |  |",
-        r"| The repeat-cycle | Pole [1/s] | 20.0 (eq. 30) | 20.5 | a \| b |",
+        r"| The combined | Pole [1/s] | 20.0 (eq. 30) | 20.5 | a \| b |",
     ]
 
 
@@ -152,7 +152,7 @@ def campaign(tmp_path):
 
     metrics = {
         "campaign": {"quick": False, "worlds": 200, "seed": 0},
-        "repeat-cycle": {"reduction_rmse_y_pct": spread(7.5, 0.99) | {"moved_by": MOVED_BY}},
+        "combined": {"reduction_rmse_x_pct": spread(7.5, 0.99) | {"moved_by": MOVED_BY}},
         "constant-wrench": {"rmse.0": spread(2.0), "rmse.1": spread(3.0)},
     }
     folder = OutputFolder(tmp_path / "campaign")
@@ -178,7 +178,7 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
     assert "| 2.00 (1.00 to 3.00), 2 |" in results_table(results, first)  # that of the one run
     few = json.loads(json.dumps(worlds))
     few["campaign"]["worlds"] = FEWEST_WORLDS - 1
-    for name in ("repeat-cycle", "constant-wrench"):
+    for name in ("combined", "constant-wrench"):
         for figure in few[name].values():
             figure["worlds"] = FEWEST_WORLDS - 1
     assert results_table(results, few) == results_table(results)  # no range of so few
@@ -192,7 +192,7 @@ def test_campaigns_in_a_folder_each_make_one_table(study, readme, campaign, tmp_
     folder, worlds = campaign
     other = json.loads(json.dumps(worlds))
     other["campaign"]["worlds"] = 20
-    del other["repeat-cycle"], worlds["constant-wrench"]
+    del other["combined"], worlds["constant-wrench"]
     for figure in other["constant-wrench"].values():
         figure["worlds"] = 20
     OutputFolder(tmp_path / "machining").write_json("metrics.json", other)
@@ -213,7 +213,7 @@ def test_campaigns_in_a_folder_each_make_one_table(study, readme, campaign, tmp_
     assert first == again
     del other["surface-path"]
     assert main([str(study), str(readme), str(folder), str(folder)]) == 2
-    assert "has worlds of repeat-cycle, as an earlier" in capsys.readouterr().err
+    assert "has worlds of combined, as an earlier" in capsys.readouterr().err
     other["campaign"]["quick"] = True
     OutputFolder(tmp_path / "machining").write_json("metrics.json", other)
     assert main([str(study), str(readme), *map(str, folders)]) == 2
@@ -255,11 +255,11 @@ def test_campaigns_alone_ask_for_a_folder(capsys):
 
 def test_an_experiment_s_page_gets_its_tables_and_their_metrics(study, readme, capsys):
     table = {"name": "first", "title": "First", "heads": ["", "ours"], "remarks": ["A remark."]}
-    stored = json.loads((study / "repeat-cycle" / "result.json").read_text(encoding="utf-8"))
+    stored = json.loads((study / "combined" / "result.json").read_text(encoding="utf-8"))
     stored["tables"] = [table | {"rows": [["error | N", "1.0 (0.5 to 2.0)"]]}]
-    OutputFolder(study / "repeat-cycle").write_json("result.json", stored)
+    OutputFolder(study / "combined").write_json("result.json", stored)
     assert main([str(study), str(readme)]) == 0  # without a page there is nothing to fill
-    page = readme.parent / "docs" / "repeat-cycle.md"
+    page = readme.parent / "docs" / "combined.md"
     page.write_text("# Page\n\n<!-- table first: begin -->\n<!-- table first: end -->\n\nRest.\n")
     assert main([str(study), str(readme)]) == 0
     assert page.read_text() == (
@@ -267,7 +267,7 @@ def test_an_experiment_s_page_gets_its_tables_and_their_metrics(study, readme, c
         "| error \\| N | 1.0 (0.5 to 2.0) |\n\nA remark.\n<!-- table first: end -->\n\nRest.\n"
     )
     kept = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
-    assert kept["metrics"] == {"reduction_rmse_y_pct": 20.5}
+    assert kept["metrics"] == {"reduction_rmse_x_pct": 20.5}
     assert kept["tables"] == stored["tables"]
     page.write_text("no place")
     assert main([str(study), str(readme)]) == 2
