@@ -120,9 +120,8 @@ class RecordingChecks:
         remedy = "check the column, its unit and its offset, and that the log is of this robot"
         if revolute and np.max(np.abs(chunk.q)) > _CERTAINLY_DEGREES:
             remedy = (
-                f"if positions are in degrees and velocities in degrees per second, add "
-                f"--log-format {IN_DEGREES}; if only positions are, set position: {{unit: deg}} in "
-                "a description"
+                f"if positions and velocities are in degrees, add --log-format {IN_DEGREES}; if "
+                "only positions are, set position: {unit: deg} in a description"
             )
         unit = "rad" if revolute else "m"
         problem = f"q is {value:.6g} {unit}, expected {lower[j]:.4g} to {upper[j]:.4g} {unit}"

@@ -125,7 +125,7 @@ def test_positions_in_degrees_are_refused() -> None:
         replace(log, q=np.rad2deg(log.q), v=np.rad2deg(log.v)),
         "q1, joint 1 (shoulder)",
         "expected -3 to 3 rad",
-        "if positions are in degrees",
+        "if positions and velocities are in degrees",
     )
     _refused(replace(log, v=np.rad2deg(log.v)), "v1", "the joint reaches 3 rad/s", "deg/s")
     # Within all limits: only dq/dt tells.

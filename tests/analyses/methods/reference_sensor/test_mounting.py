@@ -159,5 +159,5 @@ def test_a_calibration_finds_nothing_of_its_sensor(ur10e):
         ReferenceConfig("F", frame="tool"),
         ReferenceConfig("F", frame="tool", sign="robot", tare="fit"),
     ):
-        with pytest.raises(InputError, match="give --reference-frame"):
+        with pytest.raises(InputError, match="state --reference-frame"):
             sensor_torque(log, ur10e, config)

@@ -134,7 +134,7 @@ def test_no_joint_is_held_still_without_a_line(tmp_path: Path) -> None:
     urdf = arm_with_gripper(tmp_path / "arm.urdf")
     result = CliRunner().invoke(app, ["robot", str(urdf), "--out", str(tmp_path / "robot.yaml")])
     message = " ".join(result.output.split())
-    assert "joints held still, rad or m: gripper at 0." in message
+    assert "joints held still, rad or m: gripper at 0;" in message
     assert "--flange LINK" in message
 
 
