@@ -53,8 +53,8 @@ class GravityDisagreement:
         """The tilt, and what to do, for the user."""
         gravity = ", ".join(f"{value:.2f}" for value in self.gravity)
         return (
-            f"the log shows gravity {math.degrees(self.tilt):.1f} deg away from robot.yaml's; if the "
-            f"base is tilted, set gravity: [{gravity}] there, and identify the model again"
+            f"the log shows gravity {math.degrees(self.tilt):.1f} deg away from robot.yaml's; "
+            f"if the base is tilted, set gravity: [{gravity}] there, and identify the model again"
         )
 
 
