@@ -61,6 +61,7 @@ from wrenchsight.models.estimation.estimator import (
 from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_reading import ReadingSample
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -187,7 +188,8 @@ def _log_metrics(
             error = own.error.run(own.error.initial_state(), *log)
             lost, observed = np.zeros(len(J), bool), np.empty((len(J), 0))
             state = own.reading.initial_state()
-            return own.reading.run(state, error, J, seen.tau_ext, seen.fresh, lost, observed)
+            sample = ReadingSample(J, seen.tau_ext, seen.fresh, lost, observed)
+            return own.reading.run(state, error, sample)
 
         variance = None
         if tracked:
