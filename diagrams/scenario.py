@@ -9,7 +9,7 @@ import numpy as np
 
 from wrenchsight.models.control.wrench_script import WrenchSegment
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import known_of_wrench
+from wrenchsight.models.estimation.wrench import wrench_prior
 from wrenchsight.models.files.configuration import load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.plausible_numbers import check_numbers
@@ -296,7 +296,7 @@ def _check_observer(scenario: Scenario, source: str) -> None:
     if kind is None or kind.kernels.wrench is None:
         return
     name, reconstruction = kind_name(kind), scenario.estimator.reconstruction
-    if known_of_wrench(reconstruction) is None:
+    if wrench_prior(reconstruction) is None:
         raise InputError(
             source,
             "estimator.reconstruction.method",

@@ -14,7 +14,8 @@ from wrenchsight.models.estimation.wrench_reading import (
     OBSERVED,
     READING,
     READING_WORK_ROWS,
-    Tables,
+    ReadingSample,
+    ReadingTables,
     WrenchReading,
     read_sample,
 )
@@ -125,7 +126,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         )
         declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
-    def _calc_tables(self, context: Context) -> tuple[Tables, Array]:
+    def _calc_tables(self, context: Context) -> tuple[ReadingTables, Array]:
         """The tables of the reading, and the torque error for an unconnected port."""
         K_0 = None
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
@@ -160,18 +161,8 @@ class JacobianWrenchReconstruction(LeafSystem):
         is_implausible = self._fault.HasValue(context) and (
             int(self._fault.Eval(context).item()) & BEYOND != 0
         )
-        read_sample(
-            tables,
-            state,
-            error,
-            J,
-            self._tau_ext.Eval(context),
-            is_counted,
-            is_implausible,
-            observed,
-            out[:READING],
-            self._work,
-        )
+        sample = ReadingSample(J, self._tau_ext.Eval(context), is_counted, is_implausible, observed)
+        read_sample(tables, state, error, sample, out[:READING], self._work)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         assert self._last is not None

@@ -20,10 +20,11 @@ from wrenchsight.models.estimation.estimator_arrays import (
 )
 from wrenchsight.models.estimation.kernel_choice import KernelChoice
 from wrenchsight.models.estimation.tick import (
-    KNOWN_CORRECTION,
-    KNOWN_COUNTS,
-    KNOWN_SD,
-    KNOWN_TAU_F,
+    OVERRIDE_CORRECTION,
+    OVERRIDE_COUNTS,
+    OVERRIDE_SD,
+    OVERRIDE_TAU_F,
+    TickSample,
     tick_output,
     tick_update,
 )
@@ -53,13 +54,13 @@ class TickArguments(NamedTuple):
     Attributes:
         choice: of the kernels.
         packed: the estimator's constants.
-        known: what an air pass taught, written by `WrenchEstimatorSystem.read`.
+        overrides: learnt correction of an air pass, written by `WrenchEstimatorSystem.read`.
         scratch: memory that is overwritten.
     """
 
     choice: KernelChoice
     packed: Packed
-    known: Array
+    overrides: Array
     scratch: Array
 
 
@@ -161,7 +162,7 @@ class WrenchEstimatorSystem(LeafSystem):
             "law", lambda: AbstractValue.Make(object()), self._calc_law, parameters
         )
         # Memory that is settled once; nothing in it outlives a call.
-        self._known = np.zeros((KNOWN_TAU_F + self._planned if taught else 0, n))
+        self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if taught else 0, n))
         self._unread = np.zeros(n)
         self._last_sample = _ReadSample(0.0, estimator.packed, self._unread, self._unread)
         self._checked = np.zeros((3, n))
@@ -219,7 +220,7 @@ class WrenchEstimatorSystem(LeafSystem):
     @property
     def tick_arguments(self) -> TickArguments:
         """The arguments of `tick_update` for the estimator as it was given."""
-        return TickArguments(self._choice, self._estimator.packed, self._known, self._scratch)
+        return TickArguments(self._choice, self._estimator.packed, self._overrides, self._scratch)
 
     def read(
         self,
@@ -243,15 +244,12 @@ class WrenchEstimatorSystem(LeafSystem):
         if taught is not None:
             if self._planned:
                 v_planned = np.asarray(taught.v_planned, float)
-                friction_torque(packed.part("friction"), v_planned, self._known[KNOWN_TAU_F])
-            self._known[KNOWN_CORRECTION] = taught.tau_correction
-            self._known[KNOWN_COUNTS] = taught.counts
-            self._known[KNOWN_SD] = taught.sd
-        values, layout, table = packed
-        known, scratch = self._known, self._scratch
-        tick_output(
-            self._choice, values, layout, table, state, q, v, current, known, reading, scratch
-        )
+                friction_torque(packed.part("friction"), v_planned, self._overrides[OVERRIDE_TAU_F])
+            self._overrides[OVERRIDE_CORRECTION] = taught.tau_correction
+            self._overrides[OVERRIDE_COUNTS] = taught.counts
+            self._overrides[OVERRIDE_SD] = taught.sd
+        sample = TickSample(q, v, current, self._overrides)
+        tick_output(self._choice, packed, state, sample, reading, self._scratch)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         state, last_output = self._last.at(context)
@@ -263,9 +261,8 @@ class WrenchEstimatorSystem(LeafSystem):
         packed: Packed = self._tuned.EvalAbstract(context).get_value()[0]
         q, v = self._q.Eval(context), self._v.Eval(context)
         current = self._current.Eval(context) if self._reads_current else self._unread
-        values, layout, table = packed
-        known, scratch = self._known, self._scratch
-        tick_output(self._choice, values, layout, table, state, q, v, current, known, out, scratch)
+        sample = TickSample(q, v, current, self._overrides)
+        tick_output(self._choice, packed, state, sample, out, self._scratch)
         out[-1] = number = self._last_sample.number + 1.0
         self._last_sample = _ReadSample(number, packed, q, v)
 
@@ -276,12 +273,9 @@ class WrenchEstimatorSystem(LeafSystem):
         if reading.item(-1) != number:  # that of another context came between
             packed = self._tuned.EvalAbstract(context).get_value()[0]
             q, v = self._q.Eval(context), self._v.Eval(context)
-        values, layout, table = packed
-        # Of `known` an update reads only the number of rows.
-        known, scratch = self._known, self._scratch
-        tick_update(
-            self._choice, values, layout, table, state, q, v, current, known, reading, scratch
-        )
+        # Of the overrides an update reads only the number of rows.
+        sample = TickSample(q, v, current, self._overrides)
+        tick_update(self._choice, packed, state, sample, reading, self._scratch)
         # Not the port of the checked current: a call into Python costs as much as a tick.
         outputs[self._size :] = self._checked_in_tick
 

@@ -71,15 +71,14 @@ class ContactDetectionConfig:
 
 
 class Detection(NamedTuple):
-    """What the readings right after each of N samples say; see `contact_statistic`.
+    """Contact, misfit and link right after each of N samples; see `contact_statistic`.
 
     Attributes:
         statistic: (N,) in units of the level above which contact begins; 0 where the model states
             no torque error.
         contact: (N,).
         misfit: (N,) a contact that no force at E explains.
-        link: (N,) the link, 1 to n, whose contact explains a misfit; 0 where there is none or the
-            joints cannot tell.
+        link: (N,) the link, 1 to n, whose contact explains a misfit; 0: none, or unknown.
         rest: (N,) no joint has moved for REST_TIME.
         out_of_range: (N,) a joint faster or more loaded than the motion the model was fitted on.
     """
@@ -92,19 +91,19 @@ class Detection(NamedTuple):
     out_of_range: Flags
 
     def without(self, unknown: Flags) -> "Detection":
-        """The same, without contact where a sample (N,) may not be used."""
+        """Returns a copy without contact at the samples of `unknown` (N,)."""
         contact, misfit = self.contact & ~unknown, self.misfit & ~unknown
         link = np.where(unknown, 0, self.link).astype(np.int8)
         return self._replace(contact=contact, misfit=misfit, link=link)
 
     def rows(self, rows: slice | Flags) -> "Detection":
-        """Of some of the samples."""
+        """Returns the detection of some samples."""
         columns: Any = (column[rows] for column in self)
         return Detection(*columns)
 
     @staticmethod
     def joined(parts: "Sequence[Detection]") -> "Detection":
-        """One after another."""
+        """Returns the parts, one after another, as one."""
         if len(parts) == 1:
             return parts[0]
         columns: Any = zip(*parts, strict=True)
@@ -112,7 +111,7 @@ class Detection(NamedTuple):
 
     @classmethod
     def of(cls, out: Array) -> "Detection":
-        """From what the kernel wrote, (N, NUM_OUT) or more columns than are read."""
+        """Returns the detection of a kernel's output (N, NUM_OUT or more)."""
         return cls(
             statistic=out[:, STATISTIC].copy(),
             contact=out[:, CONTACT] == 1.0,
@@ -124,16 +123,16 @@ class Detection(NamedTuple):
 
 
 class ContactDetector:
-    """Contact and misfit of what one estimator reads.
+    """Detects contact and misfit in the estimates of one estimator.
 
-    With a model without a torque error no contact is found: only rest and range are reported. One
-    without `contact_noise` is taken as Gaussian.
+    With a model without a torque error no contact is detected; only rest and range are reported. A
+    model without `contact_noise` counts as Gaussian.
 
     Args:
-        stage: of the estimator, whose torque error it is.
-        noise: of the model: how its whitened torque is distributed.
+        stage: torque error of the estimator.
+        noise: distribution of the model's whitened torque.
         chain: with the model's inertias.
-        reconstruction: whose method and moment prior say what a contact at E is.
+        reconstruction: its method and moment prior define a contact at E.
         time_step: s.
         config: the stated rate.
         reads_present_torque: whether the observer's reading rests on the same sample's torque.
@@ -165,19 +164,26 @@ class ContactDetector:
         self.reads_present_torque = reads_present_torque
         error, rates = stage.error, stage.rates
         self.knows_error = not isinstance(error, ConstantTorqueError)
-        self.num_joints = n = error.num_joints
-        joints = np.empty((NUM_JOINT_ROWS, n))
+        self.num_joints = error.num_joints
+        self._correlation_time = np.maximum(error.correlation_time, 1.0 / rates)
+        self.settings = self._settings()
+        self._tables = stage.table, self._joint_rows(), upper_whitening(error.correlation)
+
+    def _joint_rows(self) -> Array:
+        """(NUM_JOINT_ROWS, n): the table `joints` of `detect_tick`."""
+        error, rates, noise = self.stage.error, self.stage.rates, self._noise
+        time_step, correlation_time = self.time_step, self._correlation_time
+        joints = np.empty((NUM_JOINT_ROWS, self.num_joints))
         joints[JOLT_POLE] = np.exp(-rates * time_step)
         for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
             joints[row] = np.where(fitted > 0.0, fitted, np.inf)
-        correlation_time = np.maximum(error.correlation_time, 1.0 / rates)
         if noise is None:
             joints[USUAL_JOLT] = np.inf
             # Of an exponentially correlated error through a low-pass.
             joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + WINDOW))
             joints[CHANGE:] = 0.0
         else:
-            # White noise of speed reads as a jolt that shrinks with the root of the period.
+            # White noise of speed acts as a torque jump that shrinks with the root of the period.
             finer = np.sqrt(max(noise.time_step / time_step, 1.0))
             joints[USUAL_JOLT] = finer * np.asarray(noise.usual_jolt)
             joints[MEAN_SCALE] = noise.mean_scale
@@ -187,32 +193,33 @@ class ContactDetector:
                 quicker = 2.0 * rates / (rates + error.K_0)
                 joints[CHANGE:] = quicker * np.transpose(noise.change_sd) ** 2
                 joints[CHANGE + NUM_FEATURES] /= finer**2
+        return joints
+
+    def _settings(self) -> Array:
+        """(NUM_SETTINGS,): the levels and constants of `detect_tick`."""
+        noise, rate = self._noise, self.config.false_alarms_per_hour
         settings = np.empty(NUM_SETTINGS)
-        settings[PERIOD] = time_step
-        settings[MOMENT_SD] = _moment_sd(reconstruction)
-        settings[SCALE] = error.scale
-        settings[PRESENT] = float(reads_present_torque)
-        levels = SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL
-        tails = _tails(noise, n, float(correlation_time.min()))
-        change = noise.change if noise is not None and noise.change_sd else None
-        rates_per_hour = 0.5 * rate, 0.5 * rate, max(rate, MISFIT_RATE)
-        for level, tail, own_rate in zip(levels, tails, rates_per_hour, strict=True):
-            settings[level] = tail.level_at(own_rate) if self.knows_error else np.inf
+        settings[PERIOD] = self.time_step
+        settings[MOMENT_SD] = _moment_sd(self._reconstruction)
+        settings[SCALE] = self.stage.error.scale
+        settings[PRESENT] = float(self.reads_present_torque)
+        tails = _tails(noise, self.num_joints, float(self._correlation_time.min()))
+        misfit_rate = max(rate, MISFIT_RATE)
+        settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
+        if self.knows_error:
+            settings[SAMPLE_LEVEL] = tails.sample.level_at(0.5 * rate)
+            settings[MEAN_LEVEL] = tails.mean.level_at(0.5 * rate)
+            settings[POWER_LEVEL] = tails.power.level_at(misfit_rate)
+            if noise is not None and noise.change is not None and noise.change_sd:
+                settings[CHANGE_LEVEL] = np.sqrt(noise.change.level_at(0.5 * rate))
         settings[MISFIT_LEVEL] = settings[POWER_LEVEL]
         if noise is not None and noise.misfit is not None and self.knows_error:
-            settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(max(rate, MISFIT_RATE))
-        settings[CHANGE_LEVEL] = np.inf
-        if change is not None and self.knows_error:
-            settings[CHANGE_LEVEL] = np.sqrt(change.level_at(0.5 * rate))
-        for release, level, tail in zip(
-            (SAMPLE_RELEASE, MEAN_RELEASE), levels, tails, strict=False
-        ):
-            often = min(tail.level, LARGEST_RELEASE * settings[level])
-            settings[release] = max(RELEASE * settings[level], often)
+            settings[MISFIT_LEVEL] = OTHER_DAYS * noise.misfit.level_at(misfit_rate)
+        settings[SAMPLE_RELEASE] = _release_level(settings[SAMPLE_LEVEL], tails.sample)
+        settings[MEAN_RELEASE] = _release_level(settings[MEAN_LEVEL], tails.mean)
         if noise is not None:
             settings[[MEAN_LEVEL, MEAN_RELEASE]] *= OTHER_DAYS
-        self.settings = settings
-        self._tables = stage.table, joints, upper_whitening(error.correlation)
+        return settings
 
     @classmethod
     def of(
@@ -220,29 +227,32 @@ class ContactDetector:
     ) -> "ContactDetector":
         """Returns the detector that goes with an estimator."""
         return cls(
-            estimator.error,
-            estimator.model.contact_noise,
-            estimator.chain,
-            estimator.config.reconstruction,
-            estimator.observer.time_step,
-            config,
-            estimator.observer.reads_present_torque,
+            stage=estimator.error,
+            noise=estimator.model.contact_noise,
+            chain=estimator.chain,
+            reconstruction=estimator.config.reconstruction,
+            time_step=estimator.observer.time_step,
+            config=config,
+            reads_present_torque=estimator.observer.reads_present_torque,
         )
 
     def retuned(self, friction: FrictionLaw, K_0: ArrayLike | None) -> "ContactDetector":
         """Returns the detector with friction and an observer that were changed while they run."""
-        stage = self.stage.retuned(friction, K_0)
-        noise, chain, config = self._noise, self.chain, self.config
-        reads = self.reads_present_torque
         return ContactDetector(
-            stage, noise, chain, self._reconstruction, self.time_step, config, reads
+            stage=self.stage.retuned(friction, K_0),
+            noise=self._noise,
+            chain=self.chain,
+            reconstruction=self._reconstruction,
+            time_step=self.time_step,
+            config=self.config,
+            reads_present_torque=self.reads_present_torque,
         )
 
     @property
     def levels(self) -> tuple[float, float, float, float]:
-        """Of the lengths `sample`, `mean`, `power` and `change`; infinite: not looked at."""
-        of = [SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]
-        sample, mean, power, change = self.settings[of].tolist()
+        """Levels of the norms `sample`, `mean`, `power` and `change`; infinite: not in use."""
+        rows = [SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]
+        sample, mean, power, change = self.settings[rows].tolist()
         return sample, mean, power, change
 
     def initial_state(self) -> Array:
@@ -252,7 +262,7 @@ class ContactDetector:
         return state
 
     def run(self, state: Array, batch: EstimateBatch) -> Detection:
-        """Takes what the estimator read of N samples; `state` of `initial_state` is changed."""
+        """Takes the estimates of N samples; `state` of `initial_state` is changed."""
         samples = ArmSamples(
             batch.torque_error,
             batch.v,
@@ -270,7 +280,7 @@ class ContactDetector:
         return self._log(self.settings, state, samples, white)
 
     def whiten(self, state: Array, samples: ArmSamples) -> tuple[TorqueWhite, Array]:
-        """What `detect_log` leaves for what learns, and `judge` where no level is ever reached."""
+        """The output of `detect_log` for fitting, and that of `judge` with infinite levels."""
         settings = self.settings.copy()
         settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
         z, mean, change = np.empty((3, *samples.v.shape))
@@ -284,8 +294,8 @@ class ContactDetector:
         v, transmitted, momentum, tau_ext = contiguous(
             samples.v, samples.transmitted, samples.momentum, samples.tau_ext
         )
-        own = ArmSamples(error, v, transmitted, momentum, tau_ext, fresh)
-        detect_log((table, joints, settings, upper), state, own, out, white)
+        contiguous_samples = ArmSamples(error, v, transmitted, momentum, tau_ext, fresh)
+        detect_log((table, joints, settings, upper), state, contiguous_samples, out, white)
         return out
 
 
@@ -295,15 +305,27 @@ def upper_whitening(R: Array) -> Array:
     return np.ascontiguousarray(np.linalg.inv(flipped)[::-1, ::-1])
 
 
-def _tails(
-    noise: ContactNoise | None, num_joints: int, correlation_time: float
-) -> tuple[ExceedanceTail, ExceedanceTail, ExceedanceTail]:
-    """Of sample, mean and power; Gaussian where nothing was learnt."""
+class _Tails(NamedTuple):
+    """Tails of the norms without contact, see `contact_statistic`."""
+
+    sample: ExceedanceTail
+    mean: ExceedanceTail
+    power: ExceedanceTail
+
+
+def _tails(noise: ContactNoise | None, num_joints: int, correlation_time: float) -> _Tails:
+    """The model's tails; Gaussian ones in place of those that were not learnt."""
     quick = gaussian_tail(num_joints, correlation_time)
     slow = gaussian_tail(num_joints, correlation_time + WINDOW)
     if noise is None:
-        return quick, slow, quick
-    return noise.sample or quick, noise.mean or slow, noise.power or quick
+        return _Tails(quick, slow, quick)
+    return _Tails(noise.sample or quick, noise.mean or slow, noise.power or quick)
+
+
+def _release_level(level: float, tail: ExceedanceTail) -> float:
+    """The level below which contact ends: RELEASE of `level`, or what noise often reaches."""
+    often_reached = min(tail.level, LARGEST_RELEASE * level)
+    return max(RELEASE * level, often_reached)
 
 
 def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
@@ -316,7 +338,7 @@ def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
 
 
 class Reader(Protocol):
-    """What reads successive samples: `ContactEstimator`, or a `TrackedEstimator`."""
+    """Reader of successive samples: a `ContactEstimator` or a `TrackedEstimator`."""
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
         """Takes the next samples, (N, n) each: rad, rad/s and A."""
@@ -331,8 +353,8 @@ class ContactEstimator:
     """Reads one arm, sample by sample or chunk by chunk, from one thread; the result is the same.
 
     Args:
-        estimator: that reads.
-        detection: when a reading is contact.
+        estimator: reads the samples.
+        detection: configuration of the detector.
     """
 
     def __init__(

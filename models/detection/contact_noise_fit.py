@@ -1,7 +1,8 @@
-"""What the contact statistic reads where nothing touches the arm, from held-out readings."""
+"""Fits the distribution of the contact statistic without contact, from held-out readings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from wrenchsight.models.detection.contact_statistic import (
     POWER_LENGTH,
     SAMPLE_LENGTH,
     ArmSamples,
-    jolts,
+    torque_jumps,
 )
 from wrenchsight.models.estimation.torque_error_stage import TorqueErrorStage
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
@@ -41,48 +42,52 @@ def fit_contact_noise(
         model: with the torque error that was fitted to them.
         chain: with the model's inertias.
     """
-    used = [own.used & np.isfinite(own.tau_ext).all(axis=1) for own in readings]
+    used = [reading.used & np.isfinite(reading.tau_ext).all(axis=1) for reading in readings]
     count = sum(int(rows.sum()) for rows in used)
     if model.torque_error is None or not count:
         return None
     time_step = readings[0].time_step
-    momenta = [chain.momentum_terms(own.q, own.v)[0] for own in readings]
-    seen = [
-        jolts(momentum, own.transmitted, np.exp(-own.K_0 * time_step), time_step)[rows]
-        for own, momentum, rows in zip(readings, momenta, used, strict=True)
+    momenta = [chain.momentum_terms(reading.q, reading.v)[0] for reading in readings]
+    jumps = [
+        torque_jumps(momentum, reading.transmitted, np.exp(-reading.K_0 * time_step), time_step)[
+            rows
+        ]
+        for reading, momentum, rows in zip(readings, momenta, used, strict=True)
     ]
     n = chain.num_joints
     noise = ContactNoise(
-        usual_jolt=np.quantile(np.vstack(seen), USUAL, axis=0).tolist(),
+        usual_jolt=np.quantile(np.vstack(jumps), USUAL, axis=0).tolist(),
         mean_scale=[1.0] * n,
         time_step=float(time_step),
         hours=count * time_step / 3600.0,
     )
-    own_model = replace(model, contact_noise=noise)
-    z, mean, change, _, _ = _white(readings, momenta, used, own_model, chain)
-    squares = np.maximum(np.mean(np.vstack(z) ** 2, axis=0), 1e-300)
-    scale = np.sqrt(np.mean(np.vstack(mean) ** 2, axis=0) / squares)
+    model_with_noise = replace(model, contact_noise=noise)
+    white = _white(readings, momenta, used, model_with_noise, chain)
+    z = np.vstack([reading.z for reading in white])
+    mean = np.vstack([reading.mean for reading in white])
+    change = np.vstack([reading.change for reading in white])
+    squares = np.maximum(np.mean(z**2, axis=0), 1e-300)
+    scale = np.sqrt(np.mean(mean**2, axis=0) / squares)
     noise.mean_scale = np.maximum(scale, 1e-3).tolist()
     features = np.concatenate(
         [
-            features_along(model.torque_error, own)[rows]
-            for own, rows in zip(readings, used, strict=True)
+            features_along(model.torque_error, reading)[rows]
+            for reading, rows in zip(readings, used, strict=True)
         ]
     )
     usual = np.asarray(noise.usual_jolt)
-    jolted = np.vstack(seen)
-    noise.change_sd = _change_sd(features, jolted, usual, np.vstack(change)).tolist()
-    _, _, _, misfit, lengths = _white(readings, momenta, used, own_model, chain)
-    noise.sample, noise.mean, noise.power = (
-        fit_exceedances([own[:, column] for own in lengths], time_step)
-        for column in (SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH)
-    )
-    noise.misfit = fit_exceedances(misfit, time_step)
-    noise.change = fit_exceedances([own[:, CHANGE_LENGTH] ** 2 for own in lengths], time_step)
+    all_jumps = np.vstack(jumps)
+    noise.change_sd = _change_sd(features, all_jumps, usual, change).tolist()
+    white = _white(readings, momenta, used, model_with_noise, chain)
+    noise.sample = fit_exceedances([w.lengths[:, SAMPLE_LENGTH] for w in white], time_step)
+    noise.mean = fit_exceedances([w.lengths[:, MEAN_LENGTH] for w in white], time_step)
+    noise.power = fit_exceedances([w.lengths[:, POWER_LENGTH] for w in white], time_step)
+    noise.misfit = fit_exceedances([w.misfit for w in white], time_step)
+    noise.change = fit_exceedances([w.lengths[:, CHANGE_LENGTH] ** 2 for w in white], time_step)
     return noise
 
 
-def _change_sd(features: Array, jolted: Array, usual: Array, change: Array) -> Array:
+def _change_sd(features: Array, jumps: Array, usual: Array, change: Array) -> Array:
     """(n, NUM_FEATURES + 1) roots of the most likely shares of a change's variance.
 
     Args:
@@ -92,11 +97,9 @@ def _change_sd(features: Array, jolted: Array, usual: Array, change: Array) -> A
         change: (N, n) N m.
     """
     n = change.shape[1]
-    excess = np.maximum(jolted - usual, 0.0) ** 2
+    excess = np.maximum(jumps - usual, 0.0) ** 2
     shares = [
-        most_likely(
-            np.column_stack([features[:, j], jolted[:, j] ** 2, excess[:, j]]), change[:, j]
-        )
+        most_likely(np.column_stack([features[:, j], jumps[:, j] ** 2, excess[:, j]]), change[:, j])
         for j in range(n)
     ]
     least = 1e-3 * np.sqrt(np.maximum(np.mean(change**2, axis=0), 1e-12))
@@ -105,30 +108,57 @@ def _change_sd(features: Array, jolted: Array, usual: Array, change: Array) -> A
     return np.asarray(roots)
 
 
+class _WhiteReading(NamedTuple):
+    """Whitened torque of one held-out reading, at the samples that are used.
+
+    Attributes:
+        z, mean, change: (N, n) z, LP(z) and the change, see `contact_statistic`.
+        misfit: (N,) sqrt(LP(D)).
+        lengths: (N, NUM_OUT) output of `detect_log`.
+    """
+
+    z: Array
+    mean: Array
+    change: Array
+    misfit: Array
+    lengths: Array
+
+
 def _white(
     readings: Sequence[HeldOutReading],
     momenta: Sequence[Array],
     used: Sequence[NDArray[np.bool_]],
     model: IdentifiedModel,
     chain: SerialChain,
-) -> tuple[list[Array], list[Array], list[Array], list[Array], list[Array]]:
-    """z, LP(z), change, sqrt(LP(D)) and the lengths of the samples that are used, reading by
-    reading.
-    """
-    found: tuple[list[Array], list[Array], list[Array], list[Array], list[Array]]
-    found = ([], [], [], [], [])
+) -> list[_WhiteReading]:
+    """Runs the detector over each reading, with levels that are never reached."""
+    result: list[_WhiteReading] = []
     error = model.torque_error
     assert error is not None
-    for own, momentum, rows in zip(readings, momenta, used, strict=True):
-        stage = TorqueErrorStage(error, own.friction, own.K_0, own.time_step, own.resolution)
-        config = WrenchReconstructionConfig("force_only")
-        detector = ContactDetector(stage, model.contact_noise, chain, config, own.time_step)
-        J = chain.jacobian(own.q)
-        errors = stage.run(stage.initial_state(), own.q, own.v, own.transmitted, J)
+    config = WrenchReconstructionConfig("force_only")
+    for reading, momentum, rows in zip(readings, momenta, used, strict=True):
+        stage = TorqueErrorStage(
+            error, reading.friction, reading.K_0, reading.time_step, reading.resolution
+        )
+        detector = ContactDetector(stage, model.contact_noise, chain, config, reading.time_step)
+        J = chain.jacobian(reading.q)
+        errors = stage.run(stage.initial_state(), reading.q, reading.v, reading.transmitted, J)
         samples = ArmSamples(
-            errors, own.v, own.transmitted, momentum, own.tau_ext, np.ones(len(own.v), bool)
+            error=errors,
+            v=reading.v,
+            transmitted=reading.transmitted,
+            momentum=momentum,
+            tau_ext=reading.tau_ext,
+            fresh=np.ones(len(reading.v), bool),
         )
         white, lengths = detector.whiten(detector.initial_state(), samples)
-        for kept, part in zip(found, (*white, lengths), strict=True):
-            kept.append(part[rows])
-    return found
+        result.append(
+            _WhiteReading(
+                white.z[rows],
+                white.mean[rows],
+                white.change[rows],
+                white.misfit[rows],
+                lengths[rows],
+            )
+        )
+    return result

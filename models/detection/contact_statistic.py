@@ -1,77 +1,75 @@
-"""Does something touch the arm, and at E? A statistic of what an observer reads, sample by sample.
+"""Contact statistic: detects contact, and contact away from E, from tau_ext, sample by sample.
 
-**Whitened torque.** What joint j reads, over its standard deviation where nothing touches the arm:
+**Whitened torque.** The torque of joint j over its standard deviation without contact:
 
     z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jolt^2
 
 with sd and stiction of `models.identification.torque_error_model`, w its share of a joint at rest
-and b = sqrt(3) stiction the breakaway torque: at rest friction carries anything up to b and nothing
-beyond. Two things that the torque error does not hold:
+and b = sqrt(3) stiction the breakaway torque: friction at rest carries any torque up to b. Two
+effects are not in the torque error:
 
-    jolt    where inertial torque jumps within a sample, as in an abrupt stop, speed and current
-            that are not of the same instant read as K_0 times the jump of momentum. Root of the
-            sum of squares of (1 - pole) |p - 2 p' + p''| / T, fading with the observer's pole; what
-            it exceeds `usual_jolt` by. So does motor torque that jumps, as where a drive brakes: a
-            mean over a period is anywhere between its ends, D apart, which is D / sqrt(3) from
-            the end that an observer holds and D / sqrt(12) from the middle of both
+    jump    Inertial torque may jump within a sample, as in an abrupt stop. Speed and current of
+            different instants then read as K_0 times the jump of momentum: the root of the sum of
+            squares of (1 - pole) |p - 2 p' + p''| / T, fading with the observer's pole. Its excess
+            over `usual_jolt` counts. So does a jump D of motor torque, as of a braking drive. The
+            mean over a period lies anywhere between both ends: its sd is D / sqrt(3) about the end
+            that an observer holds, and D / sqrt(12) about the middle.
     local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
-            false-alarm rate. Friction that has drifted widens the threshold in place of a false
-            alarm; outliers count as OUTLIER times g, where there is contact g stays, and in the
-            first LOCAL_TIME of a log it is the mean since the start, g = 1 counting for FIRST
+            false-alarm rate. Drifted friction raises the threshold instead of a false alarm.
+            Outliers count as OUTLIER times g. During contact g stays. In the first LOCAL_TIME of a
+            log it is the mean since the start, where g = 1 counts for FIRST.
 
-With y = U z, U upper triangular and U R U^T = 1 for the correlation R of the joints' errors, so
-that y_j.. depends on joints j and beyond alone, norms are compared with the level that each exceeds
-at a stated rate per hour (`models.signals.exceedance_tail`, of the logs that the model was fitted
-on, held out):
+y = U z with U upper triangular and U R U^T = 1 for the correlation R of the joints' errors; so y_j
+depends on joints j and beyond alone. Each norm has a threshold, set so that it is exceeded at the
+stated rate per hour (`models.signals.exceedance_tail`, on held-out logs of the model's fit):
 
-    change  |U c|                        a push, at once
-    mean    |U LP(z) / mean_scale|       one that is weak, over WINDOW; LP is a first-order low-pass
-    sample  |y|                          whether it is still there
-    power   sqrt(LP(|y|^2))              whether it is at E
+    change  |U c|                        detects a push at once
+    mean    |U LP(z) / mean_scale|       detects a weak push, over WINDOW; LP: first-order low-pass
+    sample  |y|                          decides whether the contact lasts
+    power   sqrt(LP(|y|^2))              decides whether the contact is at E
 
-**Change** is what a sample has beyond the recent mean, c_j = (x - LP(x))_j / (g' s')_j with
-x = sign(tau) (|tau| - w b)+. Friction errors are slow: half of a reading's error in sliding lasts
-longer than WINDOW, and so does nearly all that drifts from day to day, while a push comes within
-the observer's lag. Its variance s'^2 is of the parts that sd^2 has, with shares of their own, and
-of the jolt's square, and g' is its own local scale. A joint that comes to rest lets go of what it
-carried within some samples, sooner than sd^2 knows that it rests: below REST_SPEED the stiction
-part is b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading is, if that is more, until all
-joints have rested for REST_TIME. A joint that starts lets go likewise, later than it is known to
-move, and what it carried stays in the mean: till then the part is no less than LP(w b)^2 / 3.
-In the first WINDOW of a log there is no mean yet, and so no change. Over the UR10e's other days,
-in units of those of the fit, the size of z goes from .9 to 3.6 and that of its changes from .9 to
-2.5. A model that does not know s' takes `sample` in the place of `change`.
+**Change** is the excess of a sample over the recent mean, c_j = (x - LP(x))_j / (g' s')_j with
+x = sign(tau) (|tau| - w b)+. Friction errors are slow: half of the error in sliding lasts longer
+than WINDOW, and so does nearly all drift from day to day. A push comes within the observer's lag.
+The variance s'^2 has the parts of sd^2, with other shares, and the square of the jump; g' is the
+local scale of the change. A joint that comes to rest releases its friction within some samples,
+sooner than sd^2 shows rest. Below REST_SPEED the stiction part is therefore at least
+b^2 / 3 exp(-(v / REST_SPEED)^2), low-passed as the reading, until all joints have rested for
+REST_TIME. A joint that starts releases its friction later than it is seen to move, and the mean
+still holds it: until then the part is at least LP(w b)^2 / 3. In the first WINDOW of a log there is
+no mean, hence no change. Over the UR10e's other days, in units of those of the fit, the size of z
+ranges from .9 to 3.6 and that of its changes from .9 to 2.5. For a model without s' `sample` takes
+the place of `change`.
 
-**Mean** has a level OTHER_DAYS (`contact_detector`) times the one that the held-out motion states.
-What lasts is what differs from day to day, and the motion that a model was fitted on knows few
-days: on five logs of the UR10e's other weeks and motions and on its three runs, each read by a
-model of the others, the mean exceeded its own level two to three times too often, and with this
-factor contacts come as often as stated (10 to 360 an hour).
+**Mean** has a level OTHER_DAYS (`contact_detector`) times that of the held-out motion. Lasting
+errors differ from day to day, and the fitted motion covers few days. On five logs of the UR10e's
+other weeks and motions and on its three runs, each read by a model of the others, the mean exceeded
+its level two to three times too often. With this factor contacts come as often as stated (10 to 360
+an hour).
 
-**Contact** begins where `change` or `mean` exceeds its level, each of half of the stated rate, and
-lasts until `sample` and `mean` have been below RELEASE of it, or what noise often reaches, for
-QUIET. So that the mean does not outlast a contact, it does not count where the present sample is
-less than LEFT of it; as it begins anew from the sample after a contact, it is no mean before ANEW
-has passed and begins no contact till then. A reading whose mean over LOCAL_TIME vanishes is not a
-contact but an error larger than any before: after that time g follows it, as slowly as before.
+**Contact** begins where `change` or `mean` exceeds its level, each set for half of the stated rate.
+It lasts until `sample` and `mean` have been below RELEASE of their levels, or below what noise
+often reaches, for QUIET. So that the mean does not outlast a contact, it does not count where the
+present sample is less than MEAN_KEPT of it. After a contact it restarts from the next sample and
+begins no contact for MEAN_PAUSE. A reading whose mean over LOCAL_TIME vanishes is no contact but an
+error larger than any previous one: after that time g follows it, as slowly as usual.
 
-**Misfit**: what no force at E, with a moment within its prior, explains,
+**Misfit** is the part that no force at E, with a moment within its prior, explains,
 
     D = min_F |y - U J^T F / (g s)|^2 + |moment / moment_sd|^2
 
 with J as the observer saw it and s widened by the model's scale error. sqrt(LP(D)) over
-MISFIT_WINDOW is compared with a level of its own, learnt where no moment is known beforehand to be
-other than zero: any other prior makes D smaller. It is looked at in contact alone, so that the
-level is one that a contact at E that lasts a second exceeds once in a hundred times, whatever the
-stated rate. A model that does not know it takes the level of `power`: D <= |y|^2.
-With six joints and an unknown moment a force at E explains everything: D = 0.
+MISFIT_WINDOW has a level that was learnt with a moment prior of zero; any other prior makes D
+smaller. It matters in contact alone. So the level is one that a contact of a second at E exceeds
+once in a hundred times, whatever the stated rate. A model without this level takes that of `power`,
+since D <= |y|^2. With six joints and an unknown moment a force at E explains everything: D = 0.
 
-**Link**: a force on link k loads joints 1 to k alone. Where the contact is not at E and joints
-beyond k are within LOUD of their errors while k and beyond exceed the level of `power`, the contact
-is on link k, or its line meets the axes of all joints beyond. Else the joints cannot tell.
+**Link**: a force on link k loads joints 1 to k alone. Let the contact be away from E, the joints
+beyond k within LOUD of their errors, and k and beyond exceed the level of `power`. Then the contact
+is on link k, or its line meets the axes of all joints beyond. Otherwise the link is unknown.
 
-WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three fitted runs, to
-which pushes and a drift of friction were added. Neither a high-pass nor more windows helped there.
+WINDOW and LOCAL_TIME were chosen on the held-out readings of the UR10e's three fitted runs, with
+pushes and a drift of friction added. Neither a high-pass nor more windows helped there.
 """
 
 from typing import NamedTuple
@@ -97,9 +95,9 @@ LOCAL_TIME = 10.0  # s
 FIRST = 1.0  # s
 OUTLIER = 3.0
 RELEASE, LARGEST_RELEASE = 0.5, 0.8
-LEFT = 0.3
+MEAN_KEPT = 0.3
 QUIET = 0.1  # s
-ANEW = 0.5  # s
+MEAN_PAUSE = 0.5  # s
 ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is not chance
 _STICTION = NUM_FEATURES - 1  # among what a variance is made of
 LOUD = 2.0  # root mean square over WINDOW
@@ -107,11 +105,11 @@ REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
 
 # Rows of the state.
-_LAST, _BEFORE, _TORQUE, _BASE, _JOLT2, _LOCAL2 = range(6)
+_MOMENTUM, _PREVIOUS_MOMENTUM, _TORQUE, _BASE, _JUMP2, _LOCAL2 = range(6)
 _SLOW, _SQUARE, _MEAN, _POWER, _CHANGE2, _STOP, _START = range(6, 13)
-NUM_UNKNOWN = _JOLT2  # rows before it are not known before the first sample
+NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
 _SINGLE = _START + 1  # first of the rows that hold single numbers
-_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _ANEW, NUM_SINGLE = range(9)
+_CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _NOT_BEFORE, NUM_SINGLE = range(9)
 
 # Rows of `joints`: the observer's pole for a jolt, per tick, ...
 JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
@@ -129,7 +127,7 @@ UNKNOWN_MOMENT = 1e4  # N m, likewise
 
 
 class TorqueWhite(NamedTuple):
-    """What `detect_log` leaves for what learns, see there."""
+    """Output of `detect_log` for fitting, described there."""
 
     z: Array
     mean: Array
@@ -138,7 +136,7 @@ class TorqueWhite(NamedTuple):
 
 
 class ArmSamples(NamedTuple):
-    """What an estimator knows of N samples, or of one without the first axis.
+    """Estimates that the statistic needs, at N samples; at one sample without the first axis.
 
     Attributes:
         error: of the torque.
@@ -180,12 +178,12 @@ def misfit_square(
     n = J.shape[1]
     A = M[n : n + 6]
     for i in range(6):
-        known = moment_sd if i < 3 else _FORCE_SD
+        prior_sd = moment_sd if i < 3 else _FORCE_SD
         for j in range(n):
             total = 0.0
             for k in range(j, n):
                 total += white[j, k] * J[i, k] / s[k]
-            A[i, j] = known * total
+            A[i, j] = prior_sd * total
     x = M[n + 6]
     for i in range(n):
         for j in range(i + 1):
@@ -206,11 +204,11 @@ def misfit_square(
 def detect_tick(
     tables: tuple[Array, Array, Array, Array],
     state: Array,
-    own: ArmSamples,
+    sample: ArmSamples,
     out: Array,
     work: Array,
 ) -> None:
-    """Single-sample kernel: takes a sample into `state` and writes what it says.
+    """Single-sample kernel: takes a sample into `state` and writes the detection.
 
     Args:
         tables: of the torque error; `joints` (NUM_JOINT_ROWS, n), `settings` (NUM_SETTINGS,) and
@@ -222,7 +220,7 @@ def detect_tick(
             with the change in N m.
     """
     _, joints, settings, white = tables
-    error, v, tau_ext = own.error, own.v, own.tau_ext
+    error, v, tau_ext = sample.error, sample.v, sample.tau_ext
     n, keep = v.shape[0], np.exp(-settings[PERIOD] / WINDOW)
     single = state[_SINGLE:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
@@ -234,9 +232,9 @@ def detect_tick(
         beyond = beyond or abs(load[j]) > joints[FITTED_LOAD, j]
     out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
     _change_variance(detector, error.rows, v, load, work)
-    _take_jolts(detector, own.momentum, load, own.transmitted)
+    _take_jumps(detector, sample.momentum, load, sample.transmitted)
     single[_RESTING] += settings[PERIOD]
-    finite = own.fresh
+    finite = sample.fresh
     for j in range(n):
         if not abs(v[j]) < REST_SPEED:
             single[_RESTING] = 0.0
@@ -261,8 +259,12 @@ def detect_tick(
 
 
 class _Detector(NamedTuple):
-    """What the parts of a tick share: tables and state as `detect_tick`, the share that LP keeps of
-    a sample, and the state's single numbers.
+    """Arguments that the parts of a tick share.
+
+    Attributes:
+        tables, state: as `detect_tick`.
+        keep: pole of LP per tick.
+        single: the state's single numbers, as a view.
     """
 
     tables: tuple[Array, Array, Array, Array]
@@ -283,16 +285,16 @@ class _Lengths(NamedTuple):
 
 
 @kernel
-def _change_variance(own: _Detector, rows: Array, v: Array, load: Array, work: Array) -> None:
-    """Writes s'^2 (n,), the variance of a change without its jolt, into row 0 of `work`."""
-    (table, joints, _, _), keep, state, single = own
+def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array, work: Array) -> None:
+    """Writes s'^2 (n,), the variance of a change without its jump, into row 0 of `work`."""
+    (table, joints, _, _), keep, state, single = detector
     s, parts = work[0], work[4]
     for j in range(v.shape[0]):
         variance_parts(table, rows, j, v[j], load[j], parts)
         s[j] = 0.0
         for m in range(_STICTION):
             s[j] += joints[CHANGE + m, j] * parts[m]
-        # What a joint that stops lets go of, and what one that starts has carried.
+        # Friction that a stopping joint releases, and that a starting one has carried.
         pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
         held = breakaway(table, rows, j) / np.sqrt(3.0)
         stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
@@ -306,34 +308,36 @@ def _change_variance(own: _Detector, rows: Array, v: Array, load: Array, work: A
 
 
 @kernel
-def _take_jolts(own: _Detector, momentum: Array, load: Array, transmitted: Array) -> None:
-    """Takes jumps of momentum and of motor torque into the jolt's square."""
-    (_, joints, settings, _), _, state, _ = own
+def _take_jumps(detector: _Detector, momentum: Array, load: Array, transmitted: Array) -> None:
+    """Takes jumps of momentum and of motor torque into the jump's square."""
+    (_, joints, settings, _), _, state, _ = detector
     for j in range(momentum.shape[0]):
         if not np.isfinite(momentum[j]):
             continue
         pole, jump = joints[JOLT_POLE, j], 0.0
-        if np.isfinite(state[_BEFORE, j]):
-            jump = (momentum[j] - 2.0 * state[_LAST, j] + state[_BEFORE, j]) / settings[PERIOD]
+        if np.isfinite(state[_PREVIOUS_MOMENTUM, j]):
+            jump = (
+                momentum[j] - 2.0 * state[_MOMENTUM, j] + state[_PREVIOUS_MOMENTUM, j]
+            ) / settings[PERIOD]
         square = jump * jump
-        first, last, share = state[_TORQUE, j], load[j], 1.0 / 3.0
+        begin, end, share = state[_TORQUE, j], load[j], 1.0 / 3.0
         if settings[PRESENT] != 0.0:
-            first, last, share = load[j], transmitted[j], 1.0 / 12.0
-        if np.isfinite(state[_TORQUE, j]) and np.isfinite(last):
-            square += share * (last - first) ** 2
+            begin, end, share = load[j], transmitted[j], 1.0 / 12.0
+        if np.isfinite(state[_TORQUE, j]) and np.isfinite(end):
+            square += share * (end - begin) ** 2
         gain = 1.0 - pole
-        state[_JOLT2, j] = pole * pole * state[_JOLT2, j] + gain * gain * square
-        if np.isfinite(state[_LAST, j]):
+        state[_JUMP2, j] = pole * pole * state[_JUMP2, j] + gain * gain * square
+        if np.isfinite(state[_MOMENTUM, j]):
             state[_TORQUE, j] = load[j]
-        state[_BEFORE, j], state[_LAST, j] = state[_LAST, j], momentum[j]
+        state[_PREVIOUS_MOMENTUM, j], state[_MOMENTUM, j] = state[_MOMENTUM, j], momentum[j]
 
 
 @kernel
-def _whiten(own: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> None:
+def _whiten(detector: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> None:
     """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`, whose
     row 0 holds s'^2 before; takes the sample into both local scales and LP(z).
     """
-    (_, joints, settings, _), keep, state, single = own
+    (_, joints, settings, _), keep, state, single = detector
     n, T = tau_ext.shape[0], settings[PERIOD]
     s, z, y, change = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
     single[_SEEN] += T
@@ -349,20 +353,20 @@ def _whiten(own: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> 
             follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
     for j in range(n):
         sd, stiction, w = error.sd[j], error.stiction[j], error.rows[UNKNOWN_SHARE_ROW, j]
-        jolt = max(np.sqrt(state[_JOLT2, j]) - joints[USUAL_JOLT, j], 0.0)
+        jolt = max(np.sqrt(state[_JUMP2, j]) - joints[USUAL_JOLT, j], 0.0)
         square = max(sd * sd - w * stiction * stiction, 1e-6 * sd * sd)
-        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JOLT2, j] + jolt * jolt
+        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JUMP2, j] + jolt * jolt
         change_sd = np.sqrt(change_sd)
         s[j] = np.sqrt(square + jolt * jolt)
-        # What friction at rest does not carry.
-        left = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction, 0.0)
-        left = left if tau_ext[j] > 0.0 else -left
-        z[j] = left / s[j]
+        # The part that friction at rest cannot carry.
+        beyond_stiction = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction, 0.0)
+        beyond_stiction = beyond_stiction if tau_ext[j] > 0.0 else -beyond_stiction
+        z[j] = beyond_stiction / s[j]
         if not np.isfinite(state[_BASE, j]):
-            state[_BASE, j] = left
+            state[_BASE, j] = beyond_stiction
         elif single[_CONTACT] == 0.0:
-            state[_BASE, j] += begins * (left - state[_BASE, j])
-        change[j] = left - state[_BASE, j]
+            state[_BASE, j] += begins * (beyond_stiction - state[_BASE, j])
+        change[j] = beyond_stiction - state[_BASE, j]
         state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
         state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
         if follows:
@@ -382,9 +386,9 @@ def _whiten(own: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> 
 
 
 @kernel
-def _lengths(own: _Detector, work: Array) -> _Lengths:
+def _lengths(detector: _Detector, work: Array) -> _Lengths:
     """The norms of what `_whiten` wrote; row 2 of `work` is left with y = U z."""
-    (_, joints, _, white), keep, state, _ = own
+    (_, joints, _, white), keep, state, _ = detector
     n = white.shape[0]
     z, y = work[1, :n], work[2, :n]
     sample = power = mean = plain_mean = along = changed = 0.0
@@ -412,16 +416,16 @@ def _lengths(own: _Detector, work: Array) -> _Lengths:
 
 
 @kernel
-def _decide(own: _Detector, lengths: _Lengths, work: Array) -> None:
+def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
     """Begins and ends contact."""
-    (_, _, settings, _), _, state, single = own
+    (_, _, settings, _), _, state, single = detector
     T, touched = settings[PERIOD], single[_CONTACT] == 1.0
-    single[_ANEW] -= T
+    single[_NOT_BEFORE] -= T
     # The mean does not outlast a contact, nor begin one before it is a mean again.
     mean = lengths.mean
-    if touched and lengths.along < LEFT * lengths.plain_mean:
+    if touched and lengths.along < MEAN_KEPT * lengths.plain_mean:
         mean = 0.0
-    if not touched and single[_ANEW] > 0.0:
+    if not touched and single[_NOT_BEFORE] > 0.0:
         mean = 0.0
     quick = lengths.sample / settings[SAMPLE_LEVEL]
     if not touched and settings[CHANGE_LEVEL] < np.inf:
@@ -437,7 +441,7 @@ def _decide(own: _Detector, lengths: _Lengths, work: Array) -> None:
         else:
             single[_QUIET] += T
         if single[_QUIET] >= QUIET:
-            single[_CONTACT], single[_ANEW] = 0.0, ANEW
+            single[_CONTACT], single[_NOT_BEFORE] = 0.0, MEAN_PAUSE
             for j in range(state.shape[1]):
                 z, y, change = work[1, j], work[2, j], work[3, j]
                 state[_MEAN, j], state[_POWER, j] = z, y * y
@@ -445,25 +449,27 @@ def _decide(own: _Detector, lengths: _Lengths, work: Array) -> None:
 
 
 @kernel
-def _unexplained(settings: Array, white: Array, seen: Array, tau_ext: Array, work: Array) -> float:
-    """D of the sample that `detect_tick` left in `work`, which is changed but for the change."""
+def _unexplained(
+    settings: Array, white: Array, J_seen: Array, tau_ext: Array, work: Array
+) -> float:
+    """D of the sample in the `work` of `detect_tick`, which is overwritten but for row 3."""
     n = tau_ext.shape[0]
     s, z, y = work[0, :n], work[1, :n], work[2, :n]
     for j in range(n):
-        wide = settings[SCALE] * tau_ext[j]
-        wider = np.sqrt(s[j] * s[j] + wide * wide)
-        z[j] *= s[j] / wider
-        s[j] = wider
+        scale_sd = settings[SCALE] * tau_ext[j]
+        total_sd = np.sqrt(s[j] * s[j] + scale_sd * scale_sd)
+        z[j] *= s[j] / total_sd
+        s[j] = total_sd
     for j in range(n):
         y[j] = 0.0
         for k in range(j, n):
             y[j] += white[j, k] * z[k]
-    return misfit_square(white, seen, s, y, settings[MOMENT_SD], work[5:])
+    return misfit_square(white, J_seen, s, y, settings[MOMENT_SD], work[5:])
 
 
 @kernel
 def _link(power: Array, level: float) -> float:
-    """The link (1 to n) that a force away from E acts on, or 0 where the joints cannot tell."""
+    """The link (1 to n) that a force away from E acts on; 0: unknown."""
     beyond = 0.0
     for j in range(power.shape[0] - 1, -1, -1):
         beyond += power[j]
@@ -484,34 +490,39 @@ def detect_log(
 ) -> None:
     """`detect_tick` for N samples, one after another; out (N, NUM_OUT).
 
-    `white` is written, for what learns: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) of
-    every sample; without rows it is not.
+    `white` is written for fitting: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) (N,).
+    Without rows it is not written.
     """
     state, v, transmitted = borrowed(state), borrowed(samples.v), borrowed(samples.transmitted)
     momentum, tau_ext, fresh = borrowed(samples.momentum), borrowed(samples.tau_ext), samples.fresh
     error, out = samples.error, borrowed(out)
     sd, stiction, drift = borrowed(error.sd), borrowed(error.stiction), borrowed(error.drift)
-    seen, rows = borrowed(error.J_seen), borrowed(error.rows)
+    J_seen, rows = borrowed(error.J_seen), borrowed(error.rows)
     n, slow = v.shape[1], 0.0
     gain = 1.0 - np.exp(-tables[2][PERIOD] / MISFIT_WINDOW)
     work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
     for k in range(v.shape[0]):
-        known = TorqueError(sd[k], stiction[k], drift[k], seen[k], rows[k])
-        own = ArmSamples(known, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k])
-        detect_tick(tables, state, own, out[k], work)
+        sample_error = TorqueError(sd[k], stiction[k], drift[k], J_seen[k], rows[k])
+        sample = ArmSamples(sample_error, v[k], transmitted[k], momentum[k], tau_ext[k], fresh[k])
+        detect_tick(tables, state, sample, out[k], work)
         if white.misfit.shape[0] > 0:
             copy_to(white.z[k], work[1, :n])
             copy_to(white.mean[k], state[_MEAN])
             copy_to(white.change[k], work[3, :n])
             if np.isfinite(tau_ext[k]).all():
-                D = _unexplained(tables[2], tables[3], known.J_seen, tau_ext[k], work)
+                D = _unexplained(tables[2], tables[3], sample_error.J_seen, tau_ext[k], work)
                 slow += gain * (D - slow)
             white.misfit[k] = np.sqrt(slow)
 
 
-def jolts(momentum: Array, transmitted: Array, pole: Array, time_step: float) -> Array:
-    """(N, n) N m, the root of the jolt's sum of squares along a log of momentum and of torque that
-    is held from one sample to the next, (N, n) each.
+def torque_jumps(momentum: Array, transmitted: Array, pole: Array, time_step: float) -> Array:
+    """The torque jumps (N, n) N m along a log: root of the sum of squares, see the module.
+
+    Args:
+        momentum: (N, n) kg m^2/s.
+        transmitted: (N, n) N m, held from one sample to the next.
+        pole: (n,) of the observer, per tick.
+        time_step: s.
     """
     from scipy.signal import lfilter
 
@@ -519,5 +530,8 @@ def jolts(momentum: Array, transmitted: Array, pole: Array, time_step: float) ->
     square[2:] = (np.diff(momentum, 2, axis=0) / time_step) ** 2
     square[2:] += np.diff(transmitted[:-1], axis=0) ** 2 / 3.0
     square *= (1.0 - pole) ** 2
-    filtered = [lfilter([1.0], [1.0, -p * p], own) for p, own in zip(pole, square.T, strict=True)]
+    filtered = [
+        lfilter([1.0], [1.0, -p * p], joint_square)
+        for p, joint_square in zip(pole, square.T, strict=True)
+    ]
     return np.asarray(np.sqrt(np.stack(filtered, axis=1)))

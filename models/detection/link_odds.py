@@ -1,4 +1,4 @@
-"""Which link was touched, or was it the tool: odds of a contact's place, from joint torques alone.
+"""Odds of a contact's place, a link or the tool, from joint torques alone.
 
 A force f at a point P of link k loads joints 1 to k by J_P^T f, and no joint beyond. Compared are
 
@@ -135,14 +135,14 @@ def place_evidence(
     largest = np.abs(tau).max(axis=1, keepdims=True)
     D = np.sqrt(sd**2 + (SCALE * tau) ** 2 + (CROSS * largest) ** 2)
     carries = np.flatnonzero(np.abs(np.mean(tau / D, axis=0)) > loaded)
-    first = int(carries[-1]) if len(carries) else 0
+    first_link = int(carries[-1]) if len(carries) else 0
     places: list[list[Array]] = [[] for _ in range(n + 1)]
     weights = [np.empty(0)] * n
     for J_k, tau_k, D_k in zip(J, tau, D, strict=True):
         white = np.linalg.inv(np.linalg.cholesky(D_k[:, None] * R * D_k))
         y = white @ tau_k
         surfaces = _surfaces(J_k)
-        for k in range(first, n):
+        for k in range(first_link, n):
             B = _on_link(J_k, k, surfaces[k]) @ white.T
             places[k].append(_log_likelihood(B, y, inwards=True))
             weights[k] = surfaces[k].weight  # the posture changes little during a contact
@@ -150,7 +150,7 @@ def place_evidence(
         places[n].append(_log_likelihood(B, y, inwards=False))
     weights.append(np.full(len(LEVERS), 1.0 / len(LEVERS)))
     evidence = np.full(n + 1, -np.inf)
-    for k in range(first, n + 1):
+    for k in range(first_link, n + 1):
         mean = np.mean(places[k], axis=0)  # (points, sizes)
         evidence[k] = logsumexp(mean, b=weights[k][:, None] / len(SIZES))
     return evidence
@@ -184,16 +184,17 @@ class _Surface(NamedTuple):
 
 
 def axis_feet(J: Array) -> tuple[Array, Array]:
-    """(n, 3), (n, 3) m from E in axes of W: the points of axis 1 to n, of J (6, n), nearest to the
-    axis before and to the one after; of the last the one nearest to E.
+    """The feet of axis 1 to n: its points nearest to the previous and to the next axis.
 
-    Where a prismatic joint lies J does not tell: it has the point before it, or E.
+    The last foot of the last axis is its point nearest to E. J does not determine where a prismatic
+    joint lies: it takes the previous point, or E.
+
+    Returns:
+        (n, 3) first feet and (n, 3) last feet, m from E in axes of W.
     """
-    axis, foot, slides = (
-        np.where(_slides(J), J[3:], J[:3]).T,
-        np.cross(J[:3].T, J[3:].T),
-        _slides(J),
-    )
+    slides = _slides(J)
+    axis = np.where(slides, J[3:], J[:3]).T
+    foot = np.cross(J[:3].T, J[3:].T)
     n = len(axis)
 
     def on_axis(k: int, point: Array) -> Array:
@@ -205,20 +206,21 @@ def axis_feet(J: Array) -> tuple[Array, Array]:
         None if slides[k] or slides[k + 1] else _nearest(axis[k : k + 2], foot[k : k + 2])
         for k in range(n - 1)
     ]
-    first, last = np.zeros((n, 3)), np.zeros((n, 3))
+    first_foot, last_foot = np.zeros((n, 3)), np.zeros((n, 3))
     for k in range(n):
-        before, after = nearest[k - 1] if k else None, nearest[k] if k < n - 1 else None
-        if before is not None:
-            first[k] = before[1]
+        nearest_before = nearest[k - 1] if k else None
+        nearest_after = nearest[k] if k < n - 1 else None
+        if nearest_before is not None:
+            first_foot[k] = nearest_before[1]
         elif k:
-            first[k] = on_axis(k, last[k - 1])
+            first_foot[k] = on_axis(k, last_foot[k - 1])
         else:
-            first[k] = on_axis(k, np.zeros(3)) if after is None else after[0]
+            first_foot[k] = on_axis(k, np.zeros(3)) if nearest_after is None else nearest_after[0]
         if k == n - 1:
-            last[k] = on_axis(k, np.zeros(3))
+            last_foot[k] = on_axis(k, np.zeros(3))
         else:
-            last[k] = first[k] if after is None else after[0]
-    return first, last
+            last_foot[k] = first_foot[k] if nearest_after is None else nearest_after[0]
+    return first_foot, last_foot
 
 
 def _nearest(axis: Array, point: Array) -> tuple[Array, Array] | None:
@@ -242,24 +244,24 @@ def _slides(J: Array) -> Flags:
 def _surfaces(J: Array) -> list[_Surface]:
     """Of link 1 to n."""
     axis = np.where(_slides(J), J[3:], J[:3]).T
-    first, last = axis_feet(J)
+    first_foot, last_foot = axis_feet(J)
     n = len(axis)
     parts: list[list[_Surface]] = [[] for _ in range(n)]
     for k in range(n):
-        between = last[k] - first[k]
+        between = last_foot[k] - first_foot[k]
         length = float(np.linalg.norm(between))
         u = between / length if length > _POINT else axis[k]
         side = axis[k - 1] if k else np.eye(3)[int(np.argmin(np.abs(u)))]
-        end = last[k] + (0.0 if k == n - 1 and length > _POINT else REACH) * u
-        housing, at = _housing(first[k] - REACH * u, end, side)
-        whole = float(np.linalg.norm(end - first[k])) + REACH
+        end = last_foot[k] + (0.0 if k == n - 1 and length > _POINT else REACH) * u
+        housing, at = _housing(first_foot[k] - REACH * u, end, side)
+        whole = float(np.linalg.norm(end - first_foot[k])) + REACH
         share = 0.5 + length / whole * at  # of link k; the one before has the rest
         parts[k].append(housing.shared(share))
         if k:
             parts[k - 1].append(housing.shared(1.0 - share))
-        to = first[k + 1] if k < n - 1 else np.zeros(3)
-        if np.linalg.norm(to - last[k]) > _POINT:
-            parts[k].append(_tube(last[k], to, axis[k])[0])
+        to = first_foot[k + 1] if k < n - 1 else np.zeros(3)
+        if np.linalg.norm(to - last_foot[k]) > _POINT:
+            parts[k].append(_tube(last_foot[k], to, axis[k])[0])
     return [_Surface.of(part) for part in parts]
 
 
@@ -346,12 +348,12 @@ def _log_likelihood(B: Array, y: Array, inwards: bool) -> Array:
     """
     F2 = np.square(SIZES)
     values, vectors = np.linalg.eigh(B @ B.swapaxes(1, 2))
-    seen = ((B @ y)[:, None] @ vectors)[:, 0]  # (m, d)
+    projected = ((B @ y)[:, None] @ vectors)[:, 0]  # (m, d)
     share = 1.0 / (1.0 + F2[:, None] * np.maximum(values, 0.0)[:, None])  # (m, sizes, d)
-    log = 0.5 * (F2[:, None] * share * seen[:, None] ** 2 + np.log(share)).sum(axis=2)
+    log = 0.5 * (F2[:, None] * share * projected[:, None] ** 2 + np.log(share)).sum(axis=2)
     if inwards:
-        first = vectors[:, 0]  # (m, d): the normal's row
-        mean = (F2[:, None] * share * (first * seen)[:, None]).sum(axis=2)
-        variance = (F2[:, None] * share * (first**2)[:, None]).sum(axis=2)
+        normal_share = vectors[:, 0]  # (m, d): the normal's row
+        mean = (F2[:, None] * share * (normal_share * projected)[:, None]).sum(axis=2)
+        variance = (F2[:, None] * share * (normal_share**2)[:, None]).sum(axis=2)
         log = log + np.log(2.0) + log_ndtr(mean / np.sqrt(variance))
     return np.asarray(log)

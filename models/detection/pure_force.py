@@ -1,11 +1,11 @@
-"""Does a force at E without a moment explain the torques? `force_only` presupposes it.
+"""Test whether a force at E without a moment explains the torques, as `force_only` presupposes.
 
-What the best such force leaves of a sample's torque,
+The misfit of the best such force to a sample's torque,
 
     D = min_f (tau - J^T f)^T Sigma^-1 (tau - J^T f)
 
-is n - 3 on average where it does. Its mean over WINDOW s is compared with LARGEST times that; a
-load beside E, or a contact off it, leaves more, and its force reads wrong by more than its band.
+is n - 3 on average where it explains the torque. Its mean over WINDOW s may be LARGEST times that.
+A load or a contact away from E exceeds it; its force is off by more than the stated band.
 
 LARGEST was settled on contact-free logs of a UR10e, where it voids 2 % at most of what was valid,
 and on a log with 2.8 kg that hang .18 m off the flange: 29 % of its valid forces are inside their
@@ -25,7 +25,7 @@ LARGEST = 3.0
 def force_alone_explains(
     t: Array, J: ArrayLike, tau_ext: ArrayLike, sd: ArrayLike, correlation: ArrayLike
 ) -> Flags:
-    """(N,) whether a force at E alone explains the torques around each of N samples.
+    """Tells for each of N samples whether a force at E alone explains the torques around it.
 
     Args:
         t: (N,) s.
@@ -36,18 +36,18 @@ def force_alone_explains(
     """
     J, tau, sd = (np.asarray(x, float) for x in (J, tau_ext, sd))
     N, n = tau.shape
-    known = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
-    left = np.zeros(N)
+    is_finite = np.asarray(np.isfinite(tau + sd).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
+    misfit = np.zeros(N)
     white = np.linalg.inv(np.linalg.cholesky(np.asarray(correlation, float)))
-    y = (tau[known] / sd[known]) @ white.T
-    A = (J[known, 3:] / sd[known][:, None]) @ white.T
+    y = (tau[is_finite] / sd[is_finite]) @ white.T
+    A = (J[is_finite, 3:] / sd[is_finite][:, None]) @ white.T
     # A floor keeps singular postures solvable; what they do not see is not left over.
     gram = A @ A.swapaxes(1, 2) + 1e-9 * np.trace(A @ A.swapaxes(1, 2), axis1=1, axis2=2)[
         :, None, None
     ] * np.eye(3)
-    seen = (A @ y[..., None])[..., 0]
-    explained = (seen * np.linalg.solve(gram, seen[..., None])[..., 0]).sum(axis=1)
-    left[known] = np.maximum((y**2).sum(axis=1) - explained, 0.0)
+    projected = (A @ y[..., None])[..., 0]
+    explained = (projected * np.linalg.solve(gram, projected[..., None])[..., 0]).sum(axis=1)
+    misfit[is_finite] = np.maximum((y**2).sum(axis=1) - explained, 0.0)
     step = float(np.median(np.diff(t))) if N > 1 else WINDOW
     size = max(1, min(N, round(WINDOW / step))) if step > 0.0 else 1
-    return np.asarray(uniform_filter1d(left, size, mode="nearest") <= LARGEST * max(n - 3, 1))
+    return np.asarray(uniform_filter1d(misfit, size, mode="nearest") <= LARGEST * max(n - 3, 1))

@@ -1,4 +1,4 @@
-"""Does something touch an arm that reports its external torque itself? No model has a part in it.
+"""Contact detection on an external torque that the controller reports, without a model.
 
 Such a torque tau (`analyses.methods.external_torque`) is off by an offset that stays for seconds,
 by noise, and by what friction and filters of the arm leave behind after each contact. A baseline
@@ -73,8 +73,16 @@ class TorqueError(NamedTuple):
     moving_sd: Array
 
 
+class _Samples(NamedTuple):
+    """N samples: t (N,) s, tau_ext (N, n) N m and J (N, 6, n)."""
+
+    t: Array
+    tau_ext: Array
+    J: Array
+
+
 class TorqueContact(NamedTuple):
-    """What N samples say.
+    """Detection at N samples.
 
     Attributes:
         statistic: (N,) s / LEVEL: contact begins above 1.
@@ -109,21 +117,25 @@ class TorqueContactDetector:
     def run(self, t: Array, tau_ext: Array, J: Array) -> TorqueContact:
         """Takes the next N samples: s, (N, n) N m, and (N, 6, n); what is not finite is passed."""
         N, n = tau_ext.shape
-        out, base = np.zeros((N, 3)), np.zeros((N, n))
-        rest, moving = (np.ascontiguousarray(sd, float) for sd in self.error)
-        tau, at = contiguous(tau_ext, J)
-        torque_contact_log(rest, moving, self._state, np.asarray(t, float), tau, at, out, base)
-        moves = out[:, 2] == 1.0
-        sd = np.where(moves[:, None], self.error.moving_sd, self.error.rest_sd)
-        return TorqueContact(out[:, 0], out[:, 1] == 1.0, moves, base, sd)
+        out, baseline = np.zeros((N, 3)), np.zeros((N, n))
+        error = TorqueError(
+            np.ascontiguousarray(self.error.rest_sd, float),
+            np.ascontiguousarray(self.error.moving_sd, float),
+        )
+        tau, jacobian = contiguous(tau_ext, J)
+        samples = _Samples(np.asarray(t, float), tau, jacobian)
+        torque_contact_log(error, self._state, samples, out, baseline)
+        is_moving = out[:, 2] == 1.0
+        sd = np.where(is_moving[:, None], self.error.moving_sd, self.error.rest_sd)
+        return TorqueContact(out[:, 0], out[:, 1] == 1.0, is_moving, baseline, sd)
 
 
 def first_baseline(t: Array, tau_ext: Array) -> Array:
     """(n,) N m, mean of the first FIRST s of a log's finite samples; zero where there is none."""
-    known = np.isfinite(tau_ext).all(axis=1)
-    if not known.any():
+    is_finite = np.isfinite(tau_ext).all(axis=1)
+    if not is_finite.any():
         return np.zeros(tau_ext.shape[1])
-    return np.asarray(tau_ext[known & (t <= t[known][0] + FIRST)].mean(axis=0))
+    return np.asarray(tau_ext[is_finite & (t <= t[is_finite][0] + FIRST)].mean(axis=0))
 
 
 def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
@@ -134,8 +146,12 @@ def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
         tau_ext: (N, n) N m.
         J: (N, 6, n).
     """
-    known = np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)) & np.isfinite(t)
-    t, tau, J = t[known][:MOST_SAMPLES], tau_ext[known][:MOST_SAMPLES], J[known][:MOST_SAMPLES]
+    is_finite = np.isfinite(tau_ext).all(axis=1) & np.isfinite(J).all(axis=(1, 2)) & np.isfinite(t)
+    t, tau, J = (
+        t[is_finite][:MOST_SAMPLES],
+        tau_ext[is_finite][:MOST_SAMPLES],
+        J[is_finite][:MOST_SAMPLES],
+    )
     n = tau_ext.shape[1]
     if len(t) < _FEWEST:
         least = np.full(n, _LEAST_SD)
@@ -143,30 +159,34 @@ def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
     start = first_baseline(t, tau)
     least = np.full(n, _LEAST_SD)
     plain = TorqueContactDetector(TorqueError(np.full(n, np.inf), np.full(n, np.inf)), start)
-    first = plain.run(t, tau, J)
-    moving_sd = _floored(_spread((tau - first.baseline)[first.moving], least))
-    calm = np.maximum(_windows_sd(t, tau, ~first.moving), least)
+    first_pass = plain.run(t, tau, J)
+    moving_sd = _floored(_spread((tau - first_pass.baseline)[first_pass.moving], least))
+    calm = np.maximum(_windows_sd(t, tau, ~first_pass.moving), least)
     sd = _floored(START * calm)
     for _ in range(ROUNDS):
-        found = TorqueContactDetector(TorqueError(sd, moving_sd), start).run(t, tau, J)
-        edges = np.flatnonzero(np.diff(found.contact.astype(int)))
-        ends = edges[~found.contact[edges + 1]] + 1
-        begins = edges[found.contact[edges + 1]] + 1
-        settled = ~found.contact & ~found.moving
-        last = np.searchsorted(ends, np.arange(len(t)), side="right") - 1
-        since = np.where(last >= 0, t - t[ends[np.maximum(last, 0)]], np.inf) if len(ends) else t
+        contacts = TorqueContactDetector(TorqueError(sd, moving_sd), start).run(t, tau, J)
+        edges = np.flatnonzero(np.diff(contacts.contact.astype(int)))
+        ends = edges[~contacts.contact[edges + 1]] + 1
+        begins = edges[contacts.contact[edges + 1]] + 1
+        settled = ~contacts.contact & ~contacts.moving
+        last_end = np.searchsorted(ends, np.arange(len(t)), side="right") - 1
+        since = (
+            np.where(last_end >= 0, t - t[ends[np.maximum(last_end, 0)]], np.inf)
+            if len(ends)
+            else t
+        )
         settled &= since >= (_SETTLED if len(ends) else -np.inf)
-        noise = np.maximum(_spread((tau - found.baseline)[settled], calm), calm)
+        noise = np.maximum(_spread((tau - contacts.baseline)[settled], calm), calm)
         after = np.searchsorted(t, t[ends] + _SETTLED)
         pairs = [
             (begin, int(after[k]))
             for begin in begins
             if (k := int(np.searchsorted(ends, begin))) < len(ends) and after[k] < len(t)
         ]
-        steps = np.array([found.baseline[j] - found.baseline[i] for i, j in pairs])
+        steps = np.array([contacts.baseline[j] - contacts.baseline[i] for i, j in pairs])
         step = noise if len(pairs) < 3 else MEDIAN * np.median(np.abs(steps), axis=0)
         sd = _floored(np.hypot(noise, step))
-    if not first.moving.any():
+    if not first_pass.moving.any():
         moving_sd = sd
     return TorqueError(sd, np.maximum(moving_sd, sd))
 
@@ -192,20 +212,23 @@ def _windows_sd(t: Array, tau: Array, used: Flags) -> Array:
 
 @kernel
 def torque_contact_log(
-    rest_sd: Array,
-    moving_sd: Array,
-    state: Array,
-    t: Array,
-    tau_ext: Array,
-    J: Array,
-    out: Array,
-    base: Array,
+    error: TorqueError, state: Array, samples: _Samples, out: Array, base: Array
 ) -> None:
-    """Writes statistic, contact and motion (N, 3), and baseline (N, n); `state` changes."""
+    """Detects contact at N samples.
+
+    Args:
+        error: of the torque.
+        state: of TorqueContactDetector, changed.
+        samples: N of them.
+        out: (N, 3) statistic, contact and motion, written.
+        base: (N, n) N m, the baseline, written.
+    """
+    rest_sd, moving_sd = error
+    t, tau_ext, J = samples
     n = tau_ext.shape[1]
     z = np.empty(n)
-    slow_J, own = state[:6], state[6:]
-    numbers = own[_SINGLE]
+    slow_J, rows = state[:6], state[6:]
+    numbers = rows[_SINGLE]
     for k in range(tau_ext.shape[0]):
         finite = np.isfinite(t[k])
         for j in range(n):
@@ -214,7 +237,7 @@ def torque_contact_log(
                 finite = finite and np.isfinite(J[k, i, j])
         if not finite:
             for j in range(n):
-                base[k, j] = own[_BASE, j]
+                base[k, j] = rows[_BASE, j]
             continue
         T = 0.0
         if np.isfinite(numbers[_TIME]):
@@ -234,30 +257,30 @@ def torque_contact_log(
         square, along, peak = 0.0, 0.0, 0.0
         fade = np.exp(-T / FADE)
         for j in range(n):
-            z[j] = (tau_ext[k, j] - own[_BASE, j]) / (moving_sd[j] if moving else rest_sd[j])
+            z[j] = (tau_ext[k, j] - rows[_BASE, j]) / (moving_sd[j] if moving else rest_sd[j])
             square += z[j] * z[j]
-            own[_PEAK, j] *= fade
-            along += z[j] * own[_PEAK, j]
-            peak += own[_PEAK, j] * own[_PEAK, j]
+            rows[_PEAK, j] *= fade
+            along += z[j] * rows[_PEAK, j]
+            peak += rows[_PEAK, j] * rows[_PEAK, j]
         s = np.sqrt(square)
         if numbers[_CONTACT] == 0.0:
             if numbers[_WAIT] > 0.0:
                 numbers[_WAIT] -= T
                 if s <= numbers[_SMALLEST]:
                     numbers[_SMALLEST] = s
-                    own[_LOWEST, :n] = tau_ext[k]
+                    rows[_LOWEST, :n] = tau_ext[k]
                 if numbers[_WAIT] <= 0.0:
-                    own[_BASE, :n] = own[_LOWEST, :n]
+                    rows[_BASE, :n] = rows[_LOWEST, :n]
             elif s > LEVEL:
                 numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
                 if numbers[_ABOVE] >= HOLD:
                     numbers[_CONTACT] = 1.0
-                    own[_PEAK, :n] = z
+                    rows[_PEAK, :n] = z
             else:
                 for j in range(n):
-                    own[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[k, j] - own[_BASE, j])
+                    rows[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[k, j] - rows[_BASE, j])
         elif square >= peak:
-            own[_PEAK, :n] = z
+            rows[_PEAK, :n] = z
         elif along < LEFT * peak:
             numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
         if numbers[_CONTACT] == 1.0 and s < RELEASE * LEVEL:
@@ -267,4 +290,4 @@ def torque_contact_log(
         out[k, 0], out[k, 1] = s / LEVEL, numbers[_CONTACT]
         out[k, 2] = 1.0 if moving else 0.0
         for j in range(n):
-            base[k, j] = own[_BASE, j]
+            base[k, j] = rows[_BASE, j]

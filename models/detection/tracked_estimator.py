@@ -1,16 +1,16 @@
-"""The estimator with friction that is followed while the arm moves, gated by the contact detector.
+"""The estimator with friction tracked while nothing touches the arm, as the detector finds.
 
     q, v -> correction (`wrenchsight.models.calibration.friction_tracking`) -+
     q, v, current -> estimator ----------------------------------------------+-> wrench -> contact
                  ^-- learns, where nothing touches the arm ------------------------------------+
 
-tau_ext is corrected before the wrench is read. The model's allowance for drift is replaced by the
-variance V of the correction, passed on through the reading's own gain. The model's torque error
-was learnt from logs held out, whose friction was another day's: its sd holds such a drift already
-as far as it is less than twice that sd, so V^2 / (V + 4 sd^2) is added.
+tau_ext is corrected before the wrench is read. The variance V of the correction replaces the
+model's allowance for drift and enters the covariance through the reading's gain. The model's torque
+error was learnt from held-out logs of other days. Its sd contains a drift of up to twice that sd
+already, so V^2 / (V + 4 sd^2) is added.
 
-A payload that was zeroed (`wrenchsight.models.calibration.payload_zero`) is taken off before the
-wrench is read and contact is looked for, and what is unknown of it is in the wrench's covariance.
+A zeroed payload (`wrenchsight.models.calibration.payload_zero`) is subtracted before the wrench is
+read and contact is detected. Its uncertainty is in the wrench's covariance.
 """
 
 from dataclasses import replace
@@ -36,7 +36,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, contiguous
 from wrenchsight.models.robot.robot import Robot
 
-HELD = 2.0  # sds of the model's own error, up to which it holds what friction drifts by
+CONTAINED_DRIFT = 2.0  # sds of the model's error, up to which it contains friction's drift
 
 
 class TrackedEstimator:
@@ -48,13 +48,13 @@ class TrackedEstimator:
         config: of the estimator, its time step filled in; method bayesian, force_only or inverse,
             and an observer that does not read the wrench itself.
         detection: of contact.
-        follows_friction: whether friction is followed at all; without, the model's own allowance
-            for drift stays in the band, and a payload can be zeroed.
+        follows_friction: whether friction is tracked. Without it the model's allowance for drift
+            stays in the band; a payload can still be zeroed.
 
     Attributes:
-        estimator: that reads what is corrected.
-        tracker: with `freeze`, `resume`, `reset` and what has been learnt.
-        zero: the payload that is taken off; None: none. `start_zero` and `finish_zero` find it.
+        estimator: reads the corrected samples.
+        tracker: of friction, with `freeze`, `resume` and `reset`.
+        zero: the payload that is subtracted, or None; `start_zero` and `finish_zero` determine it.
 
     Raises:
         ValueError: a model, method or observer that cannot be tracked.
@@ -71,47 +71,53 @@ class TrackedEstimator:
         if model.torque_error is None:
             raise ValueError("the model states no torque error: its friction cannot be tracked")
         self._follows = follows_friction
-        without = model
+        estimator_model = model
         if follows_friction:
-            without = replace(model, torque_error=model.torque_error.with_drift(0.0))
-        self.estimator = own = WrenchEstimator(robot, without, config)
-        self._gain = ReadingGain(own)
+            estimator_model = replace(model, torque_error=model.torque_error.with_drift(0.0))
+        self.estimator = WrenchEstimator(robot, estimator_model, config)
+        self._gain = ReadingGain(self.estimator)
         force_sd, _ = live_prior(robot.payload)
-        # The levels of contact were learnt with the model's own allowance for drift.
+        # The levels of contact were learnt with the model's allowance for drift.
         self._plain = WrenchEstimator(robot, model, config)
         self._detector = ContactDetector.of(self._plain, detection)
         self.tracker = FrictionTracker(
-            model, own.observer.pole, own.observer.time_step, force_sd, own.resolution
+            model,
+            self.estimator.observer.pole,
+            self.estimator.observer.time_step,
+            force_sd,
+            self.estimator.resolution,
         )
         self.zero: ZeroedPayload | None = None
         self._zeroing: PayloadZero | None = None
         self.restart()
 
     def restart(self) -> None:
-        """The next sample does not follow the last one; what has been learnt stays."""
-        self._state, self._plain_state = (
-            self.estimator.initial_state(),
-            self._plain.initial_state(),
-        )
+        """Starts anew: the next sample does not follow the last one. The learnt friction stays."""
+        self._state = self.estimator.initial_state()
+        self._plain_state = self._plain.initial_state()
         self._detector_state = self._detector.initial_state()
         self.tracker.restart()
         observer = self.estimator.observer
         self._settling = round(observer.settling_time / observer.time_step)
 
     def start_zero(self) -> None:
-        """From now on what is read is a payload's weight: hold postures, nothing else touching."""
-        robot, own, error = self._plain.robot, self._plain, self._plain.model.torque_error
+        """Starts zeroing: from now on the torque is a payload's weight.
+
+        Hold some postures; nothing else may touch the arm.
+        """
+        estimator = self._plain
+        robot, error = estimator.robot, estimator.model.torque_error
         assert error is not None
         self.zero = None
         self._zeroing = PayloadZero(
             robot.payload,
             np.asarray(robot.gravity),
-            own.observer.time_step,
+            estimator.observer.time_step,
             error.correlation_time,
         )
 
     def finish_zero(self) -> ZeroedPayload:
-        """Takes off what has been told since `start_zero`, in this and all other postures.
+        """Ends zeroing: subtracts the payload read since `start_zero`, in all postures.
 
         Raises:
             ValueError: it was not started.
@@ -129,7 +135,7 @@ class TrackedEstimator:
             current: (N, n) A.
 
         Returns:
-            What is read, tau_ext corrected, and contact.
+            The estimates, tau_ext corrected, and contact.
         """
         q, v, current = contiguous(q, v, current)
         plain = self._plain.run(self._plain_state, q, v, current, conditions=False)
@@ -138,14 +144,14 @@ class TrackedEstimator:
     def follow(
         self, q: Array, v: Array, current: Array, plain: EstimateBatch
     ) -> tuple[EstimateBatch, Detection]:
-        """As `run`, of samples that an estimator of the same model and configuration has read.
+        """As `run`, for samples that an estimator of the same model and configuration has read.
 
         Args:
             q, v, current: (N, n) as `run`.
-            plain: what it read, without tracking.
+            plain: its estimates, without tracking.
         """
         missing = np.asarray(np.isnan(plain.J).any(axis=(1, 2)))
-        read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
+        is_read = plain.fresh & ~missing & (self._settling <= np.arange(len(q)))
         self._settling -= len(q)
         correction, variance = np.empty_like(q), np.empty_like(q)
         weight, columns = np.zeros_like(q), np.zeros((*q.shape, 4))
@@ -157,45 +163,47 @@ class TrackedEstimator:
         while begin < len(q):
             rows = slice(begin, min(len(q), begin + self.tracker.until_step))
             begin = rows.stop
-            own = plain.rows(rows)
+            rows_read = plain.rows(rows)
             correction[rows], variance[rows] = self._correction(q[rows], v[rows])
             correction[rows] -= weight[rows]
-            better = own._replace(tau_ext=own.tau_ext + correction[rows])
-            found = self._detector.run(self._detector_state, better)
-            parts.append(found)
-            free = read[rows] & ~found.contact
+            corrected = rows_read._replace(tau_ext=rows_read.tau_ext + correction[rows])
+            detection = self._detector.run(self._detector_state, corrected)
+            parts.append(detection)
+            free = is_read[rows] & ~detection.contact
             if self._follows:
-                self.tracker.learn(own.tau_ext - weight[rows], own.J_seen, free)
+                self.tracker.learn(rows_read.tau_ext - weight[rows], rows_read.J_seen, free)
             if self._zeroing is not None:
                 self._zeroing.add(
                     q[rows],
                     v[rows],
                     J_seen[rows],
                     R_WE[rows],
-                    better.tau_ext,
-                    own.torque_sd,
-                    read[rows],
+                    corrected.tau_ext,
+                    rows_read.torque_sd,
+                    is_read[rows],
                 )
         taught = Taught(correction, v, np.ones(len(q)))
         batch = self.estimator.run(self._state, q, v, current, taught=taught)
         return self._widened(batch, variance, columns), Detection.joined(parts)
 
     def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Of friction, and its variance."""
+        """The correction of friction (N, n), and its variance."""
         if self._follows:
             return self.tracker.correction(q, v)
         return np.zeros_like(q), np.zeros_like(q)
 
     def _widened(self, batch: EstimateBatch, variance: Array, columns: Array) -> EstimateBatch:
-        """The batch with the part of the correction's variance that its model does not hold, and
-        what is unknown of the payload whose `columns` (N, n, 4) were taken off.
+        """Adds the uncertainty of the correction and of the zeroed payload.
+
+        Of the correction's variance only the part beyond the model's error is added. `columns`
+        (N, n, 4) are those of the payload's torque.
         """
         sd = batch.torque_sd
-        added = variance**2 / (variance + (HELD * sd) ** 2)
+        added = variance**2 / (variance + (CONTAINED_DRIFT * sd) ** 2)
         gain = self._gain.of(batch)
-        more = (gain * added[:, None, :]) @ gain.transpose(0, 2, 1)
+        added_covariance = (gain * added[:, None, :]) @ gain.transpose(0, 2, 1)
         if self.zero is not None:
             response = gain @ columns
-            more += response @ self.zero.covariance @ response.transpose(0, 2, 1)
-        wider = self._gain.widened(batch, more)
-        return wider._replace(torque_sd=np.sqrt(sd**2 + added))
+            added_covariance += response @ self.zero.covariance @ response.transpose(0, 2, 1)
+        widened = self._gain.widened(batch, added_covariance)
+        return widened._replace(torque_sd=np.sqrt(sd**2 + added))

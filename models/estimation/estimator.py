@@ -1,13 +1,13 @@
-"""The whole chain for one tick or for a log: motor current in, wrench with its uncertainty out.
+"""The estimation chain for a tick or a log: from motor current to the wrench and its covariance.
 
     current -> tau_J ----------------------------+
     q, v    -> tau_f (friction) -----------------+-> momentum observer -> tau_ext -> wrench at E
     q, v    -> momentum, CTv, G (model), J ------+                             +--- covariance
 
-A tick is one call of one kernel, and a log runs the same stages
-(`wrenchsight.models.estimation.tick`): those without memory in parallel over its rows, the others
-one row after another. Both give the same numbers. A friction law with load dependence takes the
-motor torque of the tick before (`wrenchsight.models.friction.presliding_friction`).
+A tick is one call of one kernel. A log runs the same stages (`wrenchsight.models.estimation.tick`):
+those without memory in parallel over its rows, the others row by row. Both give the same numbers. A
+friction law with load dependence takes the motor torque of the previous tick
+(`wrenchsight.models.friction.presliding_friction`).
 """
 
 from collections.abc import Sequence
@@ -29,10 +29,12 @@ from wrenchsight.models.estimation.estimator_arrays import (
 )
 from wrenchsight.models.estimation.kernel_choice import kernel_choice
 from wrenchsight.models.estimation.tick import (
-    KNOWN_CORRECTION,
-    KNOWN_COUNTS,
-    KNOWN_SD,
-    KNOWN_TAU_F,
+    OVERRIDE_CORRECTION,
+    OVERRIDE_COUNTS,
+    OVERRIDE_SD,
+    OVERRIDE_TAU_F,
+    TickLog,
+    TickSample,
     estimate_tick,
     memory_log,
     terms_log,
@@ -44,15 +46,21 @@ from wrenchsight.models.estimation.torque_error_stage import (
 from wrenchsight.models.estimation.wrench import (
     WrenchReconstruction,
     WrenchReconstructionConfig,
-    known_of_wrench,
     live_prior,
+    wrench_prior,
 )
-from wrenchsight.models.estimation.wrench_reading import OBSERVED, READING, WrenchReading
+from wrenchsight.models.estimation.wrench_reading import (
+    OBSERVED,
+    READING,
+    ReadingSample,
+    WrenchReading,
+)
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_model import (
     TORQUE_ERROR_ROWS,
     ConstantTorqueError,
+    TorqueErrorModel,
 )
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.observers.lag import JACOBIAN_ROWS
@@ -75,32 +83,32 @@ from wrenchsight.models.observers.sample_check import BEYOND, Codes, SampleCheck
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
-_PASS = 16384  # rows between two turns of the serial part: bounds the memory of a long log
+_PASS = 16384  # rows of a log taken at a time, which bounds the memory
 
 
 @dataclass
 class WrenchEstimatorConfig:
-    """How the estimator filters and what it knows of the wrench beforehand."""
+    """Configuration of the estimator: observer, prior of the wrench, check of samples."""
 
     observer: AnyObserverConfig = field(default_factory=MomentumObserverConfig)
     reconstruction: WrenchReconstructionConfig = field(default_factory=WrenchReconstructionConfig)
     force_bandwidth_hz: float = 3.0  # Hz, up to which the band covers the observer's lag
     position_resolution: list[float] | None = None
-    # rad, per joint; None: what robot.yaml says of all joints, else the model
+    # rad, per joint; None: the value of robot.yaml for all joints, else the model's
     check_samples: bool = True  # flag samples that no joint can have done
 
 
 class Taught(NamedTuple):
-    """What an air pass taught, for one sample or for N of them; see `models.machining.air_pass`.
+    """Learnt correction of an air pass, for one sample or N; see `models.machining.air_pass`.
 
     Attributes:
         tau_correction: (..., n) N m, added to what the observer reads.
         v_planned: (..., n) rad/s, at which friction without memory is evaluated, as on the air
-            pass: the sign of the measured speed of a joint that hardly moves plays no part. A law
-            with memory follows the measured motion, through rest and reversal, on both passes.
-        counts: (...) 1 where a reading so corrected may be valid, else 0.
-        sd: (..., n) N m, of the correction, beyond the model's torque error; a number stands for
-            all.
+            pass. So the sign of the measured speed does not matter for a joint that hardly moves.
+            A law with memory follows the measured motion on both passes.
+        counts: (...) 1 where a corrected reading may be valid, else 0.
+        sd: (..., n) N m, of the correction, beyond the model's torque error; one number stands for
+            all joints.
     """
 
     tau_correction: ArrayLike
@@ -129,18 +137,18 @@ class EstimateBatch(NamedTuple):
             robot, at E, in axes of W.
         covariance: (N, 6, 6) of the wrench.
         condition_number: (N,) of J in m and rad.
-        valid: (N,) as `models.estimation.wrench.WrenchEstimate`; also False where the sample or the
-            one before it was not finite, so that tau_ext is held.
+        valid: (N,) as `models.estimation.wrench.WrenchEstimate`; also False where this or the
+            previous sample was not finite, so that tau_ext is held.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
-        torque_sd: (N, n) N m, of tau_ext where nothing touches the arm.
-        transmitted: (N, n) N m, what the gears transmit: motor torque less friction; empty where
-            it is not kept.
-        fresh: (N,) whether tau_ext is of the sample; empty where it is not kept.
-        fault: (N,) what is wrong with q and v of the sample, and with the current of the one
-            before: a sum of BEYOND, DISAGREES and FROZEN of `models.observers.sample_check`, or 0.
-            Such a sample counts as one that is not finite. Empty where it is not kept.
-        stiction, drift, J_seen, error_rows: of `torque_error`; empty where it is not kept.
-        v, momentum: (N, n) rad/s and kg m^2/s, as checked; empty where they are not kept.
+        torque_sd: (N, n) N m, of tau_ext without contact.
+        transmitted: (N, n) N m, torque that the gears transmit: motor torque less friction; empty
+            where it is not stored, as are all further fields.
+        fresh: (N,) whether tau_ext belongs to the sample.
+        fault: (N,) faults of q and v of the sample and of the previous current: a sum of BEYOND,
+            DISAGREES and FROZEN of `models.observers.sample_check`, or 0. Such a sample is treated
+            as one that is not finite.
+        stiction, drift, J_seen, error_rows: of `torque_error`.
+        v, momentum: (N, n) rad/s and kg m^2/s, as checked.
     """
 
     tau_ext: Array
@@ -162,7 +170,7 @@ class EstimateBatch(NamedTuple):
 
     @property
     def torque_error(self) -> TorqueError:
-        """How far the observer may be off at each sample."""
+        """Uncertainty of the observer at each sample."""
         return TorqueError(self.torque_sd, self.stiction, self.drift, self.J_seen, self.error_rows)
 
     @property
@@ -177,7 +185,7 @@ class EstimateBatch(NamedTuple):
 
     @staticmethod
     def joined(batches: Sequence["EstimateBatch"]) -> "EstimateBatch":
-        """One after another."""
+        """Returns the batches, one after another, as one."""
         if len(batches) == 1:
             return batches[0]
         columns: Any = zip(*batches, strict=True)
@@ -185,7 +193,7 @@ class EstimateBatch(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """What the observer and the friction law see of each of N samples.
+    """Torques of the observer and the friction law at N samples.
 
     Attributes:
         tau_ext: (N, n) N m.
@@ -193,7 +201,7 @@ class Observation(NamedTuple):
         tau_f: (N, n) N m, friction.
         fresh: (N,) see `wrenchsight.models.observers.observer`.
         J: (N, 6, n) rows [angular; linear] at E in axes of W.
-        torque_error: how far the observer may be off.
+        torque_error: uncertainty of the observer.
     """
 
     tau_ext: Array
@@ -205,24 +213,24 @@ class Observation(NamedTuple):
 
     @property
     def transmitted(self) -> Array:
-        """(N, n) N m, what the gears transmit."""
+        """(N, n) N m, torque that the gears transmit."""
         return np.asarray(self.tau_J - self.tau_f)
 
 
 class WrenchEstimator:
     """From q, v and motor current to the wrench at E, with one model of one robot.
 
-    A model with a torque error is read with sds of each sample, J as the observer saw it, and a
-    band that holds lag and scale; Sigma_tau of another one is the residual covariance, at rest and
-    in motion alike (`wrench_reading`). A prior that the configuration leaves open is `live_prior`
-    of the robot's payload; `with_prior` puts in another.
+    For a model with a torque error the reading uses the sds of each sample, J as the observer saw
+    it, and a band that holds lag and scale. For any other model Sigma_tau is the residual
+    covariance, at rest and in motion alike (`wrench_reading`). A prior missing in the configuration
+    is `live_prior` of the robot's payload; `with_prior` sets another.
 
     `step` and `run` change `state` in place and may be mixed freely; one estimator serves any
     number of states, from one thread.
 
     Attributes:
-        error: of the torque, as a stage.
-        reading: of the wrench.
+        error: stage of the torque error.
+        reading: stage of the wrench.
         packed: the constants of `wrenchsight.models.estimation.tick`.
 
     Raises:
@@ -246,37 +254,32 @@ class WrenchEstimator:
         self.reconstruction = WrenchReconstruction(
             self.config.reconstruction, model.residual_covariance
         )
-        resolution = self.config.position_resolution
-        if resolution is None and np.isfinite(robot.position_resolution).all():
-            resolution = robot.position_resolution.tolist()
-        self.resolution = resolution
+        self.resolution = resolution = self._position_resolution()
         T = self.observer.time_step
         self.friction = model.friction.sampled(T, resolution)
         self.learnt = model.torque_error is not None
-        covariance, ranges = self.reconstruction.torque_covariance, model.validity
-        error = model.torque_error or ConstantTorqueError.of(
-            covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
-        )
-        reading = self.config.reconstruction.with_live(*live_prior(robot.payload))
+        error = self._torque_error_model()
+        reading_config = self.config.reconstruction.with_live(*live_prior(robot.payload))
         rates = self.observer.pole
         self.knowledge = ModelKnowledge(
             model.torque_error,
-            np.sqrt(np.diag(covariance)),
+            np.sqrt(np.diag(self.reconstruction.torque_covariance)),
             np.broadcast_to(error.K_0 if rates is None else rates, (n,)),
-            known_of_wrench(reading),
+            wrench_prior(reading_config),
         )
         if isinstance(self.observer, InformedObserver):
             self.observer = self.observer.informed(self.knowledge)
-        own = self.friction, self.observer.pole, T, resolution, self.chain
-        self.error = TorqueErrorStage(error, *own)
+        self.error = TorqueErrorStage(
+            error, self.friction, self.observer.pole, T, resolution, self.chain
+        )
         self.reading = WrenchReading(
-            error,
-            reading if self.learnt else self.config.reconstruction,
-            self.observer.pole,
-            T,
-            self.config.force_bandwidth_hz,
-            np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
-            robot.joint_torque(np.eye(n)),
+            error=error,
+            config=reading_config if self.learnt else self.config.reconstruction,
+            K_0=self.observer.pole,
+            time_step=T,
+            force_bandwidth_hz=self.config.force_bandwidth_hz,
+            usual_sd=np.sqrt(np.diag(model.residual_covariance)) if self.learnt else None,
+            torques=robot.joint_torque(np.eye(n)),
         )
         self.observed_size = 0 if self.observer.kernels.wrench is None else OBSERVED
         self.choice = kernel_choice(self.observer.kernels, self.friction.kernels)
@@ -286,16 +289,28 @@ class WrenchEstimator:
         self.packed = self.packed_with(
             robot.torque_per_ampere, self.friction, self.observer, self.reading
         )
-        rows = len(self.observer.initial_state()), self.friction.state_rows
-        self._state_shape = (state_size(n, *rows),)
+        observer_rows = len(self.observer.initial_state())
+        self._state_shape = (state_size(n, observer_rows, self.friction.state_rows),)
         self._out_size = sum(tick_sizes(n).values())
-        J = n + READING + 2
-        signals, seen = J + 6 * n, J + (6 + NUM_SIGNALS) * n
-        end = seen + (JACOBIAN_ROWS + TORQUE_ERROR_ROWS) * n
-        self._columns = slice(J, signals), slice(signals, seen), slice(seen, end)
         self._sample = np.empty((3, n))
-        self._nothing = np.empty((0, n))
+        self._no_overrides = np.empty((0, n))
         self._scratch = np.empty(workspace_size(n))
+
+    def _position_resolution(self) -> list[float] | None:
+        """(n,) rad of the encoders: the configuration's, else the robot's, else None."""
+        resolution = self.config.position_resolution
+        if resolution is None and np.isfinite(self.robot.position_resolution).all():
+            resolution = self.robot.position_resolution.tolist()
+        return resolution
+
+    def _torque_error_model(self) -> TorqueErrorModel:
+        """The model's torque error; without one, the residual covariance at rest and in motion."""
+        if self.model.torque_error is not None:
+            return self.model.torque_error
+        ranges = self.model.validity
+        return ConstantTorqueError.of(
+            self.reconstruction.torque_covariance, ranges.v_max or 0.0, ranges.tau_max or 0.0
+        )
 
     def packed_with(
         self,
@@ -304,11 +319,17 @@ class WrenchEstimator:
         observer: Observer,
         reading: WrenchReading,
     ) -> Packed:
-        """Returns the constants of this estimator with other parts, (n,) N m/A among them."""
+        """Returns the constants of this estimator with other parts.
+
+        Args:
+            torque_per_ampere: (n,) N m/A.
+            friction, observer, reading: in place of the estimator's.
+        """
         robot = self.robot
         period = self.observer.time_step
-        own = friction, observer.pole, period, self.resolution, self.chain
-        error = TorqueErrorStage(reading.error, *own)
+        error = TorqueErrorStage(
+            reading.error, friction, observer.pole, period, self.resolution, self.chain
+        )
         gain = motor_gain(torque_per_ampere, robot.current_sign)
         parameters = Parameters(
             chain=self.chain.table,
@@ -317,21 +338,15 @@ class WrenchEstimator:
             slip=friction.slip_table,
             error=error.table,
             poles=error.poles,
-            **dict(
-                zip(
-                    ("read_load", "lag", "explained", "faults", "wrench"),
-                    reading.tables,
-                    strict=True,
-                )
-            ),
+            **reading.tables._asdict(),
             check=np.empty((0, self.num_joints)) if self.check is None else self.check.table,
             period=np.array([period]),
         )
-        rows = len(observer.initial_state()), friction.state_rows
-        return packed(parameters, observer.table, *rows)
+        observer_rows = len(observer.initial_state())
+        return packed(parameters, observer.table, observer_rows, friction.state_rows)
 
     def with_prior(self, force_sd: float, moment_sd: float) -> Self:
-        """Returns an estimator with this prior (N, N m), whatever the configuration said."""
+        """Returns an estimator with this prior (N, N m) in place of the configuration's."""
         reconstruction = replace(
             self.config.reconstruction, prior_force_sd=force_sd, prior_moment_sd=moment_sd
         )
@@ -369,18 +384,18 @@ class WrenchEstimator:
             state: of `initial_state`, changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
-            taught: as `run`, of this sample.
+            taught: as `run`, for this sample.
 
         Raises:
             ValueError: shapes that disagree.
         """
         n, out = self.num_joints, np.empty(self._out_size)
         self._check_state(state)
-        sample, known = self._sample, self._nothing
+        sample, overrides = self._sample, self._no_overrides
         sample[0], sample[1], sample[2] = q, v, current
         if taught is not None:
-            known = self._known(taught, None, ())
-        estimate_tick(self.choice, *self.packed, state, sample, known, out, self._scratch)
+            overrides = self._overrides(taught, None, ())
+        estimate_tick(self.choice, self.packed, state, sample, overrides, out, self._scratch)
         return TickEstimate(
             out[:n],
             out[n : n + 6],
@@ -391,7 +406,7 @@ class WrenchEstimator:
         )
 
     def _check_state(self, state: Array) -> None:
-        """A kernel reads memory as it was compiled to: shape and layout are settled here."""
+        """Refuses a state whose shape or layout is not the one the kernels are compiled for."""
         if state.shape != self._state_shape or not state.flags.c_contiguous:
             raise ValueError(f"state must be {self._state_shape} contiguous, not {state.shape}")
 
@@ -404,20 +419,20 @@ class WrenchEstimator:
         *,
         taught: Taught | None = None,
         tau_f: ArrayLike | None = None,
-        seen: Array | None = None,
+        signals: Array | None = None,
         conditions: bool = True,
     ) -> EstimateBatch:
-        """Takes a log, or the next part of one: chunk by chunk gives what one pass gives.
+        """Takes a log, or the next chunk of one; the result does not depend on the chunks.
 
         Args:
             state: of `initial_state`, changed in place.
             q, v: (N, n) rad and rad/s (m and m/s), at the observer's time step.
             current: (N, n) A, as the drives report it.
-            taught: by an air pass, sample by sample: tau_ext is corrected, and friction without
-                memory is taken at planned speeds.
-            tau_f: (N, n) N m, friction known from elsewhere, in the place of the law's: it is taken
-                off the motor torque, sample by sample.
-            seen: (N, NUM_SIGNALS, n), written: the signals of the samples, rows as in
+            taught: learnt correction of an air pass, sample by sample. It corrects tau_ext;
+                friction without memory is taken at planned speeds.
+            tau_f: (N, n) N m, friction known from elsewhere, in place of the law's. It is
+                subtracted from the motor torque, sample by sample.
+            signals: (N, NUM_SIGNALS, n), written: the signals of the samples, rows as in
                 `wrenchsight.models.observers.observer`.
             conditions: whether condition numbers are wanted; NaN where not.
 
@@ -432,158 +447,215 @@ class WrenchEstimator:
             )
         self._check_state(state)
         N = q.shape[0]
-        known = np.empty((N, 0, n))
+        overrides = np.empty((N, 0, n))
         if taught is not None or tau_f is not None:
-            known = self._known(taught, tau_f, (N,))
-        if N == 1 and tau_f is None and seen is None:
-            return self._run_one(state, q, v, current, known[0])
-        parts = self.parts(state)
+            overrides = self._overrides(taught, tau_f, (N,))
+        if N == 1 and tau_f is None and signals is None:
+            return self._run_single_sample(state, q, v, current, overrides[0])
         fault = np.zeros(N, np.int64)
         if self.check is not None:
-            checked, fault = self.check.run(parts.check, q, v, current, self.observer.time_step)
+            memory, T = self.parts(state).check, self.observer.time_step
+            checked, fault = self.check.run(memory, q, v, current, T)
             q, v, current = (np.asarray(part, float) for part in checked)
         if tau_f is not None:
             current = np.asarray(current - self._current_of(tau_f))
-        tau_ext, J, F = np.empty((N, n)), np.empty((N, 6, n)), np.empty((N, 6))
-        covariance, condition = np.empty((N, 6, 6)), np.empty(N)
-        valid, counts = np.empty(N, np.bool_), np.empty(N, np.bool_)
-        transmitted, momentum, speed = np.empty((3, N, n))
-        error = TorqueError.empty(N, n)
-        signals = np.empty((min(N, _PASS), NUM_SIGNALS, n))
-        observed = np.empty((min(N, _PASS), self.observed_size))
+        samples = TickSample(q, v, current, overrides)
+        return self._run_checked(state, samples, fault, signals, conditions)
+
+    def _run_checked(
+        self,
+        state: Array,
+        samples: TickSample,
+        fault: Codes,
+        signals: Array | None,
+        conditions: bool,
+    ) -> EstimateBatch:
+        """`run` of N checked samples, _PASS rows at a time."""
+        N, n = samples.q.shape
+        reading_state = self.parts(state).reading
+        batch = _empty_batch(N, n, fault)
+        error = batch.torque_error
+        signals_of_pass = np.empty((min(N, _PASS), NUM_SIGNALS, n))
+        observed_of_pass = np.empty((min(N, _PASS), self.observed_size))
         for start in range(0, N, _PASS):
             rows = slice(start, min(N, start + _PASS))
-            part = signals[: rows.stop - start] if seen is None else seen[rows]
-            own = observed[: rows.stop - start]
-            now = TorqueError(*(x[rows] for x in error))
-            terms_log(self.packed, q[rows], v[rows], current[rows], known[rows], part, J[rows])
-            memory_log(
-                self.choice,
-                self.packed,
-                state,
-                known[rows],
-                part,
-                J[rows],
-                now,
-                tau_ext[rows],
-                counts[rows],
-                own,
+            count = rows.stop - start
+            log = TickLog(
+                signals=signals_of_pass[:count] if signals is None else signals[rows],
+                J=batch.J[rows],
+                error=error.part(rows),
+                tau_ext=batch.tau_ext[rows],
+                counts=batch.fresh[rows],
+                observed=observed_of_pass[:count],
             )
-            transmitted[rows] = part[:, TAU_J] - part[:, TAU_F]
-            momentum[rows], speed[rows] = part[:, MOMENTUM], part[:, V]
-            F[rows], covariance[rows], condition[rows], valid[rows] = self.reading.run(
-                parts.reading,
-                now,
-                J[rows],
-                tau_ext[rows],
-                counts[rows],
-                fault[rows] & BEYOND != 0,
-                own,
-                conditions,
+            samples_of_pass = TickSample(
+                samples.q[rows],
+                samples.v[rows],
+                samples.current[rows],
+                samples.overrides[rows],
             )
-        return EstimateBatch(
-            tau_ext,
-            F,
-            covariance,
-            condition,
-            valid,
-            J,
-            error.sd,
-            transmitted,
-            counts,
-            fault,
-            *error[1:],
-            speed,
-            momentum,
-        )
+            terms_log(self.packed, samples_of_pass, log.signals, log.J)
+            memory_log(self.choice, self.packed, state, samples_of_pass.overrides, log)
+            batch.transmitted[rows] = log.signals[:, TAU_J] - log.signals[:, TAU_F]
+            batch.momentum[rows], batch.v[rows] = log.signals[:, MOMENTUM], log.signals[:, V]
+            is_implausible = np.asarray(fault[rows] & BEYOND != 0)
+            reading_samples = ReadingSample(
+                log.J, log.tau_ext, log.counts, is_implausible, log.observed
+            )
+            reading = self.reading.run(reading_state, log.error, reading_samples, conditions)
+            batch.wrench[rows] = reading.wrench
+            batch.covariance[rows] = reading.covariance
+            batch.condition_number[rows] = reading.condition_number
+            batch.valid[rows] = reading.valid
+        return batch
 
-    def _run_one(
-        self, state: Array, q: Array, v: Array, current: Array, known: Array
+    def _run_single_sample(
+        self, state: Array, q: Array, v: Array, current: Array, overrides: Array
     ) -> EstimateBatch:
         """`run` of one sample (1, n): one call of a kernel."""
-        n, out, sample = self.num_joints, np.empty(self._out_size), self._sample
+        out, sample = np.empty(self._out_size), self._sample
         sample[0], sample[1], sample[2] = q[0], v[0], current[0]
-        estimate_tick(self.choice, *self.packed, state, sample, known, out, self._scratch)
-        own, (J, signals, rest) = out[None], self._columns
-        rows = own[:, signals].reshape(1, NUM_SIGNALS, n)
-        reading = own[:, n:]
-        seen = own[:, rest].reshape(1, -1, n)
+        estimate_tick(self.choice, self.packed, state, sample, overrides, out, self._scratch)
+        tick = self._tick_rows(out[None])
+        signals, reading = tick.signals, tick.reading
         return EstimateBatch(
-            tau_ext=own[:, :n],
+            tau_ext=tick.tau_ext,
             wrench=reading[:, :6],
             covariance=reading[:, 6:42].reshape(1, 6, 6),
             condition_number=reading[:, 42],
             valid=reading[:, 43] == 1.0,
-            J=own[:, J].reshape(1, 6, n),
-            torque_sd=rows[:, TORQUE_SD],
-            transmitted=rows[:, TAU_J] - rows[:, TAU_F],
+            J=tick.J,
+            torque_sd=signals[:, TORQUE_SD],
+            transmitted=signals[:, TAU_J] - signals[:, TAU_F],
             fresh=reading[:, READING + 1] == 1.0,
             fault=reading[:, READING].astype(np.int64),
-            stiction=rows[:, STICTION],
-            drift=rows[:, DRIFT],
-            J_seen=seen[:, :JACOBIAN_ROWS],
-            error_rows=seen[:, JACOBIAN_ROWS:],
-            v=rows[:, V],
-            momentum=rows[:, MOMENTUM],
+            stiction=signals[:, STICTION],
+            drift=signals[:, DRIFT],
+            J_seen=tick.error_rows[:, :JACOBIAN_ROWS],
+            error_rows=tick.error_rows[:, JACOBIAN_ROWS:],
+            v=signals[:, V],
+            momentum=signals[:, MOMENTUM],
+        )
+
+    def _tick_rows(self, out: Array) -> "_TickRows":
+        """The parts of the memory (1, size) of one tick, in the order of `tick_sizes`."""
+        n = self.num_joints
+        J = n + READING + 2
+        signals = J + 6 * n
+        error_rows = signals + NUM_SIGNALS * n
+        end = error_rows + (JACOBIAN_ROWS + TORQUE_ERROR_ROWS) * n
+        return _TickRows(
+            tau_ext=out[:, :n],
+            reading=out[:, n:],
+            J=out[:, J:signals].reshape(1, 6, n),
+            signals=out[:, signals:error_rows].reshape(1, NUM_SIGNALS, n),
+            error_rows=out[:, error_rows:end].reshape(1, -1, n),
         )
 
     def observe(self, q: ArrayLike, v: ArrayLike, current: ArrayLike) -> Observation:
-        """The chain of a whole log up to tau_ext, from its start, without a reading of the wrench.
+        """Runs a whole log up to tau_ext, from the initial state, without reading the wrench.
 
         Args:
             q, v, current: as `run`.
         """
         q, v, current = contiguous(q, v, current)
         N, n = q.shape
-        known, signals = np.empty((N, 0, n)), np.empty((N, NUM_SIGNALS, n))
-        J, tau_ext, fresh = np.empty((N, 6, n)), np.empty((N, n)), np.empty(N, np.bool_)
-        error = TorqueError.empty(N, n)
-        terms_log(self.packed, q, v, current, known, signals, J)
-        memory_log(
-            self.choice,
-            self.packed,
-            self.initial_state(),
-            known,
-            signals,
-            J,
-            error,
-            tau_ext,
-            fresh,
-            np.empty((N, 0)),
+        samples = TickSample(q, v, current, np.empty((N, 0, n)))
+        log = TickLog(
+            signals=np.empty((N, NUM_SIGNALS, n)),
+            J=np.empty((N, 6, n)),
+            error=TorqueError.empty(N, n),
+            tau_ext=np.empty((N, n)),
+            counts=np.empty(N, np.bool_),
+            observed=np.empty((N, 0)),
         )
-        tau_J, tau_f = signals[:, TAU_J].copy(), signals[:, TAU_F].copy()
-        return Observation(tau_ext, tau_J, tau_f, fresh, J, error)
+        terms_log(self.packed, samples, log.signals, log.J)
+        memory_log(self.choice, self.packed, self.initial_state(), samples.overrides, log)
+        tau_J, tau_f = log.signals[:, TAU_J].copy(), log.signals[:, TAU_F].copy()
+        return Observation(log.tau_ext, tau_J, tau_f, log.counts, log.J, log.error)
 
     def _current_of(self, tau_f: ArrayLike) -> Array:
-        """The current (..., n) in A that a torque (..., n) in N m on the joints takes."""
+        """The current (..., n) in A for a joint torque (..., n) in N m."""
         tau_f, robot = np.asarray(tau_f, float), self.robot
         tau_motor = tau_f @ robot.coupling if robot.is_coupled else tau_f
         gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
         return np.asarray(tau_motor / gain)
 
-    def _known(
-        self, taught: Taught | None, tau_f: ArrayLike | None, lead: tuple[int, ...]
+    def _overrides(
+        self, taught: Taught | None, tau_f: ArrayLike | None, leading: tuple[int, ...]
     ) -> Array:
-        """(..., 3 or 4, n): what `models.estimation.tick` is told besides the sample."""
+        """The rows (*leading, 3 or 4, n) by which `models.estimation.tick` is overridden."""
         n = self.num_joints
         if taught is not None and tau_f is not None:
-            raise ValueError("taught says which friction is taken: tau_f has no place beside it")
+            raise ValueError("an air pass determines the friction already; pass taught or tau_f")
         if taught is not None and self.observed_size:
-            raise ValueError("an observer that reads the wrench itself has no use for an air pass")
-        remembers = taught is not None and self.friction.state_rows > 0
-        known = np.zeros((*lead, KNOWN_TAU_F if remembers else KNOWN_TAU_F + 1, n))
-        known[..., KNOWN_COUNTS, :] = 1.0
+            raise ValueError(
+                "an observer that reads the wrench itself takes no correction of an air pass"
+            )
+        follows_motion = taught is not None and self.friction.state_rows > 0
+        num_rows = OVERRIDE_TAU_F if follows_motion else OVERRIDE_TAU_F + 1
+        overrides = np.zeros((*leading, num_rows, n))
+        overrides[..., OVERRIDE_COUNTS, :] = 1.0
         if taught is None:
             shape = np.asarray(tau_f, float).shape
-            if shape != (*lead, n):
-                raise ValueError(f"tau_f must be {(*lead, n)}, not {shape}")
-            return known
-        shapes = [np.shape(signal) for signal in taught[:3]]
-        if shapes != [(*lead, n), (*lead, n), lead]:
-            raise ValueError(f"what was taught must be {(*lead, n)} twice and {lead}, not {shapes}")
-        if not remembers:
-            known[..., KNOWN_TAU_F, :] = self.model.friction.feedforward.torque(taught.v_planned)
-        known[..., KNOWN_CORRECTION, :] = taught.tau_correction
-        known[..., KNOWN_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
-        known[..., KNOWN_SD, :] = taught.sd
-        return known
+            if shape != (*leading, n):
+                raise ValueError(f"tau_f must be {(*leading, n)}, not {shape}")
+            return overrides
+        shapes = [
+            np.shape(taught.tau_correction),
+            np.shape(taught.v_planned),
+            np.shape(taught.counts),
+        ]
+        if shapes != [(*leading, n), (*leading, n), leading]:
+            raise ValueError(
+                "tau_correction, v_planned and counts of an air pass must be "
+                f"{(*leading, n)}, {(*leading, n)} and {leading}, not {shapes}"
+            )
+        if not follows_motion:
+            friction = self.model.friction.feedforward
+            overrides[..., OVERRIDE_TAU_F, :] = friction.torque(taught.v_planned)
+        overrides[..., OVERRIDE_CORRECTION, :] = taught.tau_correction
+        overrides[..., OVERRIDE_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
+        overrides[..., OVERRIDE_SD, :] = taught.sd
+        return overrides
+
+
+class _TickRows(NamedTuple):
+    """Parts of a tick's memory, with a first axis of one sample.
+
+    Attributes:
+        tau_ext: (1, n).
+        reading: (1, ...) the reading, then fault and whether tau_ext counts.
+        J: (1, 6, n).
+        signals: (1, NUM_SIGNALS, n).
+        error_rows: (1, JACOBIAN_ROWS + TORQUE_ERROR_ROWS, n) J_seen and rows of the torque error.
+    """
+
+    tau_ext: Array
+    reading: Array
+    J: Array
+    signals: Array
+    error_rows: Array
+
+
+def _empty_batch(N: int, n: int, fault: Codes) -> EstimateBatch:
+    """Memory for the estimates of N samples of n joints."""
+    error = TorqueError.empty(N, n)
+    return EstimateBatch(
+        tau_ext=np.empty((N, n)),
+        wrench=np.empty((N, 6)),
+        covariance=np.empty((N, 6, 6)),
+        condition_number=np.empty(N),
+        valid=np.empty(N, np.bool_),
+        J=np.empty((N, 6, n)),
+        torque_sd=error.sd,
+        transmitted=np.empty((N, n)),
+        fresh=np.empty(N, np.bool_),
+        fault=fault,
+        stiction=error.stiction,
+        drift=error.drift,
+        J_seen=error.J_seen,
+        error_rows=error.rows,
+        v=np.empty((N, n)),
+        momentum=np.empty((N, n)),
+    )

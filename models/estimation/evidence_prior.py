@@ -1,4 +1,4 @@
-"""A prior from a log itself: the size of the task as its torques show it."""
+"""The prior of the wrench from a log: its force and moment sds by maximum evidence."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +19,12 @@ EVIDENCE_SAMPLES = 2000
 def evidence_prior(
     J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
 ) -> tuple[float, float]:
-    """The rule for a log's prior: the force sd (N) and moment sd (N m) that explain it best.
+    """The prior of a log: the force sd (N) and moment sd (N m) that explain it best.
 
     They maximise the marginal likelihood sum_k log N(tau_k; 0, J_k^T P J_k + Sigma_tau) over at
     most EVIDENCE_SAMPLES samples, evenly spread over the log, within FORCE_SD_RANGE and
-    MOMENT_SD_RANGE: a log without contact gives the lower bounds. Nothing is drawn at random. No
-    sensor is needed: this is the size of the task as the torques show it.
+    MOMENT_SD_RANGE. A log without contact gives the lower bounds. Nothing is drawn at random. No
+    force sensor is needed.
 
     Args:
         J: (N, 6, n) at E in axes of W, rows [angular; linear].
@@ -34,26 +34,26 @@ def evidence_prior(
     Raises:
         ValueError: no sample is finite, or shapes disagree.
     """
-    force_sd, moment_sd, _ = _most_evident(J, tau_ext, torque_covariance, (1.0, 1.0))
+    force_sd, moment_sd, _ = _maximum_evidence(J, tau_ext, torque_covariance, (1.0, 1.0))
     return force_sd, moment_sd
 
 
 def evidence_prior_and_noise(
     J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
 ) -> tuple[float, float, float]:
-    """As `evidence_prior`, where only the shape of Sigma_tau is known.
+    """As `evidence_prior`, with Sigma_tau known but for a factor.
 
-    Torque that no wrench explains (with more joints than 6, or over many configurations) tells the
-    noise from the wrench.
+    The torque that no wrench explains determines the noise; it needs more than 6 joints or many
+    configurations.
 
     Returns:
         Force sd (N), moment sd (N m), and the factor, within NOISE_SCALE_RANGE, by which the
         torque sds of `torque_covariance` are to be multiplied.
     """
-    return _most_evident(J, tau_ext, torque_covariance, NOISE_SCALE_RANGE)
+    return _maximum_evidence(J, tau_ext, torque_covariance, NOISE_SCALE_RANGE)
 
 
-def _most_evident(
+def _maximum_evidence(
     J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scales: tuple[float, float]
 ) -> tuple[float, float, float]:
     J, tau_ext = np.asarray(J, float), np.asarray(tau_ext, float)
@@ -71,18 +71,19 @@ def _most_evident(
     B = J[chosen] @ W.T
     white_tau = tau_ext[chosen] @ W.T
     gram = np.ascontiguousarray(B @ B.transpose(0, 2, 1))
-    seen = np.ascontiguousarray((B @ white_tau[..., None])[..., 0])
+    projected = np.ascontiguousarray((B @ white_tau[..., None])[..., 0])
     power = float(np.mean(np.sum(white_tau**2, axis=1)))
     n = tau_ext.shape[1]
 
     def cost(log_sds: Array) -> tuple[float, Array]:
-        """Minus the mean log likelihood, up to a constant; noise scale c: J / c, tau_ext / c.
+        """Minus the mean log likelihood up to a constant, and its gradient.
 
-        And its gradient by the logarithms of force_sd, moment_sd and c.
+        The gradient is by the logarithms of force_sd, moment_sd and the noise scale c, which
+        divides J and tau_ext.
         """
         force_sd, moment_sd, c = np.exp(log_sds)
         fit, by_moment, by_force, by_weight = _log_evidence(
-            gram, seen, moment_sd / c, force_sd / c, 1.0 / c
+            gram, projected, moment_sd / c, force_sd / c, 1.0 / c
         )
         by_c = n - power / c**2 + by_moment + by_force + by_weight
         return float(0.5 * power / c**2 + n * np.log(c) - fit), np.array(
@@ -90,28 +91,29 @@ def _most_evident(
         )
 
     bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scales]))
-    # The surface can have several tops (a wrench explained as force or as moment) and flat plains
-    # where a sd does not matter: climb from the best points of a coarse grid.
+    # There can be several optima (a wrench explained as force or as moment) and flat regions where
+    # a sd does not matter: start from the best points of a coarse grid.
     axes = [np.linspace(low, high, 9 if low < high else 1) for low, high in bounds]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     starts = grid[in_order([cost(point)[0] for point in grid])[:4]]
-    found, _ = bounded_minimum(cost, list(starts), bounds)
-    force_sd, moment_sd, scale = np.exp(found)
+    optimum, _ = bounded_minimum(cost, list(starts), bounds)
+    force_sd, moment_sd, scale = np.exp(optimum)
     return float(force_sd), float(moment_sd), float(scale)
 
 
 @kernel
 def _log_evidence(
-    gram: Array, seen: Array, moment_sd: float, force_sd: float, weight: float
+    gram: Array, projected: Array, moment_sd: float, force_sd: float, weight: float
 ) -> tuple[float, float, float, float]:
-    """What depends on the sds in the mean log likelihood of a sample; `weight` scales `seen`.
+    """The part of the mean log likelihood that depends on the sds, and its derivatives.
 
     By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:
-    2 log N = -log det A + |A^-1/2 S seen|^2 + constant. With y = A^-1 S seen its derivative by the
-    logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii.
+    2 log N = -log det A + |A^-1/2 S projected|^2 + constant. With y = A^-1 S projected its
+    derivative by the logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii. `weight` scales
+    `projected`.
 
     Returns:
-        It, and its derivatives by the logarithms of moment_sd, force_sd and weight.
+        The value, and its derivatives by the logarithms of moment_sd, force_sd and weight.
     """
     L, R = np.zeros((6, 6)), np.zeros((6, 6))
     half, y = np.empty(6), np.empty(6)
@@ -126,7 +128,7 @@ def _log_evidence(
         for i in range(6):
             half[i] = 0.0
             for j in range(i + 1):
-                half[i] += R[i, j] * seen[k, j] * (moment_sd if j < 3 else force_sd)
+                half[i] += R[i, j] * projected[k, j] * (moment_sd if j < 3 else force_sd)
             half[i] *= weight
             total += 0.5 * half[i] * half[i] - np.log(L[i, i])
             by_weight += half[i] * half[i]

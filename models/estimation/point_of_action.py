@@ -1,4 +1,4 @@
-"""Where on the tool a force acts, and what is known of it, from external joint torques alone.
+"""The point on the tool where a force acts, from external joint torques alone.
 
 A force at a point P that is fixed in E, of mean f (constant in W) and with deviations from it:
 
@@ -29,7 +29,7 @@ _UNIT_FORCE = 10.0  # N, of the optimiser's variables
 
 
 class PointOfAction(NamedTuple):
-    """What `find_point_of_action` finds.
+    """Result of `find_point_of_action`.
 
     Attributes:
         p_EP: (3,) m from E to P in axes of E.
@@ -136,9 +136,9 @@ def find_point_of_action(
         np.r_[0.0, 0.0, 0.0, np.log([10.0, 1.0, 1.0]), mean],
         np.r_[0.0, 0.0, 0.0, np.log([30.0, 1.0, 1.0]), 0.0, 0.0, 0.0],
     ]
-    found, _ = bounded_minimum(cost, starts, bounds)
-    force_sd, moment_sd, scale = (float(s) for s in np.exp(found[3:6]))
-    return PointOfAction(found[:3], _UNIT_FORCE * found[6:], force_sd, moment_sd, scale)
+    optimum, _ = bounded_minimum(cost, starts, bounds)
+    force_sd, moment_sd, scale = (float(s) for s in np.exp(optimum[3:6]))
+    return PointOfAction(optimum[:3], _UNIT_FORCE * optimum[6:], force_sd, moment_sd, scale)
 
 
 def _mean_force(J: Array, tau: Array, Sigma: Array) -> Array:

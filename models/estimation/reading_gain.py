@@ -1,26 +1,26 @@
-"""How a reading follows from torque: wrench = gain tau_ext, for what is known of each sample.
+"""The gain of the reading at each sample: wrench = gain tau_ext.
 
 Of `wrenchsight.models.estimation.wrench`, with the torque error's sds s and correlation R of the
 sample and J as the observer saw it:
 
     gain = (J W J^T + P^-1)^-1 J W,    W = (diag(s) R diag(s))^-1
 
-`force_only` weights with the geometric means of s and the sds over all states. What is added to
-tau_ext changes the wrench by gain times it, and a further variance V of the torque is
-gain V gain^T of the wrench.
+`force_only` weights with the geometric means of s and the sds over all states. A correction of
+tau_ext changes the wrench by gain times it. A further covariance V of the torque adds
+gain V gain^T to that of the wrench.
 """
 
 import numpy as np
 
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimator
-from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, known_of_wrench, live_prior
+from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior, wrench_prior
 from wrenchsight.models.numerics.arrays import Array
 
 _LEAST, _LARGEST = 1e-9, 1e9  # N or N m, for a prior of zero and an infinite one
 
 
 class ReadingGain:
-    """Of one estimator, whose model has a torque error.
+    """The gain of one estimator, whose model has a torque error.
 
     Args:
         estimator: method bayesian, force_only or inverse, and an observer that does not read the
@@ -36,10 +36,10 @@ class ReadingGain:
             raise ValueError("the model states no torque error")
         if estimator.observer.kernels.wrench is not None:
             raise ValueError("the observer reads the wrench itself")
-        known = known_of_wrench(reconstruction)
-        if known is None:
+        prior = wrench_prior(reconstruction)
+        if prior is None:
             raise ValueError(f"the method {reconstruction.method} has no prior")
-        sds = np.repeat([known.moment_sd, known.force_sd], 3)
+        sds = np.repeat([prior.moment_sd, prior.force_sd], 3)
         self._precision = np.diag(np.clip(sds, _LEAST, _LARGEST) ** -2.0)
         self._correlation = np.linalg.inv(model.torque_error.correlation)
         balanced = reconstruction.method == "force_only"
@@ -49,19 +49,20 @@ class ReadingGain:
         self._max_force_sd = TRUSTED_SHARE * force_sd if limit is None else limit
 
     def of(self, batch: EstimateBatch) -> Array:
-        """(N, 6, n); zero where J is missing."""
+        """Returns the gain (N, 6, n) of N samples; zero where J is missing."""
         sd, J = batch.torque_sd, np.nan_to_num(batch.J_seen)
         weights = sd if self._usual_sd is None else np.sqrt(sd * self._usual_sd)
         JW = (J / weights[:, None, :]) @ self._correlation / weights[:, None, :]
         return np.asarray(np.linalg.solve(JW @ J.transpose(0, 2, 1) + self._precision, JW))
 
     def widened(self, batch: EstimateBatch, added: Array) -> EstimateBatch:
-        """The batch with a further covariance (N, 6, 6) of the wrench; not valid where that alone
-        makes the force too uncertain.
+        """Adds a covariance (N, 6, 6) to the wrench's.
+
+        A reading is not valid where the added covariance alone exceeds the limit of the force's sd.
         """
         force, limit = added[:, 3:, 3:], self._max_force_sd**2
         valid = np.asarray(np.trace(force, axis1=1, axis2=2) <= limit)
-        unsure = np.flatnonzero(~valid)
-        if len(unsure):
-            valid[unsure] = np.linalg.eigvalsh(force[unsure])[:, -1] <= limit
+        uncertain = np.flatnonzero(~valid)
+        if len(uncertain):
+            valid[uncertain] = np.linalg.eigvalsh(force[uncertain])[:, -1] <= limit
         return batch._replace(covariance=batch.covariance + added, valid=batch.valid & valid)

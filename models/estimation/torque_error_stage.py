@@ -1,9 +1,9 @@
-"""How far what an observer reads may be off at each sample, computed once for all who ask.
+"""Uncertainty of the observer's torque at each sample, computed once for all its users.
 
     q, v, torque that the gears transmitted -> sds of tau_ext  (`identification.torque_error_model`)
     J                                       -> J as the observer saw it  (`observers.lag`)
 
-The reading, the contact detector and the Kalman observer take these as they are.
+Users are the reading, the contact detector and the Kalman observer.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ ERROR_ROWS = 3 + JACOBIAN_ROWS + TORQUE_ERROR_ROWS  # of `torque_error_views`
 
 
 class TorqueError(NamedTuple):
-    """Of one sample, or of N with a first axis.
+    """Uncertainty of tau_ext at one sample; at N samples with a first axis.
 
     Attributes:
         sd: (n,) N m, of tau_ext where nothing touches the arm.
@@ -56,25 +56,40 @@ class TorqueError(NamedTuple):
     def empty(cls, N: int, n: int) -> "TorqueError":
         """Memory for N samples of n joints."""
         sd, stiction, drift = np.empty((3, N, n))
-        seen, rows = np.empty((N, JACOBIAN_ROWS, n)), np.empty((N, TORQUE_ERROR_ROWS, n))
-        return cls(sd, stiction, drift, seen, rows)
+        J_seen, rows = np.empty((N, JACOBIAN_ROWS, n)), np.empty((N, TORQUE_ERROR_ROWS, n))
+        return cls(sd, stiction, drift, J_seen, rows)
+
+    def part(self, rows: slice) -> "TorqueError":
+        """Some of N samples."""
+        return TorqueError(
+            self.sd[rows], self.stiction[rows], self.drift[rows], self.J_seen[rows], self.rows[rows]
+        )
+
+
+class _Motion(NamedTuple):
+    """N samples of `TorqueErrorStage.run`, as described there."""
+
+    q: Array
+    v: Array
+    transmitted: Array
+    J: Array
 
 
 class TorqueErrorStage:
-    """The constants of this module for one model, read by one observer.
+    """The torque error of one model behind one observer.
 
     Args:
-        error: of the model.
-        friction: of the model, as sampled.
+        error: torque error of the model.
+        friction: law of the model, sampled.
         K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
-        chain: of the robot; None: gravity is taken as known in all postures.
+        chain: of the robot; None: the gravity torque has no error of its own.
 
     Attributes:
         table: of `torque_sd_tick`.
-        poles: (n,) of the observer, per tick; negative for one without lag, and for a model that
-            learnt no error: it is read with the J of the present.
+        poles: (n,) of the observer, per tick. Negative for an observer without lag and for a model
+            without a learnt error; then J is that of the sample itself.
         rates: (n,) 1/s, to which the sds belong.
     """
 
@@ -97,8 +112,9 @@ class TorqueErrorStage:
 
     def retuned(self, friction: FrictionLaw, K_0: ArrayLike | None) -> "TorqueErrorStage":
         """Returns the stage with friction and an observer that were changed while they run."""
-        fixed = self._time_step, self._resolution, self._chain
-        return TorqueErrorStage(self.error, friction, K_0, *fixed)
+        return TorqueErrorStage(
+            self.error, friction, K_0, self._time_step, self._resolution, self._chain
+        )
 
     def initial_state(self) -> Array:
         """Returns the (STAGE_ROWS, n) state before the first sample."""
@@ -113,13 +129,13 @@ class TorqueErrorStage:
         Args:
             state: (STAGE_ROWS, n), changed in place.
             q, v: (N, n) rad and rad/s.
-            transmitted: (N, n) N m, tau_J - tau_f, each for the sample after.
+            transmitted: (N, n) N m, tau_J - tau_f; each counts for the next sample.
             J: (N, 6, n) at E in axes of W.
         """
         q, v, load, J = contiguous(q, v, transmitted, J)
         N, n = q.shape
         error = TorqueError.empty(N, n)
-        _run(self.table, self.poles, state, q, v, load, J, error)
+        _run(self.table, self.poles, state, _Motion(q, v, load, J), error)
         return error
 
 
@@ -133,14 +149,14 @@ def torque_error_tick(
     J: Array,
     error: TorqueError,
 ) -> None:
-    """Single-sample kernel: takes a motion into `state` and writes what may be wrong at it.
+    """Single-sample kernel: takes a motion into `state` and writes the uncertainty at it.
 
     Args:
         table, poles: of TorqueErrorStage.
-        state: (STAGE_ROWS, n), changed; what the gears transmit is taken by `take_transmitted`.
+        state: (STAGE_ROWS, n), changed; `take_transmitted` adds the transmitted torque.
         q, v: (n,) rad and rad/s.
         J: (6, n).
-        error: written; its sd holds `posture_variance` of the sample before.
+        error: written; on entry its sd holds `posture_variance`.
     """
     rows, jacobian = state[:TORQUE_ERROR_ROWS], state[TORQUE_ERROR_ROWS:]
     torque_sd_tick(table, rows, q, v, error.sd, error.stiction, error.drift)
@@ -175,20 +191,13 @@ def torque_error_sample(
 
 
 @kernel
-def _run(
-    table: Array,
-    poles: Array,
-    state: Array,
-    q: Array,
-    v: Array,
-    transmitted: Array,
-    J: Array,
-    error: TorqueError,
-) -> None:
-    sd, stiction, drift, seen, rows = error
-    nothing = np.zeros(q.shape[1])
+def _run(table: Array, poles: Array, state: Array, motion: _Motion, error: TorqueError) -> None:
+    """`torque_error_tick` for N samples; `error` is written."""
+    q, v, transmitted, J = motion
+    sd, stiction, drift, J_seen, rows = error
+    no_friction = np.zeros(q.shape[1])
     for k in range(q.shape[0]):
-        now = TorqueError(sd[k], stiction[k], drift[k], seen[k], rows[k])
-        posture_variance(table, q[k], now.sd)
-        torque_error_tick(table, poles, state, q[k], v[k], J[k], now)
-        take_transmitted(state, transmitted[k], nothing)
+        sample_error = TorqueError(sd[k], stiction[k], drift[k], J_seen[k], rows[k])
+        posture_variance(table, q[k], sample_error.sd)
+        torque_error_tick(table, poles, state, q[k], v[k], J[k], sample_error)
+        take_transmitted(state, transmitted[k], no_friction)

@@ -1,41 +1,41 @@
-"""From external joint torque to the wrench at the tool, and how far it can be trusted.
+"""From external joint torque to the wrench at the tool, with covariance and validity.
 
-Measured is tau_ext = J^T F + e with torque noise e of covariance Sigma_tau; known beforehand is
-that F has mean zero and covariance P (force sd and moment sd, alike in every direction, so that
-it holds in any axes). Then
+Measured is tau_ext = J^T F + e with torque noise e of covariance Sigma_tau. The prior of F has mean
+zero and covariance P, with one force sd and one moment sd for all directions, so that it holds in
+any axes. Then
 
     Sigma_F = (J Sigma_tau^-1 J^T + P^-1)^-1,    F = Sigma_F J Sigma_tau^-1 tau_ext
 
-One estimator, several readings of it:
+The methods are special cases of it:
 
     inverse     P infinite and Sigma_tau a multiple of one: F = pinv(J^T) tau_ext, the article's
                 (Lu et al., eq. 22), for any number of joints
     force_only  the moment sd is zero and the force sd infinite: weighted least squares for a
                 point contact at E; moment and its covariance are exactly zero
     bayesian    P as configured
-    damped      what other projects use: V diag(s/(s^2 + damping^2)) U^T, J^T = U diag(s) V^T
+    damped      common elsewhere: V diag(s/(s^2 + damping^2)) U^T, J^T = U diag(s) V^T
     truncated   the same with 1/s where s > truncation max(s) and 0 elsewhere (numpy's pinv)
 
 Sigma_tau may change from sample to sample: with sds s_j that a torque error model states
 (`models.identification.torque_error_model`) and a constant correlation R it is diag(s) R diag(s).
-`force_only` then weights with the geometric means of these sds and those of all states together: a
-joint that is off by more than its state says, as one whose viscous friction has drifted, would
-otherwise carry the reading alone. Its covariance is that of the sample's errors, passed on. Chosen
-on the UR10e's three runs, each read by a model of the others: of the weights' exponents 1, .75, .5,
-.25 and 0 on the state's sd the middle one reads with the least error, by 1.2 % (90 % of a block
-bootstrap: .958 to 1.023 of full weights), by models of one run each by 1.2 % where the reading is
-valid (.981 to .996). `bayesian` keeps the full model.
+`force_only` then weights with the geometric means of these sds and the sds over all states.
+Otherwise one joint could dominate the reading although its error exceeds its stated sd, as after a
+drift of its viscous friction. The covariance is that of the sample's errors, propagated. The weight
+was chosen on the UR10e's three runs, each read by a model of the others. Of the exponents 1, .75,
+.5, .25 and 0 on the state's sd the middle one has the least error, by 1.2 % (90 % of a block
+bootstrap: .958 to 1.023 of full weights). With models of one run each it is 1.2 % where the reading
+is valid (.981 to .996). `bayesian` keeps the full model.
 
-**Valid** is a statement about the arm, not about the log: with what is known of a force before any
-log is read (`live_prior`), the reading's largest principal force sd is at most TRUSTED_SHARE of
-that prior's, and the force that stiction alone may look like, uniform within its band, stays below
-PHANTOM_SHARE of it: sqrt 3 times the largest principal sd that stiction's part of the torque error
-gives through the same gain. A joint at rest carries any torque within its stiction; a force that
-only such joints see cannot be told from it.
+**Valid** depends on the arm, not on the log: its prior is known before any log is read
+(`live_prior`). Two conditions have to hold. The largest principal force sd is at most TRUSTED_SHARE
+of that prior's force sd. The force that stiction alone can imitate is below PHANTOM_SHARE of it.
+That force is sqrt 3 times the largest principal sd that stiction's part of the torque error gives
+through the same gain; stiction is uniform within its band. A joint at rest carries any torque
+within its stiction, so a force that loads only such joints cannot be distinguished from it.
 
-The stated covariance of `inverse`, `damped` and `truncated` is that of the noise passed through
-their matrix. For the last two it leaves out what they lose of the true wrench: they read it
-shrunk towards zero, by an amount that no covariance of the noise shows.
+The stated covariance of `inverse`, `damped` and `truncated` is the noise propagated through their
+matrix. `damped` and `truncated` also shrink the true wrench towards zero; their covariance does not
+contain that bias.
 
 Every 6-vector is rotation first: F_E_W = [mx my mz fx fy fz] at E in axes of W, exerted by the
 environment on the robot; J is (6, n) with rows [angular; linear] at E in axes of W.
@@ -69,8 +69,10 @@ PHANTOM_SHARE = 0.16  # of the same: 8 % of the rated payload's weight, 9.8 N on
 
 @dataclass
 class WrenchReconstructionConfig:
-    """How joint torque becomes a wrench. A prior of None is left to a rule (`live_prior`, or
-    `evidence_prior` of a log), to be put in by `with_prior`.
+    """Method, prior and validity limits of the reconstruction.
+
+    A prior of None comes from a rule, `live_prior` or `evidence_prior` of a log; `with_prior` sets
+    it.
     """
 
     method: str = "bayesian"  # inverse (eq. 22), force_only, bayesian, damped or truncated
@@ -87,29 +89,29 @@ class WrenchReconstructionConfig:
     truncation: float = 0.05  # least singular value of the method truncated, share of the largest
 
     def with_prior(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
-        """Returns it with these sds (N, N m) for those that were None."""
+        """Returns a copy whose missing prior sds are these (N, N m)."""
         return self._filled(prior_force_sd=force_sd, prior_moment_sd=moment_sd)
 
     def with_live(self, force_sd: float, moment_sd: float) -> "WrenchReconstructionConfig":
-        """Returns it in which what `valid` rests on, where it was None, is this (N, N m)."""
+        """Returns a copy whose missing live sds, those of `valid`, are these (N, N m)."""
         return self._filled(live_force_sd=force_sd, live_moment_sd=moment_sd)
 
     def _filled(self, **sds: float) -> "WrenchReconstructionConfig":
-        missing: dict[str, Any] = {k: sd for k, sd in sds.items() if getattr(self, k) is None}
+        missing: dict[str, Any] = {
+            name: sd for name, sd in sds.items() if getattr(self, name) is None
+        }
         return replace(self, **missing) if missing else self
 
 
 class WrenchEstimate(NamedTuple):
-    """One reading, or one per sample.
+    """A reading of the wrench; one per sample with leading axes.
 
-    `valid`: see the module. `force_only` knows that there is no moment. `inverse` (and `damped`,
-    `truncated`, which only hide it) knows nothing beforehand and needs a J of full rank. Without a
-    live prior in the configuration `valid` is False where the reading says less about the force,
-    in its worst direction, than its own prior: where the largest principal force sd of the plain
-    weighted reading exceeds prior_force_sd; for `bayesian`, where prior and measurement are
-    combined, the same point is passed when it exceeds prior_force_sd / sqrt(2). With max_force_sd
-    that bound takes the place of the one on the force's sd. Input that is not finite, or whose
-    reading is not, gives a wrench of zero, the prior's covariance and False.
+    For `valid` see the module. `force_only` presupposes that there is no moment. `inverse`,
+    `damped` and `truncated` have no prior and need a J of full rank. Without a live prior in the
+    configuration `valid` is False where the largest principal force sd of the plain weighted
+    reading exceeds prior_force_sd. `bayesian` combines prior and measurement; there the same limit
+    is prior_force_sd / sqrt(2). max_force_sd replaces the limit on the force's sd. Input or a
+    reading that is not finite gives a wrench of zero, the prior's covariance and False.
 
     Attributes:
         wrench: (..., 6) F_E_W, N m and N, rotation first.
@@ -131,44 +133,48 @@ class WrenchEstimate(NamedTuple):
 
 
 def live_prior(payload: float) -> tuple[float, float]:
-    """The rule for a prior where no log is at hand: (force sd in N, moment sd in N m).
+    """The prior of an arm before any log: (force sd in N, moment sd in N m).
 
-    An arm rated for `payload` kg is given tasks of that size: its weight is taken as a two-sigma
-    force, and the force to act PRIOR_LEVER off E.
+    The weight of the rated `payload` (kg) counts as a two-sigma force, acting PRIOR_LEVER off E.
     """
     force_sd = 0.5 * payload * STANDARD_GRAVITY
     return force_sd, PRIOR_LEVER * force_sd
 
 
-def known_of_wrench(config: WrenchReconstructionConfig) -> WrenchPrior | None:
-    """What a configuration knows of the wrench, for an observer that reads it itself.
+def wrench_prior(config: WrenchReconstructionConfig) -> WrenchPrior | None:
+    """The prior of the wrench in a configuration, for an observer that reads the wrench itself.
 
-    None for methods that no prior stands for. Without a live prior it is the reading's own.
+    None for methods without a prior. Without a live prior the reading's prior stands for it.
     """
-    own = [np.inf if sd is None else sd for sd in (config.prior_moment_sd, config.prior_force_sd)]
-    live = [
-        first if sd is None else sd
-        for sd, first in zip((config.live_moment_sd, config.live_force_sd), own, strict=True)
-    ]
     if config.method in ("damped", "truncated"):
         return None
+    moment_sd = _or_infinite(config.prior_moment_sd)
+    force_sd = _or_infinite(config.prior_force_sd)
+    live_moment_sd = moment_sd if config.live_moment_sd is None else config.live_moment_sd
+    live_force_sd = force_sd if config.live_force_sd is None else config.live_force_sd
     if config.method == "force_only":
-        own, live[0] = [0.0, np.inf], 0.0
+        moment_sd, force_sd, live_moment_sd = 0.0, np.inf, 0.0
     elif config.method == "inverse":
-        own = [np.inf, np.inf]
-    return WrenchPrior(*(float(sd) for sd in (*own, *live)))
+        moment_sd, force_sd = np.inf, np.inf
+    return WrenchPrior(
+        float(moment_sd), float(force_sd), float(live_moment_sd), float(live_force_sd)
+    )
+
+
+def _or_infinite(sd: float | None) -> float:
+    return np.inf if sd is None else sd
 
 
 class WrenchReconstruction:
-    """The mathematics of this module for one torque covariance and one configuration.
+    """The reconstruction for one torque covariance and one configuration.
 
-    With sds of each sample, the torque covariance is that of the errors in units of these sds.
+    Where each sample has its own sds, the torque covariance is in units of these sds.
 
     Args:
         config: method and prior.
         torque_covariance: (n, n), see above.
-        usual_sd: (n,) N m of the errors over all states together, which balances the weights of
-            `force_only`; None: they are those of the sample's sds.
+        usual_sd: (n,) N m of the errors over all states, which balances the weights of
+            `force_only`; None: the sample's sds alone are the weights.
 
     Attributes:
         table: (2 n + 2, max(n, NUM_SETTINGS)) constants that `reconstruct` reads.
@@ -204,7 +210,7 @@ class WrenchReconstruction:
 
     @property
     def limits(self) -> tuple[float, float, float]:
-        """Largest force sd of a valid reading, N, and the prior that it is judged with: N, N m."""
+        """Largest force sd of a valid reading (N), and the prior it is judged with (N, N m)."""
         bound, force_sd, moment_sd = _settings(self.config)[5:8]
         return bound, force_sd, moment_sd
 
@@ -227,8 +233,8 @@ class WrenchReconstruction:
             tau_ext: external joint torque.
             sd: as tau_ext; N m, of its errors; None: 1, so that the torque covariance is theirs.
             stiction: as tau_ext; the part of sd that is stiction; None: 0.
-            J_now: as J, of the very sample, whose condition number is stated (NaN for no rows of
-                it: that costs a quarter of the time); None: J.
+            J_now: as J, of the sample itself, for the condition number. Without rows the condition
+                numbers are NaN; they take a quarter of the time. None: J.
 
         Raises:
             ValueError: shapes that disagree.
@@ -243,14 +249,19 @@ class WrenchReconstruction:
             )
         rows = int(np.prod(lead))
         out = WrenchOut(np.empty((rows, 6)), np.empty((rows, 6, 6)), np.empty((rows, 2)))
-        now = J if J_now is None else np.asarray(J_now, float)
+        J_now_rows = J if J_now is None else np.asarray(J_now, float)
         sd = np.ones_like(tau_ext) if sd is None else np.asarray(sd, float)
-        held = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
-        if not (now.shape in (J.shape, (0, 6, n)) and sd.shape == held.shape == tau_ext.shape):
+        stiction_sd = np.zeros_like(tau_ext) if stiction is None else np.asarray(stiction, float)
+        if not (
+            J_now_rows.shape in (J.shape, (0, 6, n))
+            and sd.shape == stiction_sd.shape == tau_ext.shape
+        ):
             raise ValueError("J_now must be as J, sd and stiction as tau_ext")
-        now, J = contiguous(now.reshape(-1, 6, n), J.reshape(rows, 6, n))
-        tau, sd, held = contiguous(*(x.reshape(rows, n) for x in (tau_ext, sd, held)))
-        reconstruct_log(self.table, now, TorqueSample(J, tau, sd, held), out)
+        J_now_rows, J = contiguous(J_now_rows.reshape(-1, 6, n), J.reshape(rows, 6, n))
+        tau, sd, stiction_sd = contiguous(
+            tau_ext.reshape(rows, n), sd.reshape(rows, n), stiction_sd.reshape(rows, n)
+        )
+        reconstruct_log(self.table, J_now_rows, TorqueSample(J, tau, sd, stiction_sd), out)
         return WrenchEstimate(
             out.wrench.reshape(*lead, 6),
             out.covariance.reshape(*lead, 6, 6),
@@ -298,8 +309,15 @@ def whitening_matrix(Sigma: Array) -> Array:
 def _settings(config: WrenchReconstructionConfig) -> list[float]:
     if config.method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {config.method!r}")
-    names = ("prior_force_sd", "prior_moment_sd", "max_force_sd", "max_phantom")
-    for name in (*names, "live_force_sd", "live_moment_sd"):
+    limits_and_priors = (
+        "prior_force_sd",
+        "prior_moment_sd",
+        "max_force_sd",
+        "max_phantom",
+        "live_force_sd",
+        "live_moment_sd",
+    )
+    for name in limits_and_priors:
         value = getattr(config, name)
         if value is not None and not value >= 0.0:
             raise ValueError(f"{name} must be zero or more, not {value}")

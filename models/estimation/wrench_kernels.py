@@ -25,7 +25,7 @@ _VALID_FORCE_SD, _VALID_MOMENT_SD, _MAX_PHANTOM, NUM_SETTINGS = range(6, 10)
 
 # Rows of the scratch array of `reconstruct`, (WORK_ROWS, max(n, 6)).
 _WHITE, _FACTOR, _INVERSE_FACTOR, _TURNED, _TURN, _MATRIX, _PLAIN = range(0, 42, 6)
-_SCRATCH, _FEIGNED, _VECTOR = 42, 48, 51
+_SCRATCH, _FROM_STICTION, _VECTOR = 42, 48, 51
 _SD, _STICTION, _WEIGHTS = range(_VECTOR + 3, _VECTOR + 6)
 WORK_ROWS = _VECTOR + 6
 _GRAM = _MATRIX  # of the posterior; the other methods keep their matrix there
@@ -35,7 +35,7 @@ _LARGEST = 1e60  # N, N m and their squares; more counts as not finite
 
 
 class TorqueSample(NamedTuple):
-    """What is read of a sample; of N samples with a first axis.
+    """External torque of one sample with its uncertainty; of N samples with a first axis.
 
     Attributes:
         J: (6, n) as tau_ext saw it.
@@ -51,7 +51,7 @@ class TorqueSample(NamedTuple):
 
 
 class WrenchOut(NamedTuple):
-    """What is written of a sample; of N samples with a first axis.
+    """A reading of one sample, written; of N samples with a first axis.
 
     Attributes:
         wrench: (6,).
@@ -74,7 +74,7 @@ def reconstruct(
     quality: Array,
     work: Array,
 ) -> None:
-    """Single-sample kernel of `WrenchReconstruction`, of errors whose covariance is constant.
+    """Single-sample kernel of `WrenchReconstruction`, for errors of constant covariance.
 
     Args:
         table: `WrenchReconstruction.table`.
@@ -93,62 +93,68 @@ def reconstruct(
 
 @kernel
 def reconstruct_with(
-    table: Array, J_now: Array, own: TorqueSample, out: WrenchOut, work: Array
+    table: Array, J_now: Array, sample: TorqueSample, out: WrenchOut, work: Array
 ) -> None:
-    """As `reconstruct`, of errors with sds of this sample; J_now (6, n) of the sample, for the
-    condition number.
+    """As `reconstruct`, with the sds of this sample.
+
+    Args:
+        J_now: (6, n) of the sample, for the condition number.
+        others: as `reconstruct`.
     """
-    valid = _reading(table, own, out, work)
+    valid = _reading(table, sample, out, work)
     condition = condition_number_of(J_now, work[_SCRATCH : _SCRATCH + 6])
     out.quality[0] = np.inf if np.isnan(condition) else condition
     out.quality[1] = 1.0 if valid else 0.0
 
 
 @kernel
-def _reading(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> bool:
+def _reading(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
     """Writes wrench and covariance and returns whether they are valid."""
-    J, wrench, covariance = own.J, out.wrench, out.covariance
+    J, wrench, covariance = sample.J, out.wrench, out.covariance
     n = J.shape[1]
     settings = table[2 * n]
     total = 0.0
     for j in range(n):
-        total += own.tau_ext[j] + own.sd[j]
+        total += sample.tau_ext[j] + sample.sd[j]
         for i in range(6):
             total += J[i, j]
     if not np.isfinite(total):
-        _nothing(settings, wrench, covariance)
+        _prior_only(settings, wrench, covariance)
         return False
     method = int(settings[_METHOD])
     if method == FORCE_ONLY and table[2 * n + 1, 0] > 0.0:
-        _balanced(table, own, out, work)
-        seen = True
+        _balanced(table, sample, out, work)
+        has_full_rank = True
     elif method in (FORCE_ONLY, BAYESIAN):
-        _posterior(table, own, out, work)
-        seen = True
+        _posterior(table, sample, out, work)
+        has_full_rank = True
     else:
-        seen = _pseudo_inverse(table, own, out, work)
+        has_full_rank = _pseudo_inverse(table, sample, out, work)
     total = 0.0
     for i in range(6):
         total += abs(wrench[i]) + covariance[i, i]
     if not total < _LARGEST:
-        _nothing(settings, wrench, covariance)
+        _prior_only(settings, wrench, covariance)
         return False
-    worst = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
-    feigned = 0.0
-    if _any(own.stiction):
-        feigned = 3.0 * largest_eigenvalue_3x3(work[_FEIGNED : _FEIGNED + 3])
-    return seen and worst <= settings[_MAX_FORCE_SD] ** 2 and feigned <= settings[_MAX_PHANTOM] ** 2
+    worst_variance = largest_eigenvalue_3x3(work[_PLAIN + 3 : _PLAIN + 6, 3:])
+    square_from_stiction = 0.0
+    if _has_stiction(sample.stiction):
+        square_from_stiction = 3.0 * largest_eigenvalue_3x3(
+            work[_FROM_STICTION : _FROM_STICTION + 3]
+        )
+    is_certain = worst_variance <= settings[_MAX_FORCE_SD] ** 2
+    return has_full_rank and is_certain and square_from_stiction <= settings[_MAX_PHANTOM] ** 2
 
 
 @kernel
-def _nothing(settings: Array, wrench: Array, covariance: Array) -> None:
-    """Writes what is known where nothing is read: zero, within the prior."""
+def _prior_only(settings: Array, wrench: Array, covariance: Array) -> None:
+    """Writes the prior in place of a reading: zero, with the prior's covariance."""
     for i in range(6):
         wrench[i] = 0.0
         for j in range(6):
             covariance[i, j] = 0.0
-        known = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
-        covariance[i, i] = known * known
+        prior_sd = settings[_MOMENT_SD] if i < 3 else settings[_FORCE_SD]
+        covariance[i, i] = prior_sd * prior_sd
 
 
 @kernel
@@ -184,9 +190,9 @@ def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> No
 
 @kernel
 def _posterior_covariance(
-    moment_sd: float, force_sd: float, first: int, covariance: Array, work: Array
+    moment_sd: float, force_sd: float, first_row: int, covariance: Array, work: Array
 ) -> None:
-    """Rows `first`.. of (gram + P^-1)^-1 into `covariance`, both triangles; P of these sds.
+    """Writes rows `first_row`.. of (gram + P^-1)^-1, both triangles; P has these sds.
 
     With the wrench in units of its prior sds, x = S^-1 F, cov(x) = (1 + S gram S)^-1. Every pivot
     of that matrix's factorisation is at least 1, however large or small the prior and however
@@ -201,7 +207,7 @@ def _posterior_covariance(
             scale_j = moment_sd if j < 3 else force_sd
             L[i, j] = scale_i * scale_j * gram[i, j] + (1.0 if i == j else 0.0)
     factorise(L, R)
-    for i in range(first, 6):
+    for i in range(first_row, 6):
         scale_i = moment_sd if i < 3 else force_sd
         for j in range(i + 1):
             scale_j = moment_sd if j < 3 else force_sd
@@ -213,12 +219,12 @@ def _posterior_covariance(
 
 
 @kernel
-def _posterior(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> None:
-    """The Gaussian posterior; leaves in `work` what `valid` rests on."""
-    sd, wrench, covariance = own.sd, out.wrench, out.covariance
+def _posterior(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
+    """Writes the Gaussian posterior; leaves in `work` the covariances that `valid` needs."""
+    sd, wrench, covariance = sample.sd, out.wrench, out.covariance
     n = sd.shape[0]
     settings = table[2 * n]
-    whiten(table, own.J, own.tau_ext, sd, work)
+    whiten(table, sample.J, sample.tau_ext, sd, work)
     moment_sd, force_sd = settings[_MOMENT_SD], settings[_FORCE_SD]
     _posterior_covariance(moment_sd, force_sd, 0, covariance, work)
     # F = S R^T R S A W tau, by the factor: the covariance would lose what cancels in it.
@@ -242,7 +248,7 @@ def _posterior(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> 
                 plain[i, j] = covariance[i, j]
     else:
         _posterior_covariance(moment_sd, force_sd, 3, plain, work)
-    if not _any(own.stiction):
+    if not _has_stiction(sample.stiction):
         return
     gain = work[_SCRATCH : _SCRATCH + 3]  # of the force from white torque, then from torque
     for i in range(3):
@@ -257,33 +263,33 @@ def _posterior(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> 
             for j in range(k, n):
                 total += white[j] * table[j, k]
             gain[i, k] = total / sd[k]
-    _feign(gain, own.stiction, work)
+    _stiction_covariance(gain, sample.stiction, work)
 
 
 @kernel
-def _balanced(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> None:
-    """As `_posterior` of a point force, weighted by the geometric means of sds and usual sds.
+def _balanced(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> None:
+    """As `_posterior` for a point force, weighted by the geometric means of sds and usual sds.
 
-    Its covariance is not the inverse of the information that these weights claim but that of the
-    sample's own errors through the gain, and what the force's prior leaves unread.
+    The covariance is that of the sample's errors through the gain, plus the share of the force's
+    prior that the joints do not see. It is not the inverse of the information in these weights.
     """
-    sd, wrench, covariance = own.sd, out.wrench, out.covariance
+    sd, wrench, covariance = sample.sd, out.wrench, out.covariance
     n = sd.shape[0]
     settings, usual = table[2 * n], table[2 * n + 1]
     weights, product = work[_WEIGHTS, :n], work[_TURNED : _TURNED + 6]
     for k in range(n):
         weights[k] = np.sqrt(sd[k] * usual[k])
-    whiten(table, own.J, own.tau_ext, weights, work)
-    known, plain = work[_TURN : _TURN + 6], work[_PLAIN : _PLAIN + 6]
+    whiten(table, sample.J, sample.tau_ext, weights, work)
+    unseen, plain = work[_TURN : _TURN + 6], work[_PLAIN : _PLAIN + 6]
     gain, white = work[_SCRATCH : _SCRATCH + 6], work[_VECTOR, :n]
     R = work[_INVERSE_FACTOR : _INVERSE_FACTOR + 6]
     for i in range(6):
         wrench[i] = 0.0
         for k in range(n):
             gain[i, k] = 0.0
-    for turn in range(2):  # what `valid` rests on first, then the reading
+    for turn in range(2):  # first with the prior of `valid`, then the reading
         force_sd = settings[_VALID_FORCE_SD] if turn == 0 else settings[_FORCE_SD]
-        _posterior_covariance(0.0, force_sd, 3, known, work)
+        _posterior_covariance(0.0, force_sd, 3, unseen, work)
         for k in range(n):  # R^T R S A by the factor, as in `_posterior`
             for i in range(3, 6):
                 gain[i, k] = 0.0
@@ -302,25 +308,25 @@ def _balanced(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> N
                 for j in range(k, n):
                     total += white[j] * table[j, k]
                 gain[i, k] = total / weights[k]
-        _passed_on(table, gain, sd, product, covariance)
+        _propagated(table, gain, sd, product, covariance)
         for i in range(3, 6):
             for j in range(3, 6):
                 for k in range(3, 6):
-                    covariance[i, j] += known[i, k] / force_sd * (known[j, k] / force_sd)
+                    covariance[i, j] += unseen[i, k] / force_sd * (unseen[j, k] / force_sd)
         if turn == 0:
             for i in range(6):
                 for j in range(6):
                     plain[i, j] = covariance[i, j]
-            if _any(own.stiction):
-                _feign(gain[3:], own.stiction, work)
+            if _has_stiction(sample.stiction):
+                _stiction_covariance(gain[3:], sample.stiction, work)
     for i in range(3, 6):
         for k in range(n):
-            wrench[i] += gain[i, k] * own.tau_ext[k]
+            wrench[i] += gain[i, k] * sample.tau_ext[k]
 
 
 @kernel
-def _any(stiction: Array) -> bool:
-    """Whether there is stiction; without it the work below is saved."""
+def _has_stiction(stiction: Array) -> bool:
+    """Whether any joint has stiction; without it its covariance need not be computed."""
     total = 0.0
     for part in stiction:
         total += abs(part)
@@ -328,26 +334,26 @@ def _any(stiction: Array) -> bool:
 
 
 @kernel
-def _feign(gain: Array, stiction: Array, work: Array) -> None:
-    """Covariance (3, 3) of the force that stiction alone reads as through a gain (3, n)."""
+def _stiction_covariance(gain: Array, stiction: Array, work: Array) -> None:
+    """Writes the covariance (3, 3) of the force that stiction alone causes, by a gain (3, n)."""
     for i in range(3):
         for j in range(i + 1):
             total = 0.0
             for k in range(stiction.shape[0]):
                 total += gain[i, k] * gain[j, k] * stiction[k] * stiction[k]
-            work[_FEIGNED + i, j] = total
-            work[_FEIGNED + j, i] = total
+            work[_FROM_STICTION + i, j] = total
+            work[_FROM_STICTION + j, i] = total
 
 
 @kernel
-def _pseudo_inverse(table: Array, own: TorqueSample, out: WrenchOut, work: Array) -> bool:
+def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
     """The readings by singular values: inverse, damped, truncated.
 
-    Leaves in `work` what `valid` rests on, of the plain inverse; returns whether J has full rank.
-    The inverse of a square J that is far from singular needs no singular values: elimination finds
-    it several times as fast, to the same rounding.
+    Leaves in `work` the covariances of the plain inverse, which `valid` needs. Returns whether J
+    has full rank. A square J that is far from singular is inverted by elimination, several times as
+    fast and to the same rounding.
     """
-    J, tau_ext, sd, stiction = own
+    J, tau_ext, sd, stiction = sample
     wrench, covariance = out.wrench, out.covariance
     n = J.shape[1]
     settings = table[2 * n]
@@ -365,15 +371,15 @@ def _pseudo_inverse(table: Array, own: TorqueSample, out: WrenchOut, work: Array
                 size += J[i, j] * J[i, j]
                 inverse += H[i, j] * H[i, j]
         if size * inverse < _WELL_CONDITIONED * _WELL_CONDITIONED and inverse < 1e24:
-            _passed_on(table, H, sd, product, covariance)
+            _propagated(table, H, sd, product, covariance)
             for i in range(6):
                 total = 0.0
                 for j in range(6):
                     plain[i, j] = covariance[i, j]
                     total += H[i, j] * tau_ext[j]
                 wrench[i] = total
-            if _any(stiction):
-                _feign(H[3:], stiction, work)
+            if _has_stiction(stiction):
+                _stiction_covariance(H[3:], stiction, work)
             return True
     orthogonalise_rows(J, B, Q)
     largest, smallest, noise = 0.0, np.inf, 0.0
@@ -402,7 +408,7 @@ def _pseudo_inverse(table: Array, own: TorqueSample, out: WrenchOut, work: Array
                     if gain[m] > 0.0:
                         total += Q[m, i] * (gain[m] / s[m]) * B[m, j]
                 H[i, j] = total
-        _passed_on(table, H, sd, product, covariance)
+        _propagated(table, H, sd, product, covariance)
         for i in range(6):
             for j in range(i + 1):
                 for m in range(6):
@@ -412,8 +418,8 @@ def _pseudo_inverse(table: Array, own: TorqueSample, out: WrenchOut, work: Array
                 if turn == 0:
                     plain[i, j] = covariance[i, j]
                     plain[j, i] = covariance[i, j]
-        if turn == 0 and _any(stiction):
-            _feign(H[3:], stiction, work)
+        if turn == 0 and _has_stiction(stiction):
+            _stiction_covariance(H[3:], stiction, work)
     for i in range(6):
         total = 0.0
         for j in range(n):
@@ -423,7 +429,7 @@ def _pseudo_inverse(table: Array, own: TorqueSample, out: WrenchOut, work: Array
 
 
 @kernel
-def _passed_on(table: Array, H: Array, sd: Array, product: Array, covariance: Array) -> None:
+def _propagated(table: Array, H: Array, sd: Array, product: Array, covariance: Array) -> None:
     """Covariance (6, 6) of H (6, n) times torques with errors of these sds (n,)."""
     n = sd.shape[0]
     for i in range(6):
@@ -440,23 +446,28 @@ def _passed_on(table: Array, H: Array, sd: Array, product: Array, covariance: Ar
             covariance[j, i] = total
 
 
-def reconstruct_log(table: Array, J_now: Array, own: TorqueSample, out: WrenchOut) -> None:
+def reconstruct_log(table: Array, J_now: Array, samples: TorqueSample, out: WrenchOut) -> None:
     """`reconstruct_with` for N samples, by threads; conditions are NaN where J_now has no rows."""
 
-    def run(rows: slice) -> None:
-        parts = TorqueSample(*(x[rows] for x in own)), WrenchOut(*(x[rows] for x in out))
-        _reconstruct_rows(table, J_now[rows], *parts, np.zeros((WORK_ROWS, max(own.J.shape[2], 6))))
+    work_shape = (WORK_ROWS, max(samples.J.shape[2], 6))
 
-    in_row_blocks(run, len(own.J), _BLOCK)
+    def run(rows: slice) -> None:
+        sample_rows = TorqueSample(
+            samples.J[rows], samples.tau_ext[rows], samples.sd[rows], samples.stiction[rows]
+        )
+        out_rows = WrenchOut(out.wrench[rows], out.covariance[rows], out.quality[rows])
+        _reconstruct_rows(table, J_now[rows], sample_rows, out_rows, np.zeros(work_shape))
+
+    in_row_blocks(run, len(samples.J), _BLOCK)
 
 
 @kernel(nogil=True)
 def _reconstruct_rows(
-    table: Array, J_now: Array, own: TorqueSample, out: WrenchOut, work: Array
+    table: Array, J_now: Array, samples: TorqueSample, out: WrenchOut, work: Array
 ) -> None:
     table, work = borrowed(table), borrowed(work)
-    J, tau_ext, sd = borrowed(own.J), borrowed(own.tau_ext), borrowed(own.sd)
-    stiction, wrench = borrowed(own.stiction), borrowed(out.wrench)
+    J, tau_ext, sd = borrowed(samples.J), borrowed(samples.tau_ext), borrowed(samples.sd)
+    stiction, wrench = borrowed(samples.stiction), borrowed(out.wrench)
     covariance, quality = borrowed(out.covariance), borrowed(out.quality)
     conditions = np.zeros(J.shape[0])
     if J_now.shape[0] > 0:

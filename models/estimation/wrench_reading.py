@@ -1,15 +1,16 @@
-"""The reading of tau_ext that takes the observer's error of each sample into account.
+"""Reads the wrench from tau_ext, with the observer's uncertainty at each sample.
 
     sds of the torque error, J as the observer saw it (`torque_error_stage`) -+
     tau_ext ------------------------------------------------------------------+-> wrench, covariance
                                                                       + lag, scale; valid
 
-Not valid is what no wrench at E explains (`wrenchsight.models.observers.explained_torque`). A model
-that learnt no torque error is read the same way, with an error of one covariance and no more said
-of lag and scale.
+A reading is not valid where no wrench at E explains the torques
+(`wrenchsight.models.observers.explained_torque`). For a model without a learnt torque error the
+error has one covariance, and the band holds neither lag nor scale.
 """
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +33,7 @@ from wrenchsight.models.identification.torque_error_model import (
     ConstantTorqueError,
     TorqueErrorModel,
 )
-from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import borrowed, view_2d
 from wrenchsight.models.observers.explained_torque import (
@@ -51,8 +52,6 @@ from wrenchsight.models.observers.fault_signature import (
 )
 from wrenchsight.models.observers.lag import lag_settings, lag_tick, lag_update
 
-Tables = tuple[Array, Array, Array, Array, Array]  # of WrenchReading
-
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
 OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
 
@@ -64,8 +63,62 @@ READING_NUMBERS, READING_ROWS = _SIGNALS + FAULT_NUMBERS, FAULT_ROWS
 # of the state: so many numbers, then so many rows of n
 
 
+class ReadingTables(NamedTuple):
+    """Constants of `read_wrench`.
+
+    Attributes:
+        read_load: (1,) share of |tau_ext| that adds to its sd.
+        lag: of `lag_settings`.
+        explained: of `explained_table`.
+        faults: of `fault_table`.
+        wrench: `WrenchReconstruction.table`.
+    """
+
+    read_load: Array
+    lag: Array
+    explained: Array
+    faults: Array
+    wrench: Array
+
+
+class ReadingSample(NamedTuple):
+    """One sample that is read; N samples with a first axis.
+
+    Attributes:
+        J: (6, n) at E in axes of W.
+        tau_ext: (n,) N m.
+        counts: bool; whether tau_ext belongs to its sample, so that the reading may be valid.
+        is_implausible: bool; no joint can have done what the sample shows.
+        observed: (OBSERVED,) wrench and covariance that the observer reads itself; they take the
+            place of the reading's. (0,) of an observer that does not.
+    """
+
+    J: Array
+    tau_ext: Array
+    counts: Any
+    is_implausible: Any
+    observed: Array
+
+
+class _Judged(NamedTuple):
+    """What a reading's validity is judged by, at one sample; at N samples with a first axis.
+
+    Attributes:
+        D: of `unexplained`.
+        torque: tau_ext and its uncertainty.
+        tau_J: (n,) N m, of the previous sample.
+        counts, is_implausible: as ReadingSample.
+    """
+
+    D: Any
+    torque: TorqueSample
+    tau_J: Array
+    counts: Any
+    is_implausible: Any
+
+
 class WrenchReading:
-    """The constants of this module for one model, read by one observer.
+    """The reading of one model behind one observer.
 
     Args:
         error: of the model.
@@ -98,17 +151,25 @@ class WrenchReading:
         self.reconstruction = WrenchReconstruction(config, error.correlation, usual_sd)
         rates = K_0 if learnt else None
         self.lag = lag_settings(rates, time_step, force_bandwidth_hz, error.scale)
-        live = config.live_moment_sd, config.live_force_sd
         beyond = BEYOND if learnt else np.inf
-        self.explained = explained_table(error.correlation, *live, error.scale, time_step, beyond)
+        self.explained = explained_table(
+            error.correlation,
+            config.live_moment_sd,
+            config.live_force_sd,
+            error.scale,
+            time_step,
+            beyond,
+        )
         self.read_load = np.array([error.read_load])
         lines = np.eye(n) if torques is None else torques
         self.faults = fault_table(lines, rates, time_step, learnt)
 
     @property
-    def tables(self) -> Tables:
+    def tables(self) -> ReadingTables:
         """The constants of `read_wrench`."""
-        return self.read_load, self.lag, self.explained, self.faults, self.reconstruction.table
+        return ReadingTables(
+            self.read_load, self.lag, self.explained, self.faults, self.reconstruction.table
+        )
 
     @classmethod
     def constant(
@@ -124,18 +185,19 @@ class WrenchReading:
 
     @property
     def parameters(self) -> dict[str, Array]:
-        """What may be tuned while it runs, by name: the numeric parameters of its block.
+        """Parameters that may be tuned while it runs, by name: those of its block.
 
         prior_sd (2,) N and N m, inf where nothing is known; of a constant error alone
         torque_covariance (n, n) N^2 m^2; damping (1,); truncation (1,).
         """
         config, error = self.config, self.error
-        prior = config.prior_force_sd, config.prior_moment_sd
-        values = {"prior_sd": np.array([np.inf if sd is None else sd for sd in prior])}
+        prior_sds = (config.prior_force_sd, config.prior_moment_sd)
+        values = {"prior_sd": np.array([np.inf if sd is None else sd for sd in prior_sds])}
         if isinstance(error, ConstantTorqueError):
             values["torque_covariance"] = error.covariance
-        own = {"damping": np.array([config.damping]), "truncation": np.array([config.truncation])}
-        return values | own
+        values["damping"] = np.array([config.damping])
+        values["truncation"] = np.array([config.truncation])
+        return values
 
     def with_parameters(self, values: dict[str, Array], K_0: ArrayLike | None) -> "WrenchReading":
         """Returns the reading with other `parameters`, behind an observer with this K_0."""
@@ -148,9 +210,12 @@ class WrenchReading:
             truncation=values["truncation"].item(),
         )
         error, covariance = self.error, values.get("torque_covariance")
-        if isinstance(error, ConstantTorqueError) and covariance is not None:
-            same = np.array_equal(covariance, error.covariance)
-            error = error if same else ConstantTorqueError.of(covariance)
+        if (
+            isinstance(error, ConstantTorqueError)
+            and covariance is not None
+            and not np.array_equal(covariance, error.covariance)
+        ):
+            error = ConstantTorqueError.of(covariance)
         return WrenchReading(
             error,
             config,
@@ -169,11 +234,7 @@ class WrenchReading:
         self,
         state: Array,
         error: TorqueError,
-        J: Array,
-        tau_ext: Array,
-        counts: Flags,
-        lost: Flags,
-        observed: Array,
+        samples: ReadingSample,
         conditions: bool = True,
     ) -> WrenchEstimate:
         """Reads N samples.
@@ -181,27 +242,27 @@ class WrenchReading:
         Args:
             state: of `initial_state`, changed in place.
             error: of N samples.
-            J: (N, 6, n) at E in axes of W.
-            tau_ext: (N, n) N m.
-            counts: (N,) whether tau_ext is of its sample, so that the reading may be valid.
-            lost: (N,) whether the sample is one that cannot be.
-            observed: (N, OBSERVED) wrench and covariance that the observer reads itself, which then
-                take the place of the reading's; (N, 0): it does not.
+            samples: N of them; `observed` (N, OBSERVED) or (N, 0).
             conditions: whether condition numbers are wanted; NaN where not.
         """
+        J, tau_ext, counts, is_implausible, observed = samples
         N = len(tau_ext)
         sd = error.sd
         if self.error.read_load > 0.0:
             sd = np.sqrt(sd**2 + (self.error.read_load * np.nan_to_num(tau_ext)) ** 2)
-        own = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
+        torque = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
         out = WrenchOut(np.empty((N, 6)), np.empty((N, 6, 6)), np.empty((N, 2)))
-        reconstruct_log(self.reconstruction.table, J if conditions else J[:0], own, out)
+        reconstruct_log(self.reconstruction.table, J if conditions else J[:0], torque, out)
         if observed.shape[1] > 0:
             out.wrench[:], out.covariance[:] = observed[:, :6], observed[:, 6:].reshape(N, 6, 6)
-        D = unexplained_log(self.explained, error.J_seen, tau_ext, sd)
-        marks = np.asarray(counts, bool), np.asarray(lost, bool)
-        tables = self.lag, self.explained, self.faults
-        _judge_log(tables, state, D, own, error.rows, *marks, out)
+        judged = _Judged(
+            D=unexplained_log(self.explained, error.J_seen, tau_ext, sd),
+            torque=torque,
+            tau_J=np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
+            counts=np.asarray(counts, bool),
+            is_implausible=np.asarray(is_implausible, bool),
+        )
+        _judge_log(self.tables, state, judged, out)
         return WrenchEstimate(
             out.wrench, out.covariance, out.quality[:, 0], out.quality[:, 1] == 1.0
         )
@@ -209,47 +270,40 @@ class WrenchReading:
 
 @kernel(forceinline=True)
 def _judge_reading(
-    tables: tuple[Array, Array, Array],
-    state: Array,
-    D: float,
-    own: TorqueSample,
-    tau_J: Array,
-    counts: bool,
-    lost: bool,
-    out: WrenchOut,
-    lateness: Array,
+    tables: ReadingTables, state: Array, judged: _Judged, out: WrenchOut, lateness: Array
 ) -> None:
-    """Single-sample kernel: adds lag and scale to a reading, and settles whether it is valid.
+    """Single-sample kernel: adds lag and scale to a reading, and decides whether it is valid.
 
     Args:
-        tables: lag, explained and faults of WrenchReading.
+        tables: of WrenchReading.
         state: of `initial_state`, changed.
-        D: of `unexplained`.
-        own: the sample.
-        tau_J: (n,) N m, of the sample before.
-        counts, lost: as `WrenchReading.run`, of this sample.
-        out: changed.
+        judged: of the sample.
+        out: the reading, changed.
         lateness: (6,), overwritten.
     """
-    lag, explained, faults = tables
-    at_E, state[_DOUBT] = is_explained(explained, state[_DOUBT], D)
-    sound = is_believed(faults, state[_SIGNALS:], own.tau_ext, own.sd, tau_J, counts, lost)
-    valid = counts and out.quality[1] == 1.0 and at_E and sound
+    torque, counts = judged.torque, judged.counts
+    is_at_E, state[_DOUBT] = is_explained(tables.explained, state[_DOUBT], judged.D)
+    is_sound = is_believed(
+        tables.faults,
+        state[_SIGNALS:],
+        torque.tau_ext,
+        torque.sd,
+        judged.tau_J,
+        counts,
+        judged.is_implausible,
+    )
+    valid = counts and out.quality[1] == 1.0 and is_at_E and is_sound
     out.quality[1] = 1.0 if valid else 0.0
-    lag_tick(lag, state[:6], out.wrench, out.covariance, lateness)
-    lag_update(lag, state[:6], out.wrench, valid)
+    lag_tick(tables.lag, state[:6], out.wrench, out.covariance, lateness)
+    lag_update(tables.lag, state[:6], out.wrench, valid)
 
 
 @kernel(forceinline=True)
 def read_wrench(
-    tables: Tables,
+    tables: ReadingTables,
     state: Array,
     error: TorqueError,
-    J: Array,
-    tau_ext: Array,
-    counts: bool,
-    lost: bool,
-    observed: Array,
+    sample: ReadingSample,
     reading: Array,
     work: Array,
 ) -> None:
@@ -258,66 +312,66 @@ def read_wrench(
     Args:
         tables: of WrenchReading.
         state: of `initial_state`, changed.
-        error, J, tau_ext, counts, lost: of the sample.
-        observed: (OBSERVED,) as `WrenchReading.run`, or (0,).
+        error: of the sample.
+        sample: `observed` (OBSERVED,) or (0,).
         reading: (READING,), written.
         work: (READING_WORK_ROWS, max(n, 6)), overwritten.
     """
-    read_load, lag, explained, faults, wrench = tables
+    J, tau_ext, counts, is_implausible, observed = sample
+    read_load = tables.read_load[0]
     n = J.shape[1]
     sd = work[_SD, :n]
     for j in range(n):
         sd[j] = error.sd[j]
-        if read_load[0] > 0.0 and np.isfinite(tau_ext[j]):
-            sd[j] = np.sqrt(sd[j] ** 2 + (read_load[0] * tau_ext[j]) ** 2)
-    own = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
+        if read_load > 0.0 and np.isfinite(tau_ext[j]):
+            sd[j] = np.sqrt(sd[j] ** 2 + (read_load * tau_ext[j]) ** 2)
+    torque = TorqueSample(error.J_seen, tau_ext, sd, error.stiction)
     out = WrenchOut(reading[:6], view_2d(reading, 6, 6, 6), reading[42:READING])
-    reconstruct_with(wrench, J, own, out, work[:WORK_ROWS])
+    reconstruct_with(tables.wrench, J, torque, out, work[:WORK_ROWS])
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
-    D, tau_J = unexplained(explained, error.J_seen, tau_ext, sd), error.rows[TAU_J_ROW]
-    own_tables = lag, explained, faults
-    _judge_reading(own_tables, state, D, own, tau_J, counts, lost, out, work[_LATENESS])
+    D = unexplained(tables.explained, error.J_seen, tau_ext, sd)
+    judged = _Judged(D, torque, error.rows[TAU_J_ROW], counts, is_implausible)
+    _judge_reading(tables, state, judged, out, work[_LATENESS])
 
 
 @kernel
 def read_sample(
-    tables: Tables,
+    tables: ReadingTables,
     state: Array,
     error: Array,
-    J: Array,
-    tau_ext: Array,
-    counts: bool,
-    lost: bool,
-    observed: Array,
+    sample: ReadingSample,
     reading: Array,
     work: Array,
 ) -> None:
     """`read_wrench` with the torque error in (ERROR_ROWS n,) memory."""
-    views = torque_error_views(error, J.shape[1])
-    read_wrench(tables, state, views, J, tau_ext, counts, lost, observed, reading, work)
+    views = torque_error_views(error, sample.J.shape[1])
+    read_wrench(tables, state, views, sample, reading, work)
 
 
 @kernel
-def _judge_log(
-    tables: tuple[Array, Array, Array],
-    state: Array,
-    D: Array,
-    own: TorqueSample,
-    rows: Array,
-    counts: Flags,
-    lost: Flags,
-    out: WrenchOut,
-) -> None:
+def _judge_log(tables: ReadingTables, state: Array, judged: _Judged, out: WrenchOut) -> None:
+    """`_judge_reading` for N samples; `state` and `out` are changed."""
     lateness = np.empty(6)
-    lag, explained, faults = tables
-    known = borrowed(lag), borrowed(explained), borrowed(faults)
-    state, rows, J = borrowed(state), borrowed(rows), borrowed(own.J)
-    tau_ext, sd, stiction = borrowed(own.tau_ext), borrowed(own.sd), borrowed(own.stiction)
+    borrowed_tables = ReadingTables(
+        borrowed(tables.read_load),
+        borrowed(tables.lag),
+        borrowed(tables.explained),
+        borrowed(tables.faults),
+        borrowed(tables.wrench),
+    )
+    torque, state, tau_J = judged.torque, borrowed(state), borrowed(judged.tau_J)
+    J, tau_ext = borrowed(torque.J), borrowed(torque.tau_ext)
+    sd, stiction = borrowed(torque.sd), borrowed(torque.stiction)
     wrench, covariance = borrowed(out.wrench), borrowed(out.covariance)
     quality = borrowed(out.quality)
     for k in range(tau_ext.shape[0]):
-        sample = TorqueSample(J[k], tau_ext[k], sd[k], stiction[k])
-        one = WrenchOut(wrench[k], covariance[k], quality[k])
-        tau_J = rows[k, TAU_J_ROW]
-        _judge_reading(known, state, D[k], sample, tau_J, counts[k], lost[k], one, lateness)
+        sample_judged = _Judged(
+            judged.D[k],
+            TorqueSample(J[k], tau_ext[k], sd[k], stiction[k]),
+            tau_J[k],
+            judged.counts[k],
+            judged.is_implausible[k],
+        )
+        sample_out = WrenchOut(wrench[k], covariance[k], quality[k])
+        _judge_reading(borrowed_tables, state, sample_judged, sample_out, lateness)

@@ -6,7 +6,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.estimator import Taught
-from wrenchsight.models.estimation.tick import tick_update
+from wrenchsight.models.estimation.tick import TickSample, tick_update
 from wrenchsight.models.machining.air_pass import Lesson, LessonTick, TaughtTorque, taught_tick
 from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.machining_reference import MachiningReference
@@ -221,21 +221,9 @@ class MachiningController(LeafSystem):
         action = self._action.Eval(context)
         state, _ = self._last.take(context, discrete_state, action)
         q, end, integral = self._q.Eval(context), self._estimator_end, self._integral
-        choice, packed, known, scratch = self._tick_arguments
-        values, layout, table = packed
-        tick_update(
-            choice,
-            values,
-            layout,
-            table,
-            state[:end],
-            q,
-            self._v.Eval(context),
-            self._current.Eval(context),
-            known,
-            action[self._reading_at],
-            scratch,
-        )
+        choice, packed, overrides, scratch = self._tick_arguments
+        sample = TickSample(q, self._v.Eval(context), self._current.Eval(context), overrides)
+        tick_update(choice, packed, state[:end], sample, action[self._reading_at], scratch)
         if self._taught is not None and self._tracker is not None:
             n, reference = self._n, action[self._reference_from : self._reference_to]
             feed_time = action.item(self._plan_to - 2)

@@ -107,7 +107,7 @@ def test_a_wrench_that_is_observed_takes_no_air_pass(sts: Robot) -> None:
     model = IdentifiedModel.nominal(sts)
     estimator = WrenchEstimator(sts, model, config)
     zero = np.zeros((1, sts.num_joints))
-    with pytest.raises(ValueError, match="no use for an air pass"):
+    with pytest.raises(ValueError, match="takes no correction of an air pass"):
         estimator.run(
             estimator.initial_state(), zero, zero, zero, taught=Taught(zero, zero, np.ones(1))
         )

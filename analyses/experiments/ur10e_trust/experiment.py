@@ -63,6 +63,7 @@ from wrenchsight.models.estimation.point_of_action import jacobian_at
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.torque_error_stage import TorqueError
 from wrenchsight.models.estimation.wrench import WrenchEstimate, WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench_reading import ReadingSample
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.momentum_observer import MomentumObserverConfig
@@ -190,14 +191,15 @@ class _PointLog:
     def read(self, estimator: WrenchEstimator) -> WrenchEstimate:
         """The wrench at the point of action."""
         N = len(self.J)
+        samples = ReadingSample(
+            J=self.J,
+            tau_ext=self.observation.tau_ext,
+            counts=self.observation.fresh,
+            is_implausible=np.zeros(N, bool),
+            observed=np.empty((N, 0)),
+        )
         return estimator.reading.run(
-            estimator.reading.initial_state(),
-            self.error(estimator),
-            self.J,
-            self.observation.tau_ext,
-            self.observation.fresh,
-            np.zeros(N, bool),  # no sample is lost
-            np.empty((N, 0)),
+            estimator.reading.initial_state(), self.error(estimator), samples
         )
 
 

@@ -15,7 +15,7 @@ from wrenchsight.models.detection.contact_detector import (
 )
 from wrenchsight.models.estimation.contact_filter import ContactConfig, ContactFrame
 from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
-from wrenchsight.models.estimation.wrench import known_of_wrench, live_prior
+from wrenchsight.models.estimation.wrench import live_prior, wrench_prior
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.estimation.wrench_table import TABLES
 from wrenchsight.models.files.input_error import InputError
@@ -224,7 +224,7 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
         (config.smooth, "for which smoothing has no prior"),
         (reads_wrench, f"for which the {kind} observer has no prior"),
     ):
-        is_possible = not is_requested or known_of_wrench(reconstruction) is not None
+        is_possible = not is_requested or wrench_prior(reconstruction) is not None
         problem = f"is {reconstruction.method}, {shortcoming}"
         _require(is_possible, "method", problem, "give bayesian, force_only or inverse")
     if config.track:

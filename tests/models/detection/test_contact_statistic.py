@@ -1,10 +1,14 @@
-"""The pieces of the statistic against numpy: whitening, misfit, jolts."""
+"""The pieces of the statistic against numpy: whitening, misfit, torque jumps."""
 
 import numpy as np
 import pytest
 
 from wrenchsight.models.detection.contact_detector import upper_whitening
-from wrenchsight.models.detection.contact_statistic import UNKNOWN_MOMENT, jolts, misfit_square
+from wrenchsight.models.detection.contact_statistic import (
+    UNKNOWN_MOMENT,
+    misfit_square,
+    torque_jumps,
+)
 
 
 def covariance(n, seed=0):
@@ -69,7 +73,7 @@ def test_a_jolt_is_the_second_difference_of_momentum_and_fades_with_the_pole():
     momentum = np.zeros((50, 2))
     momentum[20:, 0] = 0.4  # a stop from one sample to the next
     momentum[:, 1] = 0.3 * np.arange(50)  # steady torque: no jolt
-    found = jolts(momentum, np.full((50, 2), 7.0), np.array([0.8, 0.8]), 0.01)
+    found = torque_jumps(momentum, np.full((50, 2), 7.0), np.array([0.8, 0.8]), 0.01)
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
     raw = 0.2 * 0.4 / 0.01
     assert found[19, 0] == 0.0
@@ -82,7 +86,7 @@ def test_a_jump_of_torque_that_is_held_is_a_jolt():
     """The mean of a period is anywhere between its ends: D^2 / 3 about the first of them."""
     torque = np.zeros((50, 2))
     torque[20:, 0] = 30.0
-    found = jolts(np.zeros((50, 2)), torque, np.array([0.8, 0.8]), 0.01)
+    found = torque_jumps(np.zeros((50, 2)), torque, np.array([0.8, 0.8]), 0.01)
     np.testing.assert_array_equal(found[:, 1], 0.0)
     assert found[20, 0] == 0.0  # known with the next sample
     anywhere = np.linspace(0.0, 30.0, 100_001)

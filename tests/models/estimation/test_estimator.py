@@ -75,16 +75,16 @@ def test_the_chain_against_pinocchio_and_numpy() -> None:
     P = np.diag([moment_sd**2] * 3 + [force_sd**2] * 3)
     a = np.exp(-20.0 * T)
     expected, tau_ext = [], np.zeros(6)
-    before: tuple[Array, Array] | None = None
+    previous: tuple[Array, Array] | None = None
     for k in range(len(q)):
         C = pin.computeCoriolisMatrix(rigid, data, q[k], v[k])
         momentum = pin.crba(rigid, data, q[k]) @ v[k]
         G = pin.computeGeneralizedGravity(rigid, data, q[k])
         part = C.T @ v[k] - G - tau_f[k]
-        if before is not None:
-            u = tau_J[k - 1] + 0.5 * (before[1] + part)
-            tau_ext = a * tau_ext + (1.0 - a) / T * (momentum - before[0] - T * u)
-        before = momentum, part
+        if previous is not None:
+            u = tau_J[k - 1] + 0.5 * (previous[1] + part)
+            tau_ext = a * tau_ext + (1.0 - a) / T * (momentum - previous[0] - T * u)
+        previous = momentum, part
         J = pin.computeFrameJacobian(rigid, data, q[k], tool, pin.LOCAL_WORLD_ALIGNED)[
             [3, 4, 5, 0, 1, 2]
         ]
@@ -119,8 +119,8 @@ def test_a_tick_is_a_row_of_the_log_and_chunks_are_one_pass(method: str) -> None
         for name in tick._fields:
             np.testing.assert_array_equal(getattr(tick, name), getattr(whole, name)[k])
         rows.append(tool.run(same, q[k : k + 1], v[k : k + 1], current[k : k + 1]))
-    for one, column in zip(type(whole).joined(rows), whole, strict=True):
-        np.testing.assert_array_equal(one, column)
+    for tick, column in zip(type(whole).joined(rows), whole, strict=True):
+        np.testing.assert_array_equal(tick, column)
 
 
 def test_a_long_log_crosses_the_memory_bound_unchanged() -> None:
@@ -128,9 +128,11 @@ def test_a_long_log_crosses_the_memory_bound_unchanged() -> None:
     tool = estimator()
     whole = tool.run(tool.initial_state(), q, v, current)
     state = tool.initial_state()
-    first = tool.run(state, q[:16000], v[:16000], current[:16000])
-    second = tool.run(state, q[16000:], v[16000:], current[16000:])
-    np.testing.assert_array_equal(np.concatenate([first.wrench, second.wrench]), whole.wrench)
+    first_part = tool.run(state, q[:16000], v[:16000], current[:16000])
+    second_part = tool.run(state, q[16000:], v[16000:], current[16000:])
+    np.testing.assert_array_equal(
+        np.concatenate([first_part.wrench, second_part.wrench]), whole.wrench
+    )
 
 
 @pytest.mark.parametrize("method", ["inverse", "bayesian"])
@@ -168,8 +170,8 @@ def test_a_hole_is_flagged_finite_and_forgotten() -> None:
 
 def test_prior_of_the_configuration_and_of_the_rule() -> None:
     force_sd, moment_sd = live_prior(arm().payload)
-    found = estimator().config.reconstruction
-    assert (found.prior_force_sd, found.prior_moment_sd) == (force_sd, moment_sd)
+    result = estimator().config.reconstruction
+    assert (result.prior_force_sd, result.prior_moment_sd) == (force_sd, moment_sd)
     q, v, current = log(50)
     tight = estimator().with_prior(1.0, 0.01)
     estimate = tight.run(tight.initial_state(), q, v, current)
@@ -197,8 +199,8 @@ def test_any_layout_of_the_samples_reads_the_same() -> None:
     columns = [np.asfortranarray(x) for x in (q, v, current)]
     for x in columns:
         x.flags.writeable = False
-    again = tool.run(tool.initial_state(), *columns)
-    np.testing.assert_array_equal(again.wrench, whole.wrench)
+    repeated = tool.run(tool.initial_state(), *columns)
+    np.testing.assert_array_equal(repeated.wrench, whole.wrench)
     state = tool.initial_state()
     for k in range(50):
         tick = tool.step(state, columns[0][k], columns[1][k].tolist(), columns[2][k])
@@ -246,131 +248,139 @@ def remembering() -> WrenchEstimator:
 
 
 def test_friction_with_memory_tick_by_tick_is_the_log_in_any_split() -> None:
-    own, (q, v, current) = remembering(), log(300)
-    whole = own.run(own.initial_state(), q, v, current)
-    state = own.initial_state()
-    assert own.parts(state).friction.shape == (4, 6)
+    tool, (q, v, current) = remembering(), log(300)
+    whole = tool.run(tool.initial_state(), q, v, current)
+    state = tool.initial_state()
+    assert tool.parts(state).friction.shape == (4, 6)
     parts = [
-        own.run(state, q[rows], v[rows], current[rows]) for rows in (slice(0, 7), slice(7, 90))
+        tool.run(state, q[rows], v[rows], current[rows]) for rows in (slice(0, 7), slice(7, 90))
     ]
     for k in range(90, 300):
-        tick = own.step(state, q[k], v[k], current[k])
+        tick = tool.step(state, q[k], v[k], current[k])
         np.testing.assert_array_equal(tick.tau_ext, whole.tau_ext[k])
     np.testing.assert_array_equal(np.vstack([p.tau_ext for p in parts]), whole.tau_ext[:90])
 
 
 def test_the_load_is_the_torque_transmitted_at_the_sample_before() -> None:
     """The observer fed with the law written out, L_k = tau_J,k-1 - tau_f,k-1."""
-    own, (q, v, current) = remembering(), log(200)
-    law = own.model.friction
+    tool, (q, v, current) = remembering(), log(200)
+    law = tool.model.friction
     tau_J = current * arm().torque_per_ampere * arm().current_sign
     load = np.zeros_like(q)
-    law = law.sampled(own.observer.time_step)
+    law = law.sampled(tool.observer.time_step)
     for k in range(1, len(q)):
         load[k] = tau_J[k - 1] - law.torque_along(q[:k], v[:k], load[:k])[-1]
     tau_f = law.torque_along(q, v, load)
-    momentum, CTv, G = own.chain.momentum_terms(q, v)
-    observer = own.observer
+    momentum, CTv, G = tool.chain.momentum_terms(q, v)
+    observer = tool.observer
     expected, _ = observer.run(observer.initial_state(), momentum, CTv, G, tau_J, tau_f)
-    found = own.run(own.initial_state(), q, v, current)
+    result = tool.run(tool.initial_state(), q, v, current)
     # The same numbers in another order of additions, 1e-13 of 100 N m, times K' = 20/s over 2 ms.
-    np.testing.assert_allclose(found.tau_ext, expected, atol=1e-8)
+    np.testing.assert_allclose(result.tau_ext, expected, atol=1e-8)
 
 
 def test_friction_known_from_elsewhere_is_a_model_without_friction() -> None:
-    """What is known is taken off the motor torque, sample by sample, and the law has no say."""
+    """The given friction is subtracted from the motor torque, sample by sample, not the law's."""
     q, v, current = log(400)
     tau_f = 3.0 * np.sign(v) + 2.0 * v
     law = SemiParametricFriction(CoulombViscous(np.full(6, 9.0), np.full(6, 1.0), np.zeros(6)))
     knowing = WrenchEstimator(arm(), replace(model(), friction=law), CONFIG)
-    found = knowing.run(knowing.initial_state(), q, v, current, tau_f=tau_f)
+    result = knowing.run(knowing.initial_state(), q, v, current, tau_f=tau_f)
     without = SemiParametricFriction(CoulombViscous.zero(6))
     plain = WrenchEstimator(arm(), replace(model(), friction=without), CONFIG)
     less = current - tau_f / (arm().torque_per_ampere * arm().current_sign)
     expected = plain.run(plain.initial_state(), q, v, less)
-    np.testing.assert_array_equal(found.wrench, expected.wrench)
+    np.testing.assert_array_equal(result.wrench, expected.wrench)
 
 
-def test_what_was_taught_corrects_the_reading_and_friction_slides_at_planned_speeds() -> None:
+def test_a_learnt_correction_is_added_and_friction_is_taken_at_planned_speeds() -> None:
     q, v, current = log(400)
     rng = np.random.default_rng(3)
     planned, correction = v + 0.1 * rng.normal(size=v.shape), rng.normal(size=v.shape)
     counts = (np.arange(400) % 3 > 0).astype(float)
     law = SemiParametricFriction(CoulombViscous(np.full(6, 9.0), np.full(6, 1.0), np.zeros(6)))
-    own = WrenchEstimator(arm(), replace(model(), friction=law), CONFIG)
+    tool = WrenchEstimator(arm(), replace(model(), friction=law), CONFIG)
     taught = Taught(correction, planned, counts)
-    found = own.run(own.initial_state(), q, v, current, taught=taught)
+    result = tool.run(tool.initial_state(), q, v, current, taught=taught)
     # The oracle: the observer alone, fed with the friction of the planned speeds.
-    momentum, CTv, G = own.chain.momentum_terms(q, v)
+    momentum, CTv, G = tool.chain.momentum_terms(q, v)
     tau_J = current * arm().torque_per_ampere * arm().current_sign
     observer = MomentumObserver(CONFIG.observer, 6)
     tau_ext, fresh = observer.run(
         observer.initial_state(), momentum, CTv, G, tau_J, law.torque(planned)
     )
-    np.testing.assert_allclose(found.tau_ext, tau_ext + correction, rtol=0.0, atol=1e-10)
-    assert not found.valid[(counts == 0.0) | ~fresh].any()
-    assert found.valid.any()
-    state = own.initial_state()
+    np.testing.assert_allclose(result.tau_ext, tau_ext + correction, rtol=0.0, atol=1e-10)
+    assert not result.valid[(counts == 0.0) | ~fresh].any()
+    assert result.valid.any()
+    state = tool.initial_state()
     for k in range(50):
-        one = own.step(
+        tick = tool.step(
             state, q[k], v[k], current[k], taught=Taught(correction[k], planned[k], counts[k])
         )
-        np.testing.assert_array_equal(one.wrench, found.wrench[k])
-        assert one.valid == found.valid[k]
+        np.testing.assert_array_equal(tick.wrench, result.wrench[k])
+        assert tick.valid == result.valid[k]
 
 
 def test_the_sd_of_a_correction_adds_to_the_torque_error_s() -> None:
     """Eq. 22, torque errors that are independent: Sigma_F = J^-T (Sigma_tau + D^2) J^-1."""
     q, v, current = log(40)
-    own = WrenchEstimator(
+    tool = WrenchEstimator(
         arm(),
         replace(model(), residual_covariance=np.diag(np.arange(1.0, 7.0))),
         replace(CONFIG, reconstruction=WrenchReconstructionConfig("inverse")),
     )
     zero, sd = np.zeros_like(v), np.linspace(0.1, 2.0, v.size).reshape(v.shape)
-    plain, wide = (
-        own.run(own.initial_state(), q, v, current, taught=Taught(zero, v, np.ones(40), more))
-        for more in (0.0, sd)
+    plain, with_sd = (
+        tool.run(
+            tool.initial_state(),
+            q,
+            v,
+            current,
+            taught=Taught(zero, v, np.ones(40), correction_sd),
+        )
+        for correction_sd in (0.0, sd)
     )
-    np.testing.assert_array_equal(wide.tau_ext, plain.tau_ext)
+    np.testing.assert_array_equal(with_sd.tau_ext, plain.tau_ext)
     for k in range(0, 40, 7):
-        gain = np.linalg.inv(own.chain.jacobian(q[k]).T)
+        gain = np.linalg.inv(tool.chain.jacobian(q[k]).T)
         expected = plain.covariance[k] + gain @ np.diag(sd[k] ** 2) @ gain.T
-        np.testing.assert_allclose(wide.covariance[k], expected, rtol=1e-6)
-    state = own.initial_state()
-    one = own.step(state, q[0], v[0], current[0], taught=Taught(zero[0], v[0], 1.0, sd[0]))
-    np.testing.assert_array_equal(one.covariance, wide.covariance[0])
+        np.testing.assert_allclose(with_sd.covariance[k], expected, rtol=1e-6)
+    state = tool.initial_state()
+    tick = tool.step(state, q[0], v[0], current[0], taught=Taught(zero[0], v[0], 1.0, sd[0]))
+    np.testing.assert_array_equal(tick.covariance, with_sd.covariance[0])
 
 
-def test_friction_with_memory_follows_the_measured_motion_of_a_taught_estimator() -> None:
-    """What was planned plays no part: the reading is the plain one, corrected."""
+def test_friction_with_memory_follows_the_measured_motion_despite_a_correction() -> None:
+    """The planned speeds play no part: the reading is the plain one plus the correction."""
     q, v, current = log(200)
     rng = np.random.default_rng(3)
     planned, correction = rng.normal(size=(2, *v.shape))
     counts = (np.arange(200) % 3 > 0).astype(float)
-    own = remembering()
-    found = own.run(own.initial_state(), q, v, current, taught=Taught(correction, planned, counts))
-    plain = own.run(own.initial_state(), q, v, current)
-    np.testing.assert_allclose(found.tau_ext, plain.tau_ext + correction, rtol=0.0, atol=1e-12)
-    np.testing.assert_array_equal(found.transmitted, plain.transmitted)
-    np.testing.assert_array_equal(found.valid, plain.valid & (counts == 1.0))
-    state = own.initial_state()
+    tool = remembering()
+    result = tool.run(
+        tool.initial_state(), q, v, current, taught=Taught(correction, planned, counts)
+    )
+    plain = tool.run(tool.initial_state(), q, v, current)
+    np.testing.assert_allclose(result.tau_ext, plain.tau_ext + correction, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(result.transmitted, plain.transmitted)
+    np.testing.assert_array_equal(result.valid, plain.valid & (counts == 1.0))
+    state = tool.initial_state()
     for k in range(200):
         taught = Taught(correction[k], planned[k], counts[k])
-        one = own.step(state, q[k], v[k], current[k], taught=taught)
-        np.testing.assert_array_equal(one.wrench, found.wrench[k])
+        tick = tool.step(state, q[k], v[k], current[k], taught=taught)
+        np.testing.assert_array_equal(tick.wrench, result.wrench[k])
 
 
-def test_what_was_taught_must_fit_the_log() -> None:
+def test_a_learnt_correction_must_fit_the_log() -> None:
     q, v, current = log(20)
-    own = estimator()
-    state = own.initial_state()
-    with pytest.raises(ValueError, match="what was taught must be"):
-        own.run(state, q, v, current, taught=Taught(v, v[:5], np.ones(20)))
+    tool = estimator()
+    state = tool.initial_state()
+    with pytest.raises(ValueError, match="of an air pass must be"):
+        tool.run(state, q, v, current, taught=Taught(v, v[:5], np.ones(20)))
     with pytest.raises(ValueError, match="tau_f must be"):
-        own.run(state, q, v, current, tau_f=v[:5])
-    with pytest.raises(ValueError, match="tau_f has no place"):
-        own.run(state, q, v, current, tau_f=v, taught=Taught(v, v, np.ones(20)))
+        tool.run(state, q, v, current, tau_f=v[:5])
+    with pytest.raises(ValueError, match="pass taught or tau_f"):
+        tool.run(state, q, v, current, tau_f=v, taught=Taught(v, v, np.ones(20)))
 
 
 @pytest.mark.parametrize("remembers", [False, True])
@@ -385,7 +395,7 @@ def test_coupled_joints_tick_by_tick_and_as_a_log(coupled_wrist: Robot, remember
     below = law if remembers else SemiParametricFriction(law.coulomb_viscous)
     friction = CoupledFriction(below, coupled_wrist.motor_rates)
     nominal = replace(IdentifiedModel.nominal(coupled_wrist), friction=friction)
-    own = WrenchEstimator(coupled_wrist, nominal, CONFIG)
+    tool = WrenchEstimator(coupled_wrist, nominal, CONFIG)
     q, v, _ = log(300)
     chain = coupled_wrist.chain
     w = np.array([1.1, 0.9, 1.7, 2.3, 3.1, 2.0])
@@ -396,10 +406,10 @@ def test_coupled_joints_tick_by_tick_and_as_a_log(coupled_wrist: Robot, remember
     tau_ext = np.einsum("kij,i->kj", J, F)
     tau_f = friction.torque_along(q, v, rigid - tau_ext)
     current = coupled_wrist.motor_current(rigid + tau_f - tau_ext)
-    whole = own.run(own.initial_state(), q, v, current)
-    state = own.initial_state()
+    whole = tool.run(tool.initial_state(), q, v, current)
+    state = tool.initial_state()
     for k in range(300):
-        tick = own.step(state, q[k], v[k], current[k])
+        tick = tool.step(state, q[k], v[k], current[k])
         np.testing.assert_array_equal(tick.tau_ext, whole.tau_ext[k])
     if not remembers:  # else the slip at the first sample is not the log's
         # The observer's pole is 20 /s: after .5 s what it read at first is below 1e-4 of it; the

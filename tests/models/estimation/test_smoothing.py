@@ -115,7 +115,7 @@ def dense_posterior(
     q = samples[0]
     N, n = q.shape
     signals = np.empty((N, NUM_SIGNALS, n))
-    J = own.run(own.initial_state(), *samples, seen=signals).J
+    J = own.run(own.initial_state(), *samples, signals=signals).J
     error, prior = own.model.torque_error, own.knowledge.prior
     assert error is not None and prior is not None
     law = own.friction
@@ -190,12 +190,12 @@ def test_it_is_the_posterior_given_the_whole_log(
 ) -> None:
     own = estimator(ur10e, model, method)
     samples = log(ur10e, model, 60, FORCE)
-    found = smoothed_estimate(own, *samples)
+    smoothed = smoothed_estimate(own, *samples)
     wrench, covariance, *_ = dense_posterior(own, samples)
     # Both lose digits: prior variances of (2 kN)^2 against (N m s / 1e5)^2.
     size = float(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).max())
-    np.testing.assert_allclose(found.wrench, wrench, rtol=1e-4, atol=1e-5 * size)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=2e-3, atol=1e-5 * size**2)
+    np.testing.assert_allclose(smoothed.wrench, wrench, rtol=1e-4, atol=1e-5 * size)
+    np.testing.assert_allclose(smoothed.covariance, covariance, rtol=2e-3, atol=1e-5 * size**2)
 
 
 def interval_smoother(own: WrenchEstimator) -> IntervalSmoother:
@@ -211,21 +211,21 @@ def test_what_a_change_explains(ur10e: Robot, model: IdentifiedModel, method: st
     force = np.where(np.arange(rows)[:, None] > 24, 5.0 * FORCE, 0.0)
     samples = log(ur10e, model, rows, force)
     signals = np.empty((rows, NUM_SIGNALS, n))
-    J = own.run(own.initial_state(), *samples, seen=signals).J
+    J = own.run(own.initial_state(), *samples, signals=signals).J
     plain, smoother = dense_posterior(own, samples), interval_smoother(own)
-    found, _ = smoother.smoothed(signals, J, np.zeros(rows), rows)
+    smoothed, _ = smoother.smoothed(signals, J, np.zeros(rows), rows)
     for k in (8, 24, 30):
         changes = np.zeros(rows)
         changes[k] = 1.0
         dense = dense_posterior(own, samples, changes)
         ratio = dense.log_likelihood - plain.log_likelihood
-        np.testing.assert_allclose(found.evidence[k, LIKELIER], ratio, rtol=1e-3, atol=1e-2)
+        np.testing.assert_allclose(smoothed.evidence[k, LIKELIER], ratio, rtol=1e-3, atol=1e-2)
         # Momentum that has changed stays so: it is in all that is measured after k.
         later = np.repeat(np.arange(1, rows) > k, n)[:, None] * np.tile(np.eye(n), (rows - 1, 1))
         weighted = np.linalg.solve(plain.S, later)
         left = weighted.T @ plain.r
         gain = 0.5 * left @ np.linalg.solve(later.T @ weighted, left)
-        np.testing.assert_allclose(found.evidence[k, BLOW_GAIN], gain, rtol=1e-3, atol=1e-2)
+        np.testing.assert_allclose(smoothed.evidence[k, BLOW_GAIN], gain, rtol=1e-3, atol=1e-2)
         changed, _ = smoother.smoothed(signals, J, changes, rows)
         size = float(np.sqrt(np.diagonal(dense.covariance, axis1=1, axis2=2)).max())
         np.testing.assert_allclose(changed.wrench, dense.wrench, rtol=1e-4, atol=1e-5 * size)
@@ -286,14 +286,14 @@ def test_a_hole_is_bridged_from_both_sides(ur10e: Robot, model: IdentifiedModel)
     own, (q, v, current) = estimator(ur10e, model), log(ur10e, model, 400, FORCE)
     current[150:155, 2] = np.nan
     q[250, 0] = v[250, 0] = np.nan
-    found = smoothed_estimate(own, q, v, current)
-    assert np.isfinite(found.wrench).all() and np.isfinite(found.covariance).all()
-    assert np.isfinite(found.tau_ext).all()
-    assert not found.valid[150:155].any() and not found.valid[250]
-    sd = found.standard_deviation
+    smoothed = smoothed_estimate(own, q, v, current)
+    assert np.isfinite(smoothed.wrench).all() and np.isfinite(smoothed.covariance).all()
+    assert np.isfinite(smoothed.tau_ext).all()
+    assert not smoothed.valid[150:155].any() and not smoothed.valid[250]
+    sd = smoothed.standard_deviation
     assert (sd[152, 3:] > sd[140, 3:]).all()
-    assert (np.abs(found.wrench[145:160, 3:] - FORCE) < 3.0 * sd[145:160, 3:]).all()
-    assert np.linalg.eigvalsh(found.covariance)[:, 0].min() > -1e-6
+    assert (np.abs(smoothed.wrench[145:160, 3:] - FORCE) < 3.0 * sd[145:160, 3:]).all()
+    assert np.linalg.eigvalsh(smoothed.covariance)[:, 0].min() > -1e-6
 
 
 def test_any_observer_and_a_model_without_a_torque_error(ur10e: Robot) -> None:
@@ -302,9 +302,9 @@ def test_any_observer_and_a_model_without_a_torque_error(ur10e: Robot) -> None:
     config = WrenchEstimatorConfig()
     config.observer.time_step = STEP
     plain = WrenchEstimator(ur10e, model, config)
-    found = smoothed_estimate(plain, *samples)
-    sd = found.standard_deviation
-    assert np.mean(np.abs(found.wrench[:, 3:] - FORCE) < 1.96 * sd[:, 3:]) > 0.9
+    smoothed = smoothed_estimate(plain, *samples)
+    sd = smoothed.standard_deviation
+    assert np.mean(np.abs(smoothed.wrench[:, 3:] - FORCE) < 1.96 * sd[:, 3:]) > 0.9
     empty = smoothed_estimate(plain, *(signal[:0] for signal in samples))
     assert len(empty.wrench) == 0
 
