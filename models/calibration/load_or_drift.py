@@ -6,7 +6,9 @@ evidence (`models.calibration.prior_least_squares`) gives the probability of eac
 are equally likely beforehand. The log shows a load if
 
 - load, or both, have all but UNLIKELY of the probability;
-- its mass is `SURE` standard errors above zero, errors of gains and of the arm's model included;
+- its mass is `SURE` standard errors above zero. They include errors of gains and of the arm's
+  model, and the spread between joints (`models.calibration.mass_across_joints`): one joint's
+  friction error is no load;
 - both halves of the log show the same mass, within SAME of its standard errors. A force that comes
   or goes, or changes sides, is a contact.
 
@@ -23,12 +25,14 @@ from numpy.typing import NDArray
 
 from wrenchsight.models.calibration.friction_refresh import FrictionDrift
 from wrenchsight.models.calibration.load_identification import (
+    SURE,
     LoadEstimate,
     LoadPrior,
     LoadRows,
     estimate_load,
     wide_spread,
 )
+from wrenchsight.models.calibration.mass_across_joints import mass_sd_across_joints
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.numerics.arrays import Array
@@ -48,6 +52,7 @@ class LoadOrDrift:
 
     Attributes:
         load: as estimated beside friction's drift.
+        mass_sd: kg, standard error of the mass with the spread between joints.
         probability: of "none", "load", "drift" and "both".
         is_steady: whether both halves of the log, or of its part with the load, show the same mass.
         begin: s, in the log's time, at which the load is taken up; None: before the log's start.
@@ -55,6 +60,7 @@ class LoadOrDrift:
     """
 
     load: LoadEstimate
+    mass_sd: float
     probability: dict[str, float]
     is_steady: bool
     begin: float | None = None
@@ -64,7 +70,8 @@ class LoadOrDrift:
     def is_shown(self) -> bool:
         """Whether the log shows a load."""
         loaded = self.probability["load"] + self.probability["both"]
-        return self.is_steady and self.load.is_there and loaded > 1.0 - UNLIKELY
+        is_significant = self.load.mass > SURE * self.mass_sd
+        return self.is_steady and is_significant and loaded > 1.0 - UNLIKELY
 
     def sentence(self) -> str:
         """Mass, place, time and odds of the load, and what to do, for the user."""
@@ -81,7 +88,7 @@ class LoadOrDrift:
         if self.probability["load"] > self.probability["both"]:
             friction = "the model's friction"
         return (
-            f"unmodelled load at the tool: {load.mass:.3g} +- {sd[0]:.2g} kg{place}, {begin}, with "
+            f"unmodelled load at the tool: {load.mass:.3g} +- {self.mass_sd:.2g} kg{place}, {begin}, with "
             f"{friction} (odds against no load {_odds(self.probability)}); identify it with "
             "`wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
         )
@@ -92,7 +99,7 @@ class LoadOrDrift:
         return {
             "told": self.is_shown,
             "mass_kg": self.load.mass,
-            "mass_sd_kg": sd[0],
+            "mass_sd_kg": self.mass_sd,
             "com_m": self.load.com,
             "com_sd_m": sd[1:4],
             "steady": self.is_steady,
@@ -178,10 +185,14 @@ def _weighed(
     largest = max(evidence.values())
     weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
     total = sum(weights.values())
+    mass_sd = float(load.standard_deviation[0])
+    if load.is_there:
+        mass_sd = mass_sd_across_joints(log, law, prior, load)
     return LoadOrDrift(
-        load,
-        {name: weight / total for name, weight in weights.items()},
-        _is_steady(log, law, prior, row),
+        load=load,
+        mass_sd=mass_sd,
+        probability={name: weight / total for name, weight in weights.items()},
+        is_steady=_is_steady(log, law, prior, row),
     )
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
-from wrenchsight.models.calibration.load_across_joints import LoadAcrossJoints, load_across_joints
 from wrenchsight.models.calibration.load_identification import LoadPrior
+from wrenchsight.models.calibration.load_or_drift import LoadOrDrift, weigh
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.live.reading import Reading
@@ -23,6 +23,7 @@ from wrenchsight.models.robot.robot import Robot
 
 LOOKS = (5.0, 10.0, 20.0, 40.0)  # s since the stream began
 SETTLING = 1.0  # s of readings that are left out at the beginning
+LEAST_MASS = 0.5  # kg, below which a load is not reported
 LONGEST_GAP = 0.5  # s between samples, after which the stream begins anew
 
 
@@ -45,7 +46,7 @@ class LoadSearch:
         self._robot, self._model = robot, model
         self._in_background = in_background
         self._pool: ThreadPoolExecutor | None = None
-        self._running: Future[LoadAcrossJoints | None] | None = None
+        self._running: Future[LoadOrDrift | None] | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -106,7 +107,7 @@ class LoadSearch:
             self._running = Future()
             self._running.set_result(self._judge(self._monitor, speeds, readings, settled))
 
-    def result(self) -> LoadAcrossJoints | None:
+    def result(self) -> LoadOrDrift | None:
         """The load, once, where a look that is over has shown one."""
         if self._running is None or not self._running.done():
             return None
@@ -121,7 +122,7 @@ class LoadSearch:
         speeds: list[_Speed],
         readings: list[Reading],
         settled: float,
-    ) -> LoadAcrossJoints | None:
+    ) -> LoadOrDrift | None:
         """Adds the new readings from time `settled` (s) on, and weighs all of them."""
         if readings:
             _add(monitor, speeds, readings, settled)
@@ -130,9 +131,11 @@ class LoadSearch:
             return None
         law, prior = self._model.friction.coulomb_viscous, LoadPrior(self._robot.payload)
         try:
-            return load_across_joints(rows, law, prior)
+            load = weigh(rows, law, prior)
         except (LinAlgError, ValueError):  # the rows determine no load
             return None
+        is_reported = load is not None and load.is_shown and load.load.mass >= LEAST_MASS
+        return load if is_reported else None
 
 
 def _add(

@@ -261,8 +261,8 @@ class StartChecks:
         load = self._search.result()
         if load is not None:
             self._say(
-                f"unmodelled load at the tool: {load.mass:.2f} +- {load.sd:.2f} kg; identify it "
-                "with `wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
+                f"unmodelled load at the tool: {load.load.mass:.2f} +- {load.mass_sd:.2f} kg; "
+                "identify it with `wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
             )
         if self._search.is_over:
             self._search = None

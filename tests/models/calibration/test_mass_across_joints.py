@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from ur10e_logs import LAW, quiet_rows
 
-from wrenchsight.models.calibration.load_across_joints import LEAST_MASS, load_across_joints
-from wrenchsight.models.calibration.load_identification import LoadPrior
-from wrenchsight.models.calibration.load_or_drift import weigh
+from wrenchsight.models.calibration.load_identification import LoadPrior, estimate_load
+from wrenchsight.models.calibration.load_or_drift import UNLIKELY, weigh
 from wrenchsight.models.calibration.load_parameters import body_parameters
+from wrenchsight.models.calibration.mass_across_joints import mass_sd_across_joints
 
 PRIOR = LoadPrior(mass=12.5)
 
@@ -29,10 +29,10 @@ def log_of(robot, seed, mass, joints=range(6), duration=5.0, moving=range(6)):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_seconds_determine_a_load_with_its_error(ur10e, seed):
-    load = load_across_joints(log_of(ur10e, seed, 2.0), LAW, PRIOR)
-    assert load is not None
-    assert abs(load.mass - 2.0) < 3.0 * load.sd
-    assert load.sd < 0.6
+    weighed = weigh(log_of(ur10e, seed, 2.0), LAW, PRIOR)
+    assert weighed.is_shown
+    assert abs(weighed.load.mass - 2.0) < 3.0 * weighed.mass_sd
+    assert weighed.mass_sd < 0.6
 
 
 @pytest.mark.parametrize("joint", [1, 2])
@@ -40,19 +40,23 @@ def test_what_one_joint_shows_alone_is_no_load(ur10e, joint):
     # An error of the one joint that moves has the shape of a load; the others rest in stiction.
     log = log_of(ur10e, 1, 3.0, joints=[joint], duration=20.0, moving=[joint])
     weighed = weigh(log, LAW, PRIOR)
-    assert weighed.is_shown
-    assert weighed.load.mass > LEAST_MASS
-    assert load_across_joints(log, LAW, PRIOR) is None
+    assert weighed.load.is_there
+    assert weighed.is_steady
+    assert weighed.probability["load"] + weighed.probability["both"] > 1.0 - UNLIKELY
+    assert not weighed.is_shown
+
+
+def test_the_error_of_the_gains_counts_in_full(ur10e):
+    log = log_of(ur10e, 1, 2.0, duration=25.0)
+    load = estimate_load(log, LAW, PRIOR)
+    assert mass_sd_across_joints(log, LAW, PRIOR, load) > 1.05 * load.standard_deviation[0]
+    assert mass_sd_across_joints(log, LAW, PRIOR, load) > PRIOR.gain * load.mass
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_load_is_claimed_where_there_is_none(ur10e, seed):
-    assert load_across_joints(log_of(ur10e, seed, 0.0), LAW, PRIOR) is None
-
-
-def test_a_few_hundred_grams_are_not_worth_a_word(ur10e):
-    assert load_across_joints(log_of(ur10e, 1, 0.3, duration=25.0), LAW, PRIOR) is None
+    assert not weigh(log_of(ur10e, seed, 0.0), LAW, PRIOR).is_shown
 
 
 def test_too_few_rows_say_nothing(ur10e):
-    assert load_across_joints(log_of(ur10e, 1, 2.0, duration=3.0), LAW, PRIOR) is None
+    assert weigh(log_of(ur10e, 1, 2.0, duration=3.0), LAW, PRIOR) is None
