@@ -262,7 +262,8 @@ class StartChecks:
         if load is not None:
             self._say(
                 f"unmodelled load at the tool: {load.load.mass:.2f} +- {load.mass_sd:.2f} kg; "
-                "identify it with `wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
+                "identify it with `wrenchsight payload`, or state it as tool in robot.yaml and "
+                "pass --tool"
             )
         if self._search.is_over:
             self._search = None
