@@ -88,9 +88,9 @@ class LoadOrDrift:
         if self.probability["load"] > self.probability["both"]:
             friction = "the model's friction"
         return (
-            f"unmodelled load at the tool: {load.mass:.3g} +- {self.mass_sd:.2g} kg{place}, {begin}, "
-            f"with {friction} (odds against no load {_odds(self.probability)}); identify it with "
-            "`wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
+            f"unmodelled load at the tool: {load.mass:.3g} +- {self.mass_sd:.2g} kg{place}, "
+            f"{begin}, with {friction} (odds against no load {_odds(self.probability)}); identify "
+            "it with `wrenchsight payload`, or state it as tool in robot.yaml and pass --tool"
         )
 
     def metrics(self) -> dict[str, object]:

@@ -155,7 +155,10 @@ def _share(values: Sequence[float]) -> float:
 
 
 def odds_figure(metrics: dict[str, Any]) -> Figure:
-    """How often the likeliest link is the labelled one, against its odds."""
+    """How often the likeliest link is the labelled one, against its odds.
+
+    The number below a bar is that of its touches.
+    """
     figure, ((panel,),) = new_figure(1, 1, height=3.4)
     panel.plot([0.0, 100.0], [0.0, 100.0], color=SERIES[6], lw=0.8, label="as stated")
     entries = [entry for entry in metrics["odds"].values() if entry["touches"]]
@@ -164,11 +167,16 @@ def odds_figure(metrics: dict[str, Any]) -> Figure:
         for key in ("stated_pct", "right_pct", "right_low_pct", "right_high_pct")
     )
     bars = np.maximum(np.stack([right - low, high - right]), 0.0)
-    panel.errorbar(stated, right, bars, fmt="o", color=SERIES[0], label="labelled touches, 95 %")
+    panel.errorbar(
+        stated, right, bars, fmt="o", color=SERIES[0], label="labelled touches (their number), 95 %"
+    )
     for entry in entries:
-        text = f"{entry['touches']} of {entry['recordings']}"
         panel.annotate(
-            text, (entry["stated_pct"], entry["right_pct"]), (6, -10), textcoords="offset points"
+            str(entry["touches"]),
+            (entry["stated_pct"], entry["right_low_pct"]),
+            (0, -12),
+            textcoords="offset points",
+            ha="center",
         )
     panel.set_xlabel("odds of the likeliest link [%]")
     panel.set_ylabel("is the touched one [%]")
