@@ -30,16 +30,16 @@ tells the force hardly better than its prior count as unread (`blind_share`): in
 force wanders at such moments as nothing here expects, and for `misfit_time` after them no reading
 is explained.
 
-The stated covariance is that of the filter, larger where the recent innovations z were larger than
-they should be: by the mean of z^T S^-1 z / n over `misfit_time`, or by that of their part along the
-force,
+The stated covariance is that of the filter times a factor: the mean of z^T S^-1 z / n over
+`misfit_time` for the recent innovations z, or that of their part along the force,
 
     (h^T S^-1 z)^2 / (h^T S^-1 h),    h = H_1
 
-whichever is larger and above 1; both are 1 in the mean where all is as stated. The second one is
-large where the force changes faster than it wanders, or where the joints move otherwise than the
-log says, which reads as a force. From `largest_misfit` on the filter does not explain what it
-reads.
+whichever is larger, and at least `least_misfit`; both are 1 in the mean where all is as stated. The
+factor is not smaller, since errors that last do not show in innovations. At rest, and where the
+force is not told, it is at least 1. The second one is large where the force changes faster than it
+wanders, or where the joints move otherwise than the log says, which reads as a force. From
+`largest_misfit` on the filter does not explain what it reads.
 
 The model states a joint's whole stiction band as its sd at rest. The expected share of that
 friction is taken off beforehand, and the force across has its own states: a smaller sd is left
@@ -94,6 +94,7 @@ class ContactConfig:
     late_share: float = 0.4  # sd of a force that changes, as a share of its change
     late_time: float = 0.06  # s, over which that change is taken
     misfit_time: float = 0.3  # s, over which innovations are judged
+    least_misfit: float = 0.7  # of a moving arm: least factor of the stated covariance
     largest_misfit: float = 2.0  # along the force, above which a reading is not valid
     blind_share: float = 0.25  # of the prior's force sd: a block with a larger one tells no force
     gap: float = 0.05  # s without a block that tells the force, after which it may be any
@@ -243,8 +244,11 @@ class ContactFilter:
         first = 0 if blocks_ago == 0 else self._offsets.stop + WRENCH * (blocks_ago - 1)
         columns = slice(first, first + WRENCH)
         config = self._config
-        scale = max(self._misfit, self._force_misfit, 1.0)
-        if self._resting_blocks > blocks_ago:
+        is_resting = self._resting_blocks > blocks_ago
+        is_stated = is_resting or self._unknown_time > 0.0
+        least_misfit = 1.0 if is_stated else config.least_misfit
+        scale = max(self._misfit, self._force_misfit, least_misfit)
+        if is_resting:
             scale *= config.rest_share**2
         is_visible = self._visible_time >= config.misfit_time
         is_explained = is_visible and self._force_misfit <= config.largest_misfit

@@ -58,7 +58,8 @@ def test_the_reading_is_the_conditional_mean(lag: float) -> None:
         F, P, _ = contact.read(late)
         mean, sd = _conditioned(y, until, until - late)
         assert F[0] == pytest.approx(mean, rel=1e-9)
-        assert np.sqrt(P[0, 0]) >= sd * (1.0 - 1e-9)  # larger where innovations are
+        least = np.sqrt(ContactConfig().least_misfit)
+        assert np.sqrt(P[0, 0]) >= least * sd * (1.0 - 1e-9)  # larger where innovations are
 
 
 def test_the_band_holds_what_comes_from_its_model() -> None:
@@ -74,6 +75,17 @@ def test_the_band_holds_what_comes_from_its_model() -> None:
             inside.append(abs(F[0] - force) <= 1.96 * np.sqrt(P[0, 0]))
     # The band is wider where innovations are large by chance: a little above 95 %.
     assert 0.93 < np.mean(inside) < 0.995
+
+
+def test_innovations_that_are_smaller_than_stated_narrow_the_band_to_a_limit() -> None:
+    """Torque without an error: z is far below what S states, so the factor is the least one."""
+    least = ContactConfig().least_misfit
+    contact, unscaled = _filter(), _filter(least_misfit=1.0)
+    for _ in range(100):
+        contact.take(_block(_H * 20.0))
+        unscaled.take(_block(_H * 20.0))
+    covariance, unscaled_covariance = contact.read(0).covariance, unscaled.read(0).covariance
+    np.testing.assert_allclose(covariance, least * unscaled_covariance, rtol=1e-12)
 
 
 def test_after_a_gap_the_force_may_be_any() -> None:
@@ -119,7 +131,7 @@ def test_a_force_that_moves_faster_than_it_wanders_is_not_explained() -> None:
 def test_the_band_grows_with_the_innovations_along_the_force() -> None:
     """A block of them moves their mean by its share of misfit_time, and so the covariance."""
     jump, misfit_time = 12.0, ContactConfig().misfit_time
-    plain, jumped, predicted = _filter(), _filter(), _filter()
+    plain, jumped, predicted = (_filter(least_misfit=1.0) for _ in range(3))
     for contact in (plain, jumped, predicted):
         for _ in range(40):
             contact.take(_block(_H * 60.0))
@@ -172,7 +184,7 @@ def test_a_motion_that_hides_the_force_leaves_it_open() -> None:
 
 
 def test_the_band_of_an_arm_at_rest_is_narrower_from_its_first_resting_block_on() -> None:
-    moving, resting = _filter(0.06), _filter(0.06)
+    moving, resting = (_filter(0.06, least_misfit=1.0) for _ in range(2))
     share = ContactConfig().rest_share ** 2
     for k in range(12):
         block = _block(_H * 20.0)
