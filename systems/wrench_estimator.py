@@ -26,7 +26,6 @@ from wrenchsight.models.estimation.tick import (
     OVERRIDE_COUNTS,
     OVERRIDE_SD,
     OVERRIDE_TAU_F,
-    TickSample,
     tick_output,
     tick_update,
 )
@@ -283,7 +282,7 @@ class WrenchEstimatorSystem(LeafSystem):
             self._overrides[OVERRIDE_CORRECTION] = taught.tau_correction
             self._overrides[OVERRIDE_COUNTS] = taught.counts
             self._overrides[OVERRIDE_SD] = taught.sd
-        sample = TickSample(q, v, current, self._overrides)[:]
+        sample = (q, v, current, self._overrides)
         tick_output(self._choice, packed[:], state, sample, reading, self._scratch)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
@@ -296,7 +295,7 @@ class WrenchEstimatorSystem(LeafSystem):
         packed = self._tuned_at(context).packed
         q, v = self._q.Eval(context), self._v.Eval(context)
         current = self._current.Eval(context) if self._reads_current else self._unread
-        sample = TickSample(q, v, current, self._overrides)[:]
+        sample = (q, v, current, self._overrides)
         tick_output(self._choice, packed[:], state, sample, out, self._scratch)
         out[-1] = number = self._last_sample.number + 1.0
         self._last_sample = _ReadSample(number, packed, q, v)
@@ -309,7 +308,7 @@ class WrenchEstimatorSystem(LeafSystem):
             packed = self._tuned_at(context).packed
             q, v = self._q.Eval(context), self._v.Eval(context)
         # Of the overrides an update reads only the number of rows.
-        sample = TickSample(q, v, current, self._overrides)[:]
+        sample = (q, v, current, self._overrides)
         tick_update(self._choice, packed[:], state, sample, reading, self._scratch)
         # Not the port of the checked current: a call into Python costs as much as a tick.
         outputs[self._size :] = self._checked_in_tick

@@ -116,7 +116,7 @@ class TickSample(NamedTuple):
 
 
 SampleArrays = tuple[Array, Array, Array, Array]
-"""A TickSample for a call from Python, `sample[:]`, as PackedArrays."""
+"""The fields of a TickSample as a plain tuple, for a call from Python, as PackedArrays."""
 
 
 class TickLog(NamedTuple):
