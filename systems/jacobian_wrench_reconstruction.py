@@ -1,5 +1,7 @@
 """The wrench at the tool from the external joint torque, as a block."""
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
@@ -25,8 +27,20 @@ from wrenchsight.models.observers.sample_check import BEYOND
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
 
-_NOTHING = np.empty(0)
+_NOT_OBSERVED = np.empty(0)
 _PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
+
+
+class _TunedReading(NamedTuple):
+    """The reading at a context's parameters.
+
+    Attributes:
+        tables: of the reading.
+        error: (ERROR_ROWS n,) torque error for an unconnected port.
+    """
+
+    tables: ReadingTables
+    error: Array
 
 
 class JacobianWrenchReconstruction(LeafSystem):
@@ -36,8 +50,8 @@ class JacobianWrenchReconstruction(LeafSystem):
         F   = Σ_F J Σ_tau⁻¹ tau_ext,     P = diag(prior_moment_sd² 1₃, prior_force_sd² 1₃)
 
     by default; the other methods (eq. 22 of Lu et al. among them) are those of
-    `wrenchsight.models.estimation.wrench`. With what a model knows of its error Σ_tau is that of
-    the sample, J as the observer saw it, and Σ_F covers lag and scale
+    `wrenchsight.models.estimation.wrench`. With the torque error of a model Σ_tau is that of the
+    sample, J as the observer saw it, and Σ_F covers lag and scale
     (`wrenchsight.models.estimation.wrench_reading`).
 
                          +------------------------------+ --> wrench
@@ -53,7 +67,7 @@ class JacobianWrenchReconstruction(LeafSystem):
     Inputs:      terms              RigidBodyTerms (abstract): J at E in axes of W
                  tau_ext            (n,) N m, positive along the motion it causes
                  tau_ext_valid      (1,) 0 where tau_ext is held or unknown; optional, else 1
-                 fault              (1,) what is wrong with the sample; optional
+                 fault              (1,) fault codes of the sample; optional
                  observed           (42,) wrench and covariance, of an observer that reads them
                                     itself; to be left unconnected otherwise
                  torque_error       (ERROR_ROWS n,) of TorqueErrorSystem; left unconnected the error
@@ -68,7 +82,7 @@ class JacobianWrenchReconstruction(LeafSystem):
                                     `models.estimation.wrench`), J is singular (method "inverse"),
                                     no wrench at E explains tau_ext, or an input cannot be used
                  reading            these four, one after the other, in one port, with a time step
-                                    also what the update takes; Drake's Demultiplexer splits it with
+                                    also the next state; Drake's Demultiplexer splits it with
                                     `reading_sizes`
                  All with direct feedthrough, all from one computation.
     State:       `WrenchReading.initial_state`, with a time step; none without
@@ -84,11 +98,10 @@ class JacobianWrenchReconstruction(LeafSystem):
     Args:
         reading: of one estimator; `WrenchReading.constant(config, torque_covariance)` for errors of
             one covariance.
-        time_step: s; 0 where nothing is remembered, as of a constant error.
+        time_step: s; 0 for a reading without state, as of a constant error.
 
     Raises:
-        ValueError: when a parameter is changed to what the reading does not accept and an output is
-            then evaluated.
+        ValueError: an output is evaluated with a parameter that the reading does not accept.
     """
 
     def __init__(self, reading: WrenchReading, time_step: float = 0.0) -> None:
@@ -120,14 +133,13 @@ class JacobianWrenchReconstruction(LeafSystem):
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
         # Nothing in it outlives a call.
         self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
-        # Kept: the reading and the state after it, so that the update need not read again.
+        # The port holds the reading and the state after it, so that the update only copies them.
         self._reading = self.DeclareVectorOutputPort(
             "reading", sum(self.reading_sizes), self._calc_reading, tickets
         )
         declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
-    def _calc_tables(self, context: Context) -> tuple[ReadingTables, Array]:
-        """The tables of the reading, and the torque error for an unconnected port."""
+    def _calc_tables(self, context: Context) -> _TunedReading:
         K_0 = None
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
@@ -135,7 +147,7 @@ class JacobianWrenchReconstruction(LeafSystem):
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
         constant = np.zeros(ERROR_ROWS * self._n)
         constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
-        return reading.tables, constant
+        return _TunedReading(reading.tables, constant)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         out = output.get_mutable_value()
@@ -154,7 +166,9 @@ class JacobianWrenchReconstruction(LeafSystem):
             error = self._torque_error.Eval(context)
         else:
             error[3 * self._n : 9 * self._n] = J.ravel()
-        observed = self._observed.Eval(context) if self._observed.HasValue(context) else _NOTHING
+        observed = (
+            self._observed.Eval(context) if self._observed.HasValue(context) else _NOT_OBSERVED
+        )
         is_counted = not self._tau_ext_valid.HasValue(context) or (
             self._tau_ext_valid.Eval(context).item() == 1.0
         )

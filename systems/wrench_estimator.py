@@ -7,6 +7,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DependencyTicket,
     DiscreteValues,
     LeafSystem,
 )
@@ -14,6 +15,7 @@ from pydrake.systems.framework import (
 from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
+    PackedArrays,
     tick_sizes,
     workspace_of,
     workspace_size,
@@ -24,7 +26,6 @@ from wrenchsight.models.estimation.tick import (
     OVERRIDE_COUNTS,
     OVERRIDE_SD,
     OVERRIDE_TAU_F,
-    TickSample,
     tick_output,
     tick_update,
 )
@@ -39,7 +40,12 @@ from wrenchsight.systems.last_tick import LastTick
 class _ReadSample(NamedTuple):
     """The sample of the last reading.
 
-    The update of the same tick recognises it by its number, and need not ask Drake for it again.
+    The update of the same tick recognises it by its number, and need not evaluate the inputs again.
+
+    Attributes:
+        number: of the reading.
+        packed: constants of the tick.
+        q, v: (n,) rad and rad/s (m and m/s).
     """
 
     number: float
@@ -48,18 +54,32 @@ class _ReadSample(NamedTuple):
     v: Array
 
 
+class _Tuned(NamedTuple):
+    """Parts that depend on a context's parameters.
+
+    Attributes:
+        packed: constants of the tick.
+        law: friction law.
+        pole: (n,) 1/s of the observer; None for one without.
+    """
+
+    packed: Packed
+    law: FrictionLaw
+    pole: Array | None
+
+
 class TickArguments(NamedTuple):
     """The arguments of `tick_update` besides a sample and the state.
 
     Attributes:
         choice: of the kernels.
-        packed: the estimator's constants.
+        packed: the estimator's constants, a Packed.
         overrides: learnt correction of an air pass, written by `WrenchEstimatorSystem.read`.
         scratch: memory that is overwritten.
     """
 
     choice: KernelChoice
-    packed: Packed
+    packed: PackedArrays
     overrides: Array
     scratch: Array
 
@@ -80,8 +100,8 @@ class WrenchEstimatorSystem(LeafSystem):
     Inputs:     as make_estimator's
     Outputs:    as make_estimator's: tau_ext, wrench, covariance, condition_number, valid, terms,
                 fault; checked_current (n,) A, NaN where it is impossible;
-                reading  the first five one after the other, in this order, then what the update
-                         takes and the number of the reading, in one port; Drake's Demultiplexer
+                reading  the first five one after the other, in this order, then the memory of the
+                         update and the number of the reading, in one port; Drake's Demultiplexer
                          splits it with `reading_sizes`
                 pole     (n,) 1/s of the observer, below 0 for one without
                 law      FrictionLaw (abstract) as it is now
@@ -98,11 +118,10 @@ class WrenchEstimatorSystem(LeafSystem):
 
     Args:
         estimator: robot, model and configuration.
-        taught: whether `read` is given what an air pass taught.
+        taught: whether `read` takes the learnt correction of an air pass.
 
     Raises:
-        ValueError: when a parameter is changed to what its part does not accept and an output is
-            then evaluated.
+        ValueError: an output is evaluated with a parameter that its part does not accept.
     """
 
     def __init__(self, estimator: WrenchEstimator, taught: bool = False) -> None:
@@ -110,7 +129,7 @@ class WrenchEstimatorSystem(LeafSystem):
         self._estimator = estimator
         self._n = n = estimator.num_joints
         self._choice: KernelChoice = estimator.choice
-        # A law without memory is taken at the speeds that were planned.
+        # A learnt correction evaluates a law without memory at the planned speeds.
         self._planned = taught and estimator.friction.state_rows == 0
         self._law = estimator.friction
         self._parameters = TunedParameters(
@@ -142,6 +161,22 @@ class WrenchEstimatorSystem(LeafSystem):
         self._reads_current = estimator.observer.reads_present_torque
         if self._reads_current:
             prerequisites.add(self._current.ticket())
+        self._declare_outputs(prerequisites)
+        # Scratch memory, allocated once; nothing in it outlives a call.
+        self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if taught else 0, n))
+        self._unread = np.zeros(n)
+        self._last_sample = _ReadSample(0.0, estimator.packed, self._unread, self._unread)
+        self._checked = np.zeros((3, n))
+        self._scratch = np.empty(workspace_size(n))
+        self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
+
+    def _declare_outputs(self, prerequisites: set[DependencyTicket]) -> None:
+        """Declares the output ports.
+
+        Args:
+            prerequisites: of the reading.
+        """
+        n, parameters = self._n, self._parameters.tickets
         self._reading = self.DeclareVectorOutputPort(
             "reading", self._size, self._calc_reading, prerequisites
         )
@@ -161,13 +196,6 @@ class WrenchEstimatorSystem(LeafSystem):
         self.DeclareAbstractOutputPort(
             "law", lambda: AbstractValue.Make(object()), self._calc_law, parameters
         )
-        # Memory that is settled once; nothing in it outlives a call.
-        self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if taught else 0, n))
-        self._unread = np.zeros(n)
-        self._last_sample = _ReadSample(0.0, estimator.packed, self._unread, self._unread)
-        self._checked = np.zeros((3, n))
-        self._scratch = np.empty(workspace_size(n))
-        self._checked_in_tick = workspace_of(self._scratch, n).checked[2]  # after an update
 
     @property
     def estimator(self) -> WrenchEstimator:
@@ -185,7 +213,7 @@ class WrenchEstimatorSystem(LeafSystem):
         """Sizes of the parts of `reading`: `tick_sizes`, and the number of the reading."""
         return [*self.tick_sizes, 1]
 
-    def _calc_tuned(self, context: Context) -> tuple[Packed, FrictionLaw, Array | None]:
+    def _calc_tuned(self, context: Context) -> _Tuned:
         estimator, values = self._estimator, self._parameters.at(context)
 
         def parameters_of(prefix: str) -> dict[str, Array]:
@@ -199,14 +227,18 @@ class WrenchEstimatorSystem(LeafSystem):
         reading = estimator.reading.with_parameters(parameters_of("reconstruction."), observer.pole)
         law = self._law.with_parameters(parameters_of("friction."))
         gain = values["motor.torque_per_ampere"]
-        return estimator.packed_with(gain, law, observer, reading), law, observer.pole
+        return _Tuned(estimator.packed_with(gain, law, observer, reading), law, observer.pole)
+
+    def _tuned_at(self, context: Context) -> _Tuned:
+        tuned: _Tuned = self._tuned.EvalAbstract(context).get_value()
+        return tuned
 
     def _calc_pole(self, context: Context, output: BasicVector) -> None:
-        pole = self._tuned.EvalAbstract(context).get_value()[2]
+        pole = self._tuned_at(context).pole
         output.SetFromVector(np.full(self._n, -1.0) if pole is None else pole)
 
     def _calc_law(self, context: Context, value: Value) -> None:
-        value.set_value(self._tuned.EvalAbstract(context).get_value()[1])
+        value.set_value(self._tuned_at(context).law)
 
     def initial_state(self) -> Array:
         """The estimator's state before the first sample, flat."""
@@ -220,7 +252,8 @@ class WrenchEstimatorSystem(LeafSystem):
     @property
     def tick_arguments(self) -> TickArguments:
         """The arguments of `tick_update` for the estimator as it was given."""
-        return TickArguments(self._choice, self._estimator.packed, self._overrides, self._scratch)
+        packed = self._estimator.packed[:]
+        return TickArguments(self._choice, packed, self._overrides, self._scratch)
 
     def read(
         self,
@@ -237,8 +270,9 @@ class WrenchEstimatorSystem(LeafSystem):
         Args:
             packed: constants.
             state: flat.
-            q, v, current: (n,); current counts where the observer reads the present torque.
-            taught: of an air pass, for this sample; None without one.
+            q, v, current: (n,) rad, rad/s and A; the current counts where the observer reads the
+                present torque.
+            taught: learnt correction of an air pass, for this sample; None without one.
             reading: of `reading_sizes` or of `tick_sizes`, written.
         """
         if taught is not None:
@@ -248,8 +282,8 @@ class WrenchEstimatorSystem(LeafSystem):
             self._overrides[OVERRIDE_CORRECTION] = taught.tau_correction
             self._overrides[OVERRIDE_COUNTS] = taught.counts
             self._overrides[OVERRIDE_SD] = taught.sd
-        sample = TickSample(q, v, current, self._overrides)
-        tick_output(self._choice, packed, state, sample, reading, self._scratch)
+        sample = (q, v, current, self._overrides)
+        tick_output(self._choice, packed[:], state, sample, reading, self._scratch)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         state, last_output = self._last.at(context)
@@ -258,11 +292,11 @@ class WrenchEstimatorSystem(LeafSystem):
             out[:] = last_output[: self._size]
             out[-1] = 0.0
             return
-        packed: Packed = self._tuned.EvalAbstract(context).get_value()[0]
+        packed = self._tuned_at(context).packed
         q, v = self._q.Eval(context), self._v.Eval(context)
         current = self._current.Eval(context) if self._reads_current else self._unread
-        sample = TickSample(q, v, current, self._overrides)
-        tick_output(self._choice, packed, state, sample, out, self._scratch)
+        sample = (q, v, current, self._overrides)
+        tick_output(self._choice, packed[:], state, sample, out, self._scratch)
         out[-1] = number = self._last_sample.number + 1.0
         self._last_sample = _ReadSample(number, packed, q, v)
 
@@ -270,12 +304,12 @@ class WrenchEstimatorSystem(LeafSystem):
         reading, current = self._reading.Eval(context), self._current.Eval(context)
         state, outputs = self._last.take(context, discrete_state, reading)
         number, packed, q, v = self._last_sample
-        if reading.item(-1) != number:  # that of another context came between
-            packed = self._tuned.EvalAbstract(context).get_value()[0]
+        if reading.item(-1) != number:  # another context has been evaluated since
+            packed = self._tuned_at(context).packed
             q, v = self._q.Eval(context), self._v.Eval(context)
         # Of the overrides an update reads only the number of rows.
-        sample = TickSample(q, v, current, self._overrides)
-        tick_update(self._choice, packed, state, sample, reading, self._scratch)
+        sample = (q, v, current, self._overrides)
+        tick_update(self._choice, packed[:], state, sample, reading, self._scratch)
         # Not the port of the checked current: a call into Python costs as much as a tick.
         outputs[self._size :] = self._checked_in_tick
 

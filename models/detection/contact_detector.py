@@ -13,7 +13,7 @@ from wrenchsight.models.detection.contact_statistic import (
     CONTACT,
     FITTED_LOAD,
     FITTED_SPEED,
-    JOLT_POLE,
+    JUMP_POLE,
     LARGEST_RELEASE,
     LINK,
     MEAN_LEVEL,
@@ -37,9 +37,10 @@ from wrenchsight.models.detection.contact_statistic import (
     SCALE,
     STATISTIC,
     UNKNOWN_MOMENT,
-    USUAL_JOLT,
+    USUAL_JUMP,
     WINDOW,
     ArmSamples,
+    DetectorTables,
     TorqueWhite,
     detect_log,
     state_rows,
@@ -79,8 +80,8 @@ class Detection(NamedTuple):
         contact: (N,).
         misfit: (N,) a contact that no force at E explains.
         link: (N,) the link, 1 to n, whose contact explains a misfit; 0: none, or unknown.
-        rest: (N,) no joint has moved for REST_TIME.
-        out_of_range: (N,) a joint faster or more loaded than the motion the model was fitted on.
+        rest: (N,) no joint has moved for REST_TIME; a column of the wrench table.
+        out_of_range: (N,) a joint is faster or more loaded than in the fitted motion.
     """
 
     statistic: Array
@@ -122,11 +123,20 @@ class Detection(NamedTuple):
         )
 
 
-class ContactDetector:
-    """Detects contact and misfit in the estimates of one estimator.
+class DetectionLevels(NamedTuple):
+    """Levels of the norms of `contact_statistic`, in units of the torque error's sd."""
 
-    With a model without a torque error no contact is detected; only rest and range are reported. A
-    model without `contact_noise` counts as Gaussian.
+    sample: float
+    mean: float
+    power: float
+    change: float
+
+
+class ContactDetector:
+    """Detector of contact and misfit in the estimates of one estimator.
+
+    A model without a torque error detects no contact; rest and range alone are reported. A model
+    without `contact_noise` counts as Gaussian.
 
     Args:
         stage: torque error of the estimator.
@@ -167,32 +177,33 @@ class ContactDetector:
         self.num_joints = error.num_joints
         self._correlation_time = np.maximum(error.correlation_time, 1.0 / rates)
         self.settings = self._settings()
-        self._tables = stage.table, self._joint_rows(), upper_whitening(error.correlation)
+        white = upper_whitening(error.correlation)
+        self._tables = DetectorTables(stage.table, self._joint_rows(), self.settings, white)
 
     def _joint_rows(self) -> Array:
         """(NUM_JOINT_ROWS, n): the table `joints` of `detect_tick`."""
         error, rates, noise = self.stage.error, self.stage.rates, self._noise
         time_step, correlation_time = self.time_step, self._correlation_time
         joints = np.empty((NUM_JOINT_ROWS, self.num_joints))
-        joints[JOLT_POLE] = np.exp(-rates * time_step)
+        joints[JUMP_POLE] = np.exp(-rates * time_step)
         for row, fitted in ((FITTED_SPEED, error.fitted_speed), (FITTED_LOAD, error.fitted_load)):
             joints[row] = np.where(fitted > 0.0, fitted, np.inf)
         if noise is None:
-            joints[USUAL_JOLT] = np.inf
+            joints[USUAL_JUMP] = np.inf
             # Of an exponentially correlated error through a low-pass.
             joints[MEAN_SCALE] = np.sqrt(correlation_time / (correlation_time + WINDOW))
             joints[CHANGE:] = 0.0
         else:
             # White noise of speed acts as a torque jump that shrinks with the root of the period.
-            finer = np.sqrt(max(noise.time_step / time_step, 1.0))
-            joints[USUAL_JOLT] = finer * np.asarray(noise.usual_jolt)
+            jump_factor = np.sqrt(max(noise.time_step / time_step, 1.0))
+            joints[USUAL_JUMP] = jump_factor * np.asarray(noise.usual_jolt)
             joints[MEAN_SCALE] = noise.mean_scale
             joints[CHANGE:] = 0.0
             if noise.change_sd:
                 # A change is as quick as the observer lets it be: of correlation time 1 / K_0.
-                quicker = 2.0 * rates / (rates + error.K_0)
-                joints[CHANGE:] = quicker * np.transpose(noise.change_sd) ** 2
-                joints[CHANGE + NUM_FEATURES] /= finer**2
+                change_factor = 2.0 * rates / (rates + error.K_0)
+                joints[CHANGE:] = change_factor * np.transpose(noise.change_sd) ** 2
+                joints[CHANGE + NUM_FEATURES] /= jump_factor**2
         return joints
 
     def _settings(self) -> Array:
@@ -249,11 +260,14 @@ class ContactDetector:
         )
 
     @property
-    def levels(self) -> tuple[float, float, float, float]:
-        """Levels of the norms `sample`, `mean`, `power` and `change`; infinite: not in use."""
-        rows = [SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]
-        sample, mean, power, change = self.settings[rows].tolist()
-        return sample, mean, power, change
+    def levels(self) -> DetectionLevels:
+        """Levels of the norms; infinite where a norm is not in use."""
+        return DetectionLevels(
+            sample=self.settings.item(SAMPLE_LEVEL),
+            mean=self.settings.item(MEAN_LEVEL),
+            power=self.settings.item(POWER_LEVEL),
+            change=self.settings.item(CHANGE_LEVEL),
+        )
 
     def initial_state(self) -> Array:
         """Returns the (rows, n) state before the first sample."""
@@ -262,7 +276,12 @@ class ContactDetector:
         return state
 
     def run(self, state: Array, batch: EstimateBatch) -> Detection:
-        """Takes the estimates of N samples; `state` of `initial_state` is changed."""
+        """Detects contact at the N samples of a batch.
+
+        Args:
+            state: of `initial_state`, changed.
+            batch: of the estimator, with all its fields.
+        """
         samples = ArmSamples(
             batch.torque_error,
             batch.v,
@@ -274,28 +293,33 @@ class ContactDetector:
         return Detection.of(self.judge(state, samples))
 
     def judge(self, state: Array, samples: ArmSamples) -> Array:
-        """(N, NUM_OUT) as `detect_tick` writes it."""
-        nothing = np.empty((0, self.num_joints))
-        white = TorqueWhite(nothing, nothing, nothing, np.empty(0))
-        return self._log(self.settings, state, samples, white)
+        """Returns the output (N, NUM_OUT) of `detect_tick` at N samples; `state` is changed."""
+        no_rows = np.empty((0, self.num_joints))
+        white = TorqueWhite(no_rows, no_rows, no_rows, np.empty(0))
+        return self._log(self._tables, state, samples, white)
 
     def whiten(self, state: Array, samples: ArmSamples) -> tuple[TorqueWhite, Array]:
-        """The output of `detect_log` for fitting, and that of `judge` with infinite levels."""
+        """Returns the whitened torque of N samples, and the output of `judge` without contact.
+
+        The levels are infinite, so that no contact begins; `state` is changed.
+        """
         settings = self.settings.copy()
         settings[[SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, CHANGE_LEVEL]] = np.inf
         z, mean, change = np.empty((3, *samples.v.shape))
         white = TorqueWhite(z, mean, change, np.empty(len(samples.v)))
-        return white, self._log(settings, state, samples, white)
+        return white, self._log(self._tables._replace(settings=settings), state, samples, white)
 
-    def _log(self, settings: Array, state: Array, samples: ArmSamples, white: TorqueWhite) -> Array:
+    def _log(
+        self, tables: DetectorTables, state: Array, samples: ArmSamples, white: TorqueWhite
+    ) -> Array:
+        """Runs `detect_log` on contiguous copies of N samples; returns its (N, NUM_OUT) output."""
         out = np.empty((len(samples.v), NUM_OUT))
-        table, joints, upper = self._tables
         error, fresh = TorqueError(*contiguous(*samples.error)), np.asarray(samples.fresh, bool)
         v, transmitted, momentum, tau_ext = contiguous(
             samples.v, samples.transmitted, samples.momentum, samples.tau_ext
         )
         contiguous_samples = ArmSamples(error, v, transmitted, momentum, tau_ext, fresh)
-        detect_log((table, joints, settings, upper), state, contiguous_samples, out, white)
+        detect_log(tables, state, contiguous_samples, out, white)
         return out
 
 
@@ -329,7 +353,7 @@ def _release_level(level: float, tail: ExceedanceTail) -> float:
 
 
 def _moment_sd(reconstruction: WrenchReconstructionConfig) -> float:
-    """N m of a contact at E, beforehand."""
+    """N m, prior sd of the moment of a contact at E."""
     if reconstruction.method == "force_only":
         return 0.0
     if reconstruction.method == "bayesian" and reconstruction.prior_moment_sd is not None:
@@ -345,15 +369,17 @@ class Reader(Protocol):
         ...
 
     def restart(self) -> None:
-        """The next sample does not follow the last one."""
+        """Starts anew: the next sample does not follow the last one."""
         ...
 
 
 class ContactEstimator:
-    """Reads one arm, sample by sample or chunk by chunk, from one thread; the result is the same.
+    """An estimator of one arm with its contact detector.
+
+    It takes samples or chunks, from one thread; the result is the same.
 
     Args:
-        estimator: reads the samples.
+        estimator: of the samples.
         detection: configuration of the detector.
     """
 
@@ -365,11 +391,11 @@ class ContactEstimator:
         self.restart()
 
     def restart(self) -> None:
-        """As the protocol."""
+        """Starts anew: the next sample does not follow the last one."""
         self._state = self._estimator.initial_state()
         self._detector_state = self._detector.initial_state()
 
     def run(self, q: Array, v: Array, current: Array) -> tuple[EstimateBatch, Detection]:
-        """As the protocol."""
+        """Takes the next samples, (N, n) each: rad, rad/s and A."""
         batch = self._estimator.run(self._state, q, v, current)
         return batch, self._detector.run(self._detector_state, batch)

@@ -29,7 +29,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.signals.exceedance_tail import fit_exceedances
 
-USUAL = 0.99  # share of the samples that have no more than the usual jolt
+USUAL = 0.99  # share of the samples that have no more than the usual torque jump
 
 
 def fit_contact_noise(
@@ -91,9 +91,9 @@ def _change_sd(features: Array, jumps: Array, usual: Array, change: Array) -> Ar
     """(n, NUM_FEATURES + 1) roots of the most likely shares of a change's variance.
 
     Args:
-        features: (N, n, NUM_FEATURES).
-        jolted: (N, n) N m.
-        usual: (n,) N m; what a jolt has beyond it counts in full.
+        features: (N, n, NUM_FEATURES), of the torque error.
+        jumps: (N, n) N m, torque jumps.
+        usual: (n,) N m, usual torque jump; the excess over it counts in full.
         change: (N, n) N m.
     """
     n = change.shape[1]
@@ -114,7 +114,7 @@ class _WhiteReading(NamedTuple):
     Attributes:
         z, mean, change: (N, n) z, LP(z) and the change, see `contact_statistic`.
         misfit: (N,) sqrt(LP(D)).
-        lengths: (N, NUM_OUT) output of `detect_log`.
+        lengths: (N, NUM_OUT) output of `detect_log`, with the norms.
     """
 
     z: Array
@@ -131,7 +131,15 @@ def _white(
     model: IdentifiedModel,
     chain: SerialChain,
 ) -> list[_WhiteReading]:
-    """Runs the detector over each reading, with levels that are never reached."""
+    """The whitened torque of each reading.
+
+    Args:
+        readings: held-out.
+        momenta: (N, n) kg m^2/s of each.
+        used: (N,) of each.
+        model: with a torque error, and the contact noise as far as it is known.
+        chain: with the model's inertias.
+    """
     result: list[_WhiteReading] = []
     error = model.torque_error
     assert error is not None

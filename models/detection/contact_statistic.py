@@ -2,7 +2,7 @@
 
 **Whitened torque.** The torque of joint j over its standard deviation without contact:
 
-    z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jolt^2
+    z = sign(tau) (|tau| - w b)+ / (g s),    s^2 = sd^2 - w stiction^2 + jump^2
 
 with sd and stiction of `models.identification.torque_error_model`, w its share of a joint at rest
 and b = sqrt(3) stiction the breakaway torque: friction at rest carries any torque up to b. Two
@@ -11,7 +11,7 @@ effects are not in the torque error:
     jump    Inertial torque may jump within a sample, as in an abrupt stop. Speed and current of
             different instants then read as K_0 times the jump of momentum: the root of the sum of
             squares of (1 - pole) |p - 2 p' + p''| / T, fading with the observer's pole. Its excess
-            over `usual_jolt` counts. So does a jump D of motor torque, as of a braking drive. The
+            over the usual jump counts. So does a jump D of motor torque, as of a braking drive. The
             mean over a period lies anywhere between both ends: its sd is D / sqrt(3) about the end
             that an observer holds, and D / sqrt(12) about the middle.
     local   g >= 1: root mean square of z over LOCAL_TIME without contact, as in a radar's constant
@@ -41,17 +41,17 @@ no mean, hence no change. Over the UR10e's other days, in units of those of the 
 ranges from .9 to 3.6 and that of its changes from .9 to 2.5. For a model without s' `sample` takes
 the place of `change`.
 
-**Mean** has a level OTHER_DAYS (`contact_detector`) times that of the held-out motion. Lasting
-errors differ from day to day, and the fitted motion covers few days. On five logs of the UR10e's
-other weeks and motions and on its three runs, each read by a model of the others, the mean exceeded
-its level two to three times too often. With this factor contacts come as often as stated (10 to 360
-an hour).
+**Mean** has a level OTHER_DAYS (`contact_detector`) times that of the held-out motion. Correlated
+errors differ from day to day, and the fitted motion covers few days. Without this factor the mean
+exceeded its level two to three times too often. This was seen on five logs of the UR10e's other
+weeks and motions, and on its three runs, each read by a model of the others. With the factor
+contacts come as often as stated (10 to 360 an hour).
 
 **Contact** begins where `change` or `mean` exceeds its level, each set for half of the stated rate.
 It lasts until `sample` and `mean` have been below RELEASE of their levels, or below what noise
 often reaches, for QUIET. So that the mean does not outlast a contact, it does not count where the
-present sample is less than MEAN_KEPT of it. After a contact it restarts from the next sample and
-begins no contact for MEAN_PAUSE. A reading whose mean over LOCAL_TIME vanishes is no contact but an
+present sample has less than LEAST_SHARE of it. After a contact it restarts from the next sample and
+begins no contact for MEAN_PAUSE. A torque whose mean over LOCAL_TIME vanishes is no contact but an
 error larger than any previous one: after that time g follows it, as slowly as usual.
 
 **Misfit** is the part that no force at E, with a moment within its prior, explains,
@@ -95,11 +95,11 @@ LOCAL_TIME = 10.0  # s
 FIRST = 1.0  # s
 OUTLIER = 3.0
 RELEASE, LARGEST_RELEASE = 0.5, 0.8
-MEAN_KEPT = 0.3
+LEAST_SHARE = 0.3
 QUIET = 0.1  # s
 MEAN_PAUSE = 0.5  # s
 ONE_SIDED = 0.15  # share of a reading's mean square, beyond which its mean is not chance
-_STICTION = NUM_FEATURES - 1  # among what a variance is made of
+_STICTION = NUM_FEATURES - 1  # among the parts of a variance
 LOUD = 2.0  # root mean square over WINDOW
 REST_SPEED = 0.01  # rad/s (m/s)
 REST_TIME = 0.3  # s
@@ -111,13 +111,14 @@ NUM_UNKNOWN = _JUMP2  # rows before it are not known before the first sample
 _SINGLE = _START + 1  # first of the rows that hold single numbers
 _CONTACT, _QUIET, _MISFIT, _RESTING, _RATIO, _TOUCHED, _SEEN, _NOT_BEFORE, NUM_SINGLE = range(9)
 
-# Rows of `joints`: the observer's pole for a jolt, per tick, ...
-JOLT_POLE, USUAL_JOLT, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
-NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1  # the last: shares of a change's variance, and jolt's
+# Rows of `joints`; JUMP_POLE: the observer's pole, per tick.
+JUMP_POLE, USUAL_JUMP, MEAN_SCALE, FITTED_SPEED, FITTED_LOAD, CHANGE = range(6)
+# From CHANGE on: the shares of a change's variance, and that of the torque jump.
+NUM_JOINT_ROWS = CHANGE + NUM_FEATURES + 1
 # Entries of `settings`.
 PERIOD, SAMPLE_LEVEL, MEAN_LEVEL, POWER_LEVEL, MOMENT_SD, SCALE = range(6)
 SAMPLE_RELEASE, MEAN_RELEASE, CHANGE_LEVEL, PRESENT, MISFIT_LEVEL, NUM_SETTINGS = range(6, 12)
-# Entries of what is written.
+# Entries of a detection.
 STATISTIC, CONTACT, MISFIT, LINK, REST, OUT_OF_RANGE = range(6)
 SAMPLE_LENGTH, MEAN_LENGTH, POWER_LENGTH, CHANGE_LENGTH, NUM_OUT = range(6, 11)
 WORK_ROWS = 12  # and n more
@@ -126,8 +127,31 @@ _FORCE_SD = 1e4  # N; stands for unknown, small enough that 1 is not lost beside
 UNKNOWN_MOMENT = 1e4  # N m, likewise
 
 
+class DetectorTables(NamedTuple):
+    """Constants of `detect_tick` for an arm with n joints.
+
+    Attributes:
+        error: table of the torque error, of `torque_error_stage`.
+        joints: (NUM_JOINT_ROWS, n), rows JUMP_POLE to CHANGE and beyond.
+        settings: (NUM_SETTINGS,), entries PERIOD to MISFIT_LEVEL.
+        white: (n, n) U, upper triangular.
+    """
+
+    error: Array
+    joints: Array
+    settings: Array
+    white: Array
+
+
 class TorqueWhite(NamedTuple):
-    """Output of `detect_log` for fitting, described there."""
+    """Whitened torque of N samples, from which the contact noise is fitted.
+
+    Attributes:
+        z: (N, n).
+        mean: (N, n) LP(z).
+        change: (N, n) N m.
+        misfit: (N,) sqrt(LP(D)).
+    """
 
     z: Array
     mean: Array
@@ -139,13 +163,12 @@ class ArmSamples(NamedTuple):
     """Estimates that the statistic needs, at N samples; at one sample without the first axis.
 
     Attributes:
-        error: of the torque.
-        v: (N, n) rad/s.
-        transmitted: (N, n) N m; counts for the sample after.
+        error: uncertainty of tau_ext.
+        v: (N, n) rad/s (m/s).
+        transmitted: (N, n) N m, torque that the gears transmit; it counts for the next sample.
         momentum: (N, n) kg m^2/s, of the model.
-        tau_ext: (N, n) N m.
-        fresh: (N,) whether tau_ext is of this sample; otherwise contact and misfit stay as they
-            were.
+        tau_ext: (N, n) N m, positive along the motion that it causes.
+        fresh: (N,) whether tau_ext is of this sample; otherwise contact and misfit stay.
     """
 
     error: TorqueError
@@ -165,15 +188,15 @@ def state_rows(num_joints: int) -> int:
 def misfit_square(
     white: Array, J: Array, s: Array, tau_y: Array, moment_sd: float, M: Array
 ) -> float:
-    """D of y (n,) = U z: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
+    """The misfit D of a torque to a force at E: y^T (1 + A^T P A)^-1 y with A = J diag(1 / s) U^T.
 
     Args:
         white: (n, n) U.
-        J: (6, n).
-        s: (n,) N m.
-        tau_y: (n,) y.
-        moment_sd: N m.
-        M: (n + 7, n), scratch.
+        J: (6, n), rows [angular; linear], at E in axes of W.
+        s: (n,) N m, sd of tau_ext.
+        tau_y: (n,) y = U z, the whitened torque.
+        moment_sd: N m, prior of a moment at E.
+        M: (n + 7, n), overwritten.
     """
     n = J.shape[1]
     A = M[n : n + 6]
@@ -202,7 +225,7 @@ def misfit_square(
 
 @kernel
 def detect_tick(
-    tables: tuple[Array, Array, Array, Array],
+    tables: DetectorTables,
     state: Array,
     sample: ArmSamples,
     out: Array,
@@ -211,37 +234,36 @@ def detect_tick(
     """Single-sample kernel: takes a sample into `state` and writes the detection.
 
     Args:
-        tables: of the torque error; `joints` (NUM_JOINT_ROWS, n), `settings` (NUM_SETTINGS,) and
-            U (n, n) of ContactDetector.
+        tables: of ContactDetector.
         state: (state_rows, n), changed.
-        own: the sample.
+        sample: without the first axis.
         out: (NUM_OUT,), written.
         work: (n + WORK_ROWS, max(n, NUM_FEATURES)), overwritten; its row 1 is left with z, row 3
             with the change in N m.
     """
-    _, joints, settings, white = tables
+    joints, settings = tables.joints, tables.settings
     error, v, tau_ext = sample.error, sample.v, sample.tau_ext
     n, keep = v.shape[0], np.exp(-settings[PERIOD] / WINDOW)
     single = state[_SINGLE:].reshape(-1)
     detector = _Detector(tables, keep, state, single)
     load = work[2, :n]
-    beyond = False
+    out_of_range = False
     for j in range(n):
         load[j] = error.rows[TRANSMITTED_ROW, j]
-        beyond = beyond or abs(v[j]) > joints[FITTED_SPEED, j]
-        beyond = beyond or abs(load[j]) > joints[FITTED_LOAD, j]
-    out[OUT_OF_RANGE] = 1.0 if beyond else 0.0
+        out_of_range = out_of_range or abs(v[j]) > joints[FITTED_SPEED, j]
+        out_of_range = out_of_range or abs(load[j]) > joints[FITTED_LOAD, j]
+    out[OUT_OF_RANGE] = 1.0 if out_of_range else 0.0
     _change_variance(detector, error.rows, v, load, work)
     _take_jumps(detector, sample.momentum, load, sample.transmitted)
     single[_RESTING] += settings[PERIOD]
-    finite = sample.fresh
+    is_read = sample.fresh
     for j in range(n):
         if not abs(v[j]) < REST_SPEED:
             single[_RESTING] = 0.0
-        finite = finite and np.isfinite(tau_ext[j])
+        is_read = is_read and np.isfinite(tau_ext[j])
     out[REST] = 1.0 if single[_RESTING] >= REST_TIME else 0.0
     lengths = _Lengths(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if finite:
+    if is_read:
         _whiten(detector, error, tau_ext, work)
         lengths = _lengths(detector, work)
         _decide(detector, lengths, work)
@@ -249,10 +271,10 @@ def detect_tick(
     out[POWER_LENGTH], out[CHANGE_LENGTH] = lengths.power, lengths.change
     out[STATISTIC], out[CONTACT] = single[_RATIO], single[_CONTACT]
     out[MISFIT], out[LINK] = 0.0, 0.0
-    if single[_CONTACT] == 1.0 and finite:
-        single[_MISFIT] += (1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)) * (
-            _unexplained(settings, white, error.J_seen, tau_ext, work) - single[_MISFIT]
-        )
+    if single[_CONTACT] == 1.0 and is_read:
+        gain = 1.0 - np.exp(-settings[PERIOD] / MISFIT_WINDOW)
+        D = _unexplained(tables, error.J_seen, tau_ext, work)
+        single[_MISFIT] += gain * (D - single[_MISFIT])
     if single[_CONTACT] == 1.0 and np.sqrt(single[_MISFIT]) > settings[MISFIT_LEVEL]:
         out[MISFIT] = 1.0
         out[LINK] = _link(state[_POWER], settings[POWER_LEVEL])
@@ -267,27 +289,37 @@ class _Detector(NamedTuple):
         single: the state's single numbers, as a view.
     """
 
-    tables: tuple[Array, Array, Array, Array]
+    tables: DetectorTables
     keep: float
     state: Array
     single: Array
 
 
 class _Lengths(NamedTuple):
-    """Norms of one sample: of y, LP(z) scaled and plain, LP(y^2) and the change; y . U LP(z)."""
+    """Norms of one sample; the module describes the first four.
+
+    Attributes:
+        sample: |y|.
+        mean: |U LP(z) / mean_scale|.
+        power: sqrt(LP(|y|^2)).
+        change: |U c|.
+        square_of_mean: |U LP(z)|^2.
+        along_mean: y . U LP(z).
+    """
 
     sample: float
     mean: float
     power: float
     change: float
-    plain_mean: float  # squared
-    along: float
+    square_of_mean: float
+    along_mean: float
 
 
 @kernel
 def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array, work: Array) -> None:
     """Writes s'^2 (n,), the variance of a change without its jump, into row 0 of `work`."""
-    (table, joints, _, _), keep, state, single = detector
+    table, joints = detector.tables.error, detector.tables.joints
+    keep, state, single = detector.keep, detector.state, detector.single
     s, parts = work[0], work[4]
     for j in range(v.shape[0]):
         variance_parts(table, rows, j, v[j], load[j], parts)
@@ -295,26 +327,28 @@ def _change_variance(detector: _Detector, rows: Array, v: Array, load: Array, wo
         for m in range(_STICTION):
             s[j] += joints[CHANGE + m, j] * parts[m]
         # Friction that a stopping joint releases, and that a starting one has carried.
-        pole, slow = joints[JOLT_POLE, j], v[j] / REST_SPEED
-        held = breakaway(table, rows, j) / np.sqrt(3.0)
-        stop = held * np.exp(-slow * slow) if np.isfinite(slow) else held
+        pole, speed_ratio = joints[JUMP_POLE, j], v[j] / REST_SPEED
+        stiction_sd = breakaway(table, rows, j) / np.sqrt(3.0)
+        stop = stiction_sd
+        if np.isfinite(speed_ratio):
+            stop *= np.exp(-speed_ratio * speed_ratio)
         state[_STOP, j] = pole * state[_STOP, j] + (1.0 - pole) * stop
-        rested = rows[UNKNOWN_SHARE_ROW, j] * held
-        state[_START, j] = keep * state[_START, j] + (1.0 - keep) * rested
+        start = rows[UNKNOWN_SHARE_ROW, j] * stiction_sd
+        state[_START, j] = keep * state[_START, j] + (1.0 - keep) * start
         if single[_RESTING] < REST_TIME:
             part = joints[CHANGE + _STICTION, j] * parts[_STICTION]
-            let_go = max(state[_STOP, j], state[_START, j])
-            s[j] += max(part, let_go * let_go)
+            released = max(state[_STOP, j], state[_START, j])
+            s[j] += max(part, released * released)
 
 
 @kernel
 def _take_jumps(detector: _Detector, momentum: Array, load: Array, transmitted: Array) -> None:
-    """Takes jumps of momentum and of motor torque into the jump's square."""
-    (_, joints, settings, _), _, state, _ = detector
+    """Takes jumps of momentum and of motor torque into the square of the torque jump."""
+    joints, settings, state = detector.tables.joints, detector.tables.settings, detector.state
     for j in range(momentum.shape[0]):
         if not np.isfinite(momentum[j]):
             continue
-        pole, jump = joints[JOLT_POLE, j], 0.0
+        pole, jump = joints[JUMP_POLE, j], 0.0
         if np.isfinite(state[_PREVIOUS_MOMENTUM, j]):
             jump = (
                 momentum[j] - 2.0 * state[_MOMENTUM, j] + state[_PREVIOUS_MOMENTUM, j]
@@ -334,108 +368,131 @@ def _take_jumps(detector: _Detector, momentum: Array, load: Array, transmitted: 
 
 @kernel
 def _whiten(detector: _Detector, error: TorqueError, tau_ext: Array, work: Array) -> None:
-    """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`, whose
-    row 0 holds s'^2 before; takes the sample into both local scales and LP(z).
+    """Writes s, z, the change over its sd and the change in N m into rows 0 to 3 of `work`.
+
+    On entry row 0 holds s'^2. The sample is taken into both local scales, the base and LP(z).
     """
-    (_, joints, settings, _), keep, state, single = detector
+    joints, settings = detector.tables.joints, detector.tables.settings
+    keep, state, single = detector.keep, detector.state, detector.single
     n, T = tau_ext.shape[0], settings[PERIOD]
     s, z, y, change = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
+    in_contact = single[_CONTACT] == 1.0
+    follows = _follows_noise(state, single, n)
     single[_SEEN] += T
+    if in_contact:
+        single[_TOUCHED] += T
     pace = 1.0 - np.exp(-T / LOCAL_TIME)
     early = 1.0 - np.exp(-T / min(max(single[_SEEN], FIRST), LOCAL_TIME))
-    begins = 1.0 - np.exp(-T / min(single[_SEEN], WINDOW))
-    # g stays in contact, but for an error whose mean over LOCAL_TIME vanishes.
-    follows = single[_CONTACT] == 0.0 or single[_TOUCHED] > LOCAL_TIME
-    if single[_CONTACT] == 1.0:
-        single[_TOUCHED] += T
-        for j in range(n):
-            square = state[_SLOW, j] * state[_SLOW, j]
-            follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
+    base_gain = 1.0 - np.exp(-T / min(single[_SEEN], WINDOW))
     for j in range(n):
         sd, stiction, w = error.sd[j], error.stiction[j], error.rows[UNKNOWN_SHARE_ROW, j]
-        jolt = max(np.sqrt(state[_JUMP2, j]) - joints[USUAL_JOLT, j], 0.0)
+        jump = max(np.sqrt(state[_JUMP2, j]) - joints[USUAL_JUMP, j], 0.0)
         square = max(sd * sd - w * stiction * stiction, 1e-6 * sd * sd)
-        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JUMP2, j] + jolt * jolt
+        change_sd = s[j] + joints[CHANGE + NUM_FEATURES, j] * state[_JUMP2, j] + jump * jump
         change_sd = np.sqrt(change_sd)
-        s[j] = np.sqrt(square + jolt * jolt)
+        s[j] = np.sqrt(square + jump * jump)
         # The part that friction at rest cannot carry.
         beyond_stiction = max(abs(tau_ext[j]) - w * np.sqrt(3.0) * stiction, 0.0)
         beyond_stiction = beyond_stiction if tau_ext[j] > 0.0 else -beyond_stiction
         z[j] = beyond_stiction / s[j]
         if not np.isfinite(state[_BASE, j]):
             state[_BASE, j] = beyond_stiction
-        elif single[_CONTACT] == 0.0:
-            state[_BASE, j] += begins * (beyond_stiction - state[_BASE, j])
+        elif not in_contact:
+            state[_BASE, j] += base_gain * (beyond_stiction - state[_BASE, j])
         change[j] = beyond_stiction - state[_BASE, j]
         state[_SLOW, j] += pace * (z[j] - state[_SLOW, j])
         state[_SQUARE, j] += pace * (z[j] * z[j] - state[_SQUARE, j])
         if follows:
-            local = max(state[_LOCAL2, j], 1.0)
-            new = min(z[j] * z[j], OUTLIER * OUTLIER * local)
-            state[_LOCAL2, j] += early * (new - state[_LOCAL2, j])
-        unit = change[j] / change_sd if change_sd > 0.0 else 0.0
-        usual = max(state[_CHANGE2, j], 1.0)
-        y[j] = unit / np.sqrt(usual)
-        if single[_CONTACT] == 0.0:
-            new = min(unit * unit, OUTLIER * OUTLIER * usual)
-            state[_CHANGE2, j] += early * (new - state[_CHANGE2, j])
-        local = np.sqrt(max(state[_LOCAL2, j], 1.0))
-        s[j] *= local
-        z[j] /= local
+            state[_LOCAL2, j] += early * _excess_square(z[j], state[_LOCAL2, j])
+        scaled_change = change[j] / change_sd if change_sd > 0.0 else 0.0
+        y[j] = scaled_change / np.sqrt(max(state[_CHANGE2, j], 1.0))
+        if not in_contact:
+            state[_CHANGE2, j] += early * _excess_square(scaled_change, state[_CHANGE2, j])
+        g = np.sqrt(max(state[_LOCAL2, j], 1.0))
+        s[j] *= g
+        z[j] /= g
         state[_MEAN, j] = keep * state[_MEAN, j] + (1.0 - keep) * z[j]
 
 
 @kernel
+def _follows_noise(state: Array, single: Array, n: int) -> bool:
+    """Whether g follows the sample: without contact, or in one that is an error.
+
+    A contact is an error where it outlasts LOCAL_TIME and its mean over that time vanishes.
+    """
+    if single[_CONTACT] == 0.0:
+        return True
+    follows = single[_TOUCHED] > LOCAL_TIME
+    for j in range(n):
+        square = state[_SLOW, j] * state[_SLOW, j]
+        follows = follows and square <= ONE_SIDED * max(state[_SQUARE, j], 1.0)
+    return bool(follows)
+
+
+@kernel
+def _excess_square(x: float, mean_square: float) -> float:
+    """The square of x, at most that of an outlier, less the mean square so far."""
+    largest = OUTLIER * OUTLIER * max(mean_square, 1.0)
+    return min(x * x, largest) - mean_square
+
+
+@kernel
 def _lengths(detector: _Detector, work: Array) -> _Lengths:
-    """The norms of what `_whiten` wrote; row 2 of `work` is left with y = U z."""
-    (_, joints, _, white), keep, state, _ = detector
+    """The norms of the whitened sample in `work`; row 2 is left with y = U z."""
+    joints, white = detector.tables.joints, detector.tables.white
+    keep, state = detector.keep, detector.state
     n = white.shape[0]
     z, y = work[1, :n], work[2, :n]
-    sample = power = mean = plain_mean = along = changed = 0.0
+    sample = power = mean = square_of_mean = along_mean = change = 0.0
     for j in range(n):
         total = 0.0
         for k in range(j, n):
             total += white[j, k] * y[k]
-        changed += total * total
+        change += total * total
     for j in range(n):
         y[j] = 0.0
-        of_mean, of_plain = 0.0, 0.0
+        scaled_mean, plain_mean = 0.0, 0.0
         for k in range(j, n):
             y[j] += white[j, k] * z[k]
-            of_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
-            of_plain += white[j, k] * state[_MEAN, k]
+            scaled_mean += white[j, k] * state[_MEAN, k] / joints[MEAN_SCALE, k]
+            plain_mean += white[j, k] * state[_MEAN, k]
         sample += y[j] * y[j]
-        mean += of_mean * of_mean
-        plain_mean += of_plain * of_plain
-        along += y[j] * of_plain
+        mean += scaled_mean * scaled_mean
+        square_of_mean += plain_mean * plain_mean
+        along_mean += y[j] * plain_mean
         state[_POWER, j] = keep * state[_POWER, j] + (1.0 - keep) * y[j] * y[j]
         power += state[_POWER, j]
     return _Lengths(
-        np.sqrt(sample), np.sqrt(mean), np.sqrt(power), np.sqrt(changed), plain_mean, along
+        np.sqrt(sample),
+        np.sqrt(mean),
+        np.sqrt(power),
+        np.sqrt(change),
+        square_of_mean,
+        along_mean,
     )
 
 
 @kernel
 def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
     """Begins and ends contact."""
-    (_, _, settings, _), _, state, single = detector
-    T, touched = settings[PERIOD], single[_CONTACT] == 1.0
+    settings, state, single = detector.tables.settings, detector.state, detector.single
+    T, in_contact = settings[PERIOD], single[_CONTACT] == 1.0
     single[_NOT_BEFORE] -= T
     # The mean does not outlast a contact, nor begin one before it is a mean again.
     mean = lengths.mean
-    if touched and lengths.along < MEAN_KEPT * lengths.plain_mean:
+    if in_contact and lengths.along_mean < LEAST_SHARE * lengths.square_of_mean:
         mean = 0.0
-    if not touched and single[_NOT_BEFORE] > 0.0:
+    if not in_contact and single[_NOT_BEFORE] > 0.0:
         mean = 0.0
     quick = lengths.sample / settings[SAMPLE_LEVEL]
-    if not touched and settings[CHANGE_LEVEL] < np.inf:
+    if not in_contact and settings[CHANGE_LEVEL] < np.inf:
         quick = lengths.change / settings[CHANGE_LEVEL] if single[_SEEN] > WINDOW else 0.0
     single[_RATIO] = max(quick, mean / settings[MEAN_LEVEL])
     if single[_RATIO] > 1.0:
-        if not touched:
+        if not in_contact:
             single[_MISFIT], single[_TOUCHED] = 0.0, 0.0
         single[_CONTACT], single[_QUIET] = 1.0, 0.0
-    elif touched:
+    elif in_contact:
         if mean >= settings[MEAN_RELEASE] or lengths.sample >= settings[SAMPLE_RELEASE]:
             single[_QUIET] = 0.0
         else:
@@ -449,11 +506,9 @@ def _decide(detector: _Detector, lengths: _Lengths, work: Array) -> None:
 
 
 @kernel
-def _unexplained(
-    settings: Array, white: Array, J_seen: Array, tau_ext: Array, work: Array
-) -> float:
+def _unexplained(tables: DetectorTables, J_seen: Array, tau_ext: Array, work: Array) -> float:
     """D of the sample in the `work` of `detect_tick`, which is overwritten but for row 3."""
-    n = tau_ext.shape[0]
+    settings, white, n = tables.settings, tables.white, tau_ext.shape[0]
     s, z, y = work[0, :n], work[1, :n], work[2, :n]
     for j in range(n):
         scale_sd = settings[SCALE] * tau_ext[j]
@@ -470,10 +525,10 @@ def _unexplained(
 @kernel
 def _link(power: Array, level: float) -> float:
     """The link (1 to n) that a force away from E acts on; 0: unknown."""
-    beyond = 0.0
+    power_beyond = 0.0
     for j in range(power.shape[0] - 1, -1, -1):
-        beyond += power[j]
-        if np.sqrt(beyond) > level:
+        power_beyond += power[j]
+        if np.sqrt(power_beyond) > level:
             return j + 1.0
         if power[j] > LOUD * LOUD:
             return 0.0
@@ -482,24 +537,28 @@ def _link(power: Array, level: float) -> float:
 
 @kernel
 def detect_log(
-    tables: tuple[Array, Array, Array, Array],
+    tables: DetectorTables,
     state: Array,
     samples: ArmSamples,
     out: Array,
     white: TorqueWhite,
 ) -> None:
-    """`detect_tick` for N samples, one after another; out (N, NUM_OUT).
+    """`detect_tick` for N samples, one after another.
 
-    `white` is written for fitting: z, LP(z) and the change, (N, n) each, and sqrt(LP(D)) (N,).
-    Without rows it is not written.
+    Args:
+        tables: of ContactDetector.
+        state: (state_rows, n), changed.
+        samples: N of them.
+        out: (N, NUM_OUT), written.
+        white: written for the fit of the contact noise; not written where it has no rows.
     """
     state, v, transmitted = borrowed(state), borrowed(samples.v), borrowed(samples.transmitted)
     momentum, tau_ext, fresh = borrowed(samples.momentum), borrowed(samples.tau_ext), samples.fresh
     error, out = samples.error, borrowed(out)
     sd, stiction, drift = borrowed(error.sd), borrowed(error.stiction), borrowed(error.drift)
     J_seen, rows = borrowed(error.J_seen), borrowed(error.rows)
-    n, slow = v.shape[1], 0.0
-    gain = 1.0 - np.exp(-tables[2][PERIOD] / MISFIT_WINDOW)
+    n, slow_D = v.shape[1], 0.0
+    gain = 1.0 - np.exp(-tables.settings[PERIOD] / MISFIT_WINDOW)
     work = np.zeros((n + WORK_ROWS, max(n, NUM_FEATURES)))
     for k in range(v.shape[0]):
         sample_error = TorqueError(sd[k], stiction[k], drift[k], J_seen[k], rows[k])
@@ -510,13 +569,13 @@ def detect_log(
             copy_to(white.mean[k], state[_MEAN])
             copy_to(white.change[k], work[3, :n])
             if np.isfinite(tau_ext[k]).all():
-                D = _unexplained(tables[2], tables[3], sample_error.J_seen, tau_ext[k], work)
-                slow += gain * (D - slow)
-            white.misfit[k] = np.sqrt(slow)
+                D = _unexplained(tables, sample_error.J_seen, tau_ext[k], work)
+                slow_D += gain * (D - slow_D)
+            white.misfit[k] = np.sqrt(slow_D)
 
 
 def torque_jumps(momentum: Array, transmitted: Array, pole: Array, time_step: float) -> Array:
-    """The torque jumps (N, n) N m along a log: root of the sum of squares, see the module.
+    """The torque jumps (N, n) N m along a log, as the module defines them.
 
     Args:
         momentum: (N, n) kg m^2/s.

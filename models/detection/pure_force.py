@@ -7,8 +7,8 @@ The misfit of the best such force to a sample's torque,
 is n - 3 on average where it explains the torque. Its mean over WINDOW s may be LARGEST times that.
 A load or a contact away from E exceeds it; its force is off by more than the stated band.
 
-LARGEST was settled on contact-free logs of a UR10e, where it voids 2 % at most of what was valid,
-and on a log with 2.8 kg that hang .18 m off the flange: 29 % of its valid forces are inside their
+LARGEST was chosen on logs of a UR10e. Of contact-free ones it invalidates at most 2 % of the valid
+readings. On a log with 2.8 kg at .18 m off the flange 29 % of the valid forces are inside their
 band without it; with it 2 % of that log stay valid.
 """
 
@@ -25,7 +25,7 @@ LARGEST = 3.0
 def force_alone_explains(
     t: Array, J: ArrayLike, tau_ext: ArrayLike, sd: ArrayLike, correlation: ArrayLike
 ) -> Flags:
-    """Tells for each of N samples whether a force at E alone explains the torques around it.
+    """Tests at N samples whether a force at E alone explains the torques around each (N,).
 
     Args:
         t: (N,) s.
@@ -41,7 +41,7 @@ def force_alone_explains(
     white = np.linalg.inv(np.linalg.cholesky(np.asarray(correlation, float)))
     y = (tau[is_finite] / sd[is_finite]) @ white.T
     A = (J[is_finite, 3:] / sd[is_finite][:, None]) @ white.T
-    # A floor keeps singular postures solvable; what they do not see is not left over.
+    # A floor keeps singular postures solvable; the directions that they hide are not misfit.
     gram = A @ A.swapaxes(1, 2) + 1e-9 * np.trace(A @ A.swapaxes(1, 2), axis1=1, axis2=2)[
         :, None, None
     ] * np.eye(3)

@@ -1,43 +1,45 @@
 """Contact detection on an external torque that the controller reports, without a model.
 
-Such a torque tau (`analyses.methods.external_torque`) is off by an offset that stays for seconds,
-by noise, and by what friction and filters of the arm leave behind after each contact. A baseline
-takes off the offset, and a log's own free stretches say how large the rest is:
+Such a torque tau (`analyses.methods.external_torque`) has three errors: an offset that stays for
+seconds, noise, and a step that friction and filters of the arm cause at each contact. A baseline
+takes off the offset. The log's stretches without contact show how large the other two are:
 
     z = (tau - base) / sd,    s = |z|
 
-**Baseline**: the mean of the first FIRST s; then, while nothing is found, a first-order low-pass of
+**Baseline**: the mean of the first FIRST s; then, without contact, a first-order low-pass of
 SLOW s. During contact it stays.
 
 **Contact** begins where s has exceeded LEVEL for HOLD s and two samples. It ends where s is below
-RELEASE of that, or where of the largest z so far, p, less than LEFT remains, z.p < LEFT p.p: a hand
-lets go within .1 s, and what is left then is the arm's own. p fades within FADE, so that a force
-that falls slowly is followed.
-For ANEW s after a contact none begins, and then the baseline starts again from the smallest s of
-that time.
+RELEASE of that level. It also ends where less than LEFT remains of the largest z so far, p:
+z.p < LEFT p.p. A hand lets go within .1 s; the torque that remains then is an error of the arm. p
+fades within FADE, so that a force that falls slowly is followed.
+For PAUSE s after a contact none begins. Then the baseline starts again from the sample of smallest
+s in that time.
 
-**Error.** Two sds for each joint, of an arm at rest and of one that moves (`moving_sd` where some
-entry of J has changed by more than MOTION a second over MOTION_TIME within the last STILL s: a
-touch shifts an arm less).
+**Error.** Two sds for each joint, of an arm at rest and of one that moves. The arm moves where some
+entry of J has changed by more than MOTION a second over MOTION_TIME within the last STILL s. A
+touch shifts an arm less.
 At rest sd^2 is the sum of the squares of
 
     noise   1.48 times the median of |tau - base| in free samples; no less than the lower quartile
             of the standard deviations within windows of WINDOW s
     step    the same of the baselines' changes over a contact
-    floor   the root mean square of both over the joints: what a joint knows of its own error it
-            knows from few contacts
+    floor   the root mean square of both over the joints, since few contacts determine the error
+            of a single joint
 
-found in ROUNDS rounds of detection, from START times the windows' sd. In motion the sd is as many
-times the median of |tau - its low-pass|, over all moving samples, most of which are taken as free.
+They come from ROUNDS rounds of detection, the first with START times the windows' sd. In motion the
+sd is 1.48 times the median of |tau - its low-pass| over all moving samples, most of which are taken
+as free.
 
-The constants were settled on five recordings of a Franka Panda that a hand touches (`link_contact`:
-f2, d3, c2, b6, a4) and checked on five others. After these had been seen START was lowered from 3,
-and STILL was set.
+The constants were chosen on five recordings of a Franka Panda that a hand touches (`link_contact`:
+f2, d3, c2, b6, a4) and checked on five others. After the check START was lowered from 3, and STILL
+was set.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrenchsight.models.numerics.arrays import Array, Flags, contiguous
 from wrenchsight.models.numerics.kernel import kernel
@@ -49,16 +51,16 @@ HOLD = 0.005  # s
 RELEASE = 0.7
 LEFT = 0.15
 FADE = 1.0  # s
-ANEW = 0.12  # s
+PAUSE = 0.12  # s
 MOTION, MOTION_TIME = 0.05, 0.3  # 1/s (m/s where J is in metres), s
 STILL = 0.5  # s
 WINDOW = 0.15  # s
 ROUNDS = 3
 START = 2.0
 MEDIAN = 1.4826  # sd over median of |x|, of a Gaussian
-MOST_SAMPLES = 1 << 18  # that the error is learnt from
-_LEAST_SD = 1e-4  # N m, where a log says nothing else
-_FEWEST = 20  # samples of a kind that a median is taken of
+MOST_SAMPLES = 1 << 18  # from which the error is learnt
+_LEAST_SD = 1e-4  # N m, where a log shows no error
+_FEWEST = 20  # samples, of which a median is taken
 _SETTLED = 0.15  # s after a contact, from when a sample counts as free
 # Rows of the state after those of J's low-pass: (6 + NUM_ROWS, n).
 _BASE, _PEAK, _LOWEST, _SINGLE, NUM_ROWS = range(5)
@@ -67,7 +69,12 @@ _TIME, _CONTACT, _WAIT, _SMALLEST, _ABOVE, _MOVED, _NUMBERS = range(7)
 
 
 class TorqueError(NamedTuple):
-    """N m, sd of what is read without contact, (n,) each: at rest, and in motion."""
+    """Sd of the reported torque without contact.
+
+    Attributes:
+        rest_sd: (n,) N m, of an arm at rest.
+        moving_sd: (n,) N m, of one that moves.
+    """
 
     rest_sd: Array
     moving_sd: Array
@@ -85,8 +92,8 @@ class TorqueContact(NamedTuple):
     """Detection at N samples.
 
     Attributes:
-        statistic: (N,) s / LEVEL: contact begins above 1.
-        contact: (N,).
+        statistic: (N,) s / LEVEL; contact begins above 1.
+        contact: (N,) whether something touches the arm.
         moving: (N,) whether the arm moves.
         baseline: (N, n) N m.
         sd: (N, n) N m, of tau - baseline without contact.
@@ -100,10 +107,10 @@ class TorqueContact(NamedTuple):
 
 
 class TorqueContactDetector:
-    """Contact along a log of external torque, chunk after chunk.
+    """Detector of contact along a log of external torque, chunk after chunk.
 
     Args:
-        error: of this arm, as `learn_torque_error` finds it.
+        error: of this arm, of `learn_torque_error`.
         start: (n,) N m, the first baseline: the mean of the log's first FIRST s.
     """
 
@@ -115,7 +122,15 @@ class TorqueContactDetector:
         self._state[6 + _SINGLE, [_TIME, _ABOVE]] = np.nan
 
     def run(self, t: Array, tau_ext: Array, J: Array) -> TorqueContact:
-        """Takes the next N samples: s, (N, n) N m, and (N, 6, n); what is not finite is passed."""
+        """Takes the next N samples.
+
+        A sample that is not finite is passed over: statistic 0, no contact.
+
+        Args:
+            t: (N,) s.
+            tau_ext: (N, n) N m.
+            J: (N, 6, n), rows [angular; linear], at E in axes of W.
+        """
         N, n = tau_ext.shape
         out, baseline = np.zeros((N, 3)), np.zeros((N, n))
         error = TorqueError(
@@ -165,43 +180,68 @@ def learn_torque_error(t: Array, tau_ext: Array, J: Array) -> TorqueError:
     sd = _floored(START * calm)
     for _ in range(ROUNDS):
         contacts = TorqueContactDetector(TorqueError(sd, moving_sd), start).run(t, tau, J)
-        edges = np.flatnonzero(np.diff(contacts.contact.astype(int)))
-        ends = edges[~contacts.contact[edges + 1]] + 1
-        begins = edges[contacts.contact[edges + 1]] + 1
-        settled = ~contacts.contact & ~contacts.moving
-        last_end = np.searchsorted(ends, np.arange(len(t)), side="right") - 1
-        since = (
-            np.where(last_end >= 0, t - t[ends[np.maximum(last_end, 0)]], np.inf)
-            if len(ends)
-            else t
-        )
-        settled &= since >= (_SETTLED if len(ends) else -np.inf)
-        noise = np.maximum(_spread((tau - contacts.baseline)[settled], calm), calm)
-        after = np.searchsorted(t, t[ends] + _SETTLED)
-        pairs = [
-            (begin, int(after[k]))
-            for begin in begins
-            if (k := int(np.searchsorted(ends, begin))) < len(ends) and after[k] < len(t)
-        ]
-        steps = np.array([contacts.baseline[j] - contacts.baseline[i] for i, j in pairs])
-        step = noise if len(pairs) < 3 else MEDIAN * np.median(np.abs(steps), axis=0)
+        free_torque = (tau - contacts.baseline)[_is_settled(t, contacts)]
+        noise = np.maximum(_spread(free_torque, calm), calm)
+        steps = _baseline_steps(t, contacts)
+        step = noise if len(steps) < 3 else MEDIAN * np.median(np.abs(steps), axis=0)
         sd = _floored(np.hypot(noise, step))
     if not first_pass.moving.any():
         moving_sd = sd
     return TorqueError(sd, np.maximum(moving_sd, sd))
 
 
+class _Edges(NamedTuple):
+    """Samples at which a contact begins, and those at which one has ended."""
+
+    begins: NDArray[np.intp]
+    ends: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, contact: Flags) -> "_Edges":
+        """The edges of flags (N,)."""
+        last = np.flatnonzero(np.diff(contact.astype(int)))
+        begins_next = contact[last + 1]
+        return cls(last[begins_next] + 1, last[~begins_next] + 1)
+
+
+def _is_settled(t: Array, contacts: TorqueContact) -> Flags:
+    """(N,) samples at rest, without contact, and _SETTLED after the last one."""
+    is_settled = np.asarray(~contacts.contact & ~contacts.moving)
+    ends = _Edges.of(contacts.contact).ends
+    if not len(ends):
+        return is_settled
+    last_end = np.searchsorted(ends, np.arange(len(t)), side="right") - 1
+    since_end = np.where(last_end >= 0, t - t[ends[np.maximum(last_end, 0)]], np.inf)
+    return np.asarray(is_settled & (since_end >= _SETTLED))
+
+
+def _baseline_steps(t: Array, contacts: TorqueContact) -> Array:
+    """(contacts, n) N m, change of the baseline over each contact that ends within the log."""
+    begins, ends = _Edges.of(contacts.contact)
+    settled = np.searchsorted(t, t[ends] + _SETTLED)
+    steps = [
+        contacts.baseline[settled[k]] - contacts.baseline[begin]
+        for begin in begins
+        if (k := int(np.searchsorted(ends, begin))) < len(ends) and settled[k] < len(t)
+    ]
+    return np.array(steps)
+
+
 def _floored(sd: Array) -> Array:
+    """(n,) the sds with their root mean square added in squares."""
     return np.asarray(np.sqrt(sd**2 + np.mean(sd**2)))
 
 
 def _spread(x: Array, otherwise: Array) -> Array:
-    """(n,) sd of (N, n) by the median of its size."""
+    """(n,) sd of x (N, n) by the median of |x|; `otherwise` where x has too few rows."""
     return MEDIAN * np.median(np.abs(x), axis=0) if len(x) >= _FEWEST else otherwise
 
 
 def _windows_sd(t: Array, tau: Array, used: Flags) -> Array:
-    """(n,) N m, lower quartile of the sds within windows of WINDOW s at rest; of all else."""
+    """(n,) N m, lower quartile of the sds within windows of WINDOW s.
+
+    The windows are those whose samples are all used; where there is none, all of them.
+    """
     step = float(np.median(np.diff(t)))
     size = max(4, round(WINDOW / step)) if step > 0.0 else 4
     count = len(t) // size
@@ -223,71 +263,115 @@ def torque_contact_log(
         out: (N, 3) statistic, contact and motion, written.
         base: (N, n) N m, the baseline, written.
     """
-    rest_sd, moving_sd = error
     t, tau_ext, J = samples
-    n = tau_ext.shape[1]
-    z = np.empty(n)
-    slow_J, rows = state[:6], state[6:]
-    numbers = rows[_SINGLE]
+    rows = state[6:]
+    z = np.empty(tau_ext.shape[1])
     for k in range(tau_ext.shape[0]):
-        finite = np.isfinite(t[k])
-        for j in range(n):
-            finite = finite and np.isfinite(tau_ext[k, j])
-            for i in range(6):
-                finite = finite and np.isfinite(J[k, i, j])
-        if not finite:
-            for j in range(n):
-                base[k, j] = rows[_BASE, j]
-            continue
-        T = 0.0
-        if np.isfinite(numbers[_TIME]):
-            T = max(t[k] - numbers[_TIME], 0.0)
-        else:
-            for i in range(6):
-                for j in range(n):
-                    slow_J[i, j] = J[k, i, j]
-        numbers[_TIME] = t[k]
-        gain, change = 1.0 - np.exp(-T / MOTION_TIME), 0.0
-        for i in range(6):
-            for j in range(n):
-                slow_J[i, j] += gain * (J[k, i, j] - slow_J[i, j])
-                change = max(change, abs(J[k, i, j] - slow_J[i, j]))
-        numbers[_MOVED] = STILL if change > MOTION * MOTION_TIME else numbers[_MOVED] - T
-        moving = numbers[_MOVED] > 0.0
-        square, along, peak = 0.0, 0.0, 0.0
-        fade = np.exp(-T / FADE)
-        for j in range(n):
-            z[j] = (tau_ext[k, j] - rows[_BASE, j]) / (moving_sd[j] if moving else rest_sd[j])
-            square += z[j] * z[j]
-            rows[_PEAK, j] *= fade
-            along += z[j] * rows[_PEAK, j]
-            peak += rows[_PEAK, j] * rows[_PEAK, j]
-        s = np.sqrt(square)
-        if numbers[_CONTACT] == 0.0:
-            if numbers[_WAIT] > 0.0:
-                numbers[_WAIT] -= T
-                if s <= numbers[_SMALLEST]:
-                    numbers[_SMALLEST] = s
-                    rows[_LOWEST, :n] = tau_ext[k]
-                if numbers[_WAIT] <= 0.0:
-                    rows[_BASE, :n] = rows[_LOWEST, :n]
-            elif s > LEVEL:
-                numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
-                if numbers[_ABOVE] >= HOLD:
-                    numbers[_CONTACT] = 1.0
-                    rows[_PEAK, :n] = z
-            else:
-                for j in range(n):
-                    rows[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[k, j] - rows[_BASE, j])
-        elif square >= peak:
-            rows[_PEAK, :n] = z
-        elif along < LEFT * peak:
-            numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
-        if numbers[_CONTACT] == 1.0 and s < RELEASE * LEVEL:
-            numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, ANEW, np.inf
-        if s <= LEVEL or numbers[_CONTACT] == 1.0:
-            numbers[_ABOVE] = np.nan
-        out[k, 0], out[k, 1] = s / LEVEL, numbers[_CONTACT]
-        out[k, 2] = 1.0 if moving else 0.0
-        for j in range(n):
+        if _is_finite(t[k], tau_ext[k], J[k]):
+            T = _period(state, t[k], J[k])
+            moves = _moves(state, J[k], T)
+            sd = error.moving_sd if moves else error.rest_sd
+            norms = _take_torque(rows, tau_ext[k], sd, T, z)
+            _decide(rows, tau_ext[k], norms, T, z)
+            out[k, 0], out[k, 1] = np.sqrt(norms.square) / LEVEL, rows[_SINGLE, _CONTACT]
+            out[k, 2] = 1.0 if moves else 0.0
+        for j in range(tau_ext.shape[1]):
             base[k, j] = rows[_BASE, j]
+
+
+class _Norms(NamedTuple):
+    """z.z, z.p and p.p of one sample; p is the largest z of the contact."""
+
+    square: float
+    along_peak: float
+    peak_square: float
+
+
+@kernel
+def _is_finite(t: float, tau_ext: Array, J: Array) -> bool:
+    """Whether a sample is finite."""
+    finite = np.isfinite(t)
+    for j in range(tau_ext.shape[0]):
+        finite = finite and np.isfinite(tau_ext[j])
+        for i in range(6):
+            finite = finite and np.isfinite(J[i, j])
+    return bool(finite)
+
+
+@kernel
+def _period(state: Array, t: float, J: Array) -> float:
+    """The time since the last sample, s; the first one starts the low-pass of J and gives 0."""
+    numbers, T = state[6 + _SINGLE], 0.0
+    if np.isfinite(numbers[_TIME]):
+        T = max(t - numbers[_TIME], 0.0)
+    else:
+        for i in range(6):
+            for j in range(J.shape[1]):
+                state[i, j] = J[i, j]
+    numbers[_TIME] = t
+    return T
+
+
+@kernel
+def _moves(state: Array, J: Array, T: float) -> bool:
+    """Takes J (6, n) into its low-pass; returns whether the arm moves, or has within STILL."""
+    numbers = state[6 + _SINGLE]
+    gain, change = 1.0 - np.exp(-T / MOTION_TIME), 0.0
+    for i in range(6):
+        for j in range(J.shape[1]):
+            state[i, j] += gain * (J[i, j] - state[i, j])
+            change = max(change, abs(J[i, j] - state[i, j]))
+    numbers[_MOVED] = STILL if change > MOTION * MOTION_TIME else numbers[_MOVED] - T
+    return bool(numbers[_MOVED] > 0.0)
+
+
+@kernel
+def _take_torque(rows: Array, tau_ext: Array, sd: Array, T: float, z: Array) -> _Norms:
+    """Writes z (n,), and lets the peak fade."""
+    square, along_peak, peak_square = 0.0, 0.0, 0.0
+    fade = np.exp(-T / FADE)
+    for j in range(tau_ext.shape[0]):
+        z[j] = (tau_ext[j] - rows[_BASE, j]) / sd[j]
+        square += z[j] * z[j]
+        rows[_PEAK, j] *= fade
+        along_peak += z[j] * rows[_PEAK, j]
+        peak_square += rows[_PEAK, j] * rows[_PEAK, j]
+    return _Norms(square, along_peak, peak_square)
+
+
+@kernel
+def _decide(rows: Array, tau_ext: Array, norms: _Norms, T: float, z: Array) -> None:
+    """Begins and ends contact; without contact takes the sample into the baseline."""
+    numbers, n, s = rows[_SINGLE], tau_ext.shape[0], np.sqrt(norms.square)
+    ends = False
+    if numbers[_CONTACT] == 0.0:
+        _wait_for_contact(rows, tau_ext, s, T, z)
+    elif norms.square >= norms.peak_square:
+        rows[_PEAK, :n] = z
+    else:
+        ends = norms.along_peak < LEFT * norms.peak_square
+    if ends or (numbers[_CONTACT] == 1.0 and s < RELEASE * LEVEL):
+        numbers[_CONTACT], numbers[_WAIT], numbers[_SMALLEST] = 0.0, PAUSE, np.inf
+    if s <= LEVEL or numbers[_CONTACT] == 1.0:
+        numbers[_ABOVE] = np.nan
+
+
+@kernel
+def _wait_for_contact(rows: Array, tau_ext: Array, s: float, T: float, z: Array) -> None:
+    """The pause after a contact, the begin of one, or the baseline's low-pass."""
+    numbers, n = rows[_SINGLE], tau_ext.shape[0]
+    if numbers[_WAIT] > 0.0:
+        numbers[_WAIT] -= T
+        if s <= numbers[_SMALLEST]:
+            numbers[_SMALLEST] = s
+            rows[_LOWEST, :n] = tau_ext
+        if numbers[_WAIT] <= 0.0:
+            rows[_BASE, :n] = rows[_LOWEST, :n]
+    elif s > LEVEL:
+        numbers[_ABOVE] = numbers[_ABOVE] + T if np.isfinite(numbers[_ABOVE]) else 0.0
+        if numbers[_ABOVE] >= HOLD:
+            numbers[_CONTACT] = 1.0
+            rows[_PEAK, :n] = z
+    else:
+        for j in range(n):
+            rows[_BASE, j] += (1.0 - np.exp(-T / SLOW)) * (tau_ext[j] - rows[_BASE, j])

@@ -1,4 +1,4 @@
-"""The estimator with friction tracked while nothing touches the arm, as the detector finds.
+"""The estimator with friction tracked while, by the detector, nothing touches the arm.
 
     q, v -> correction (`wrenchsight.models.calibration.friction_tracking`) -+
     q, v, current -> estimator ----------------------------------------------+-> wrench -> contact
@@ -40,7 +40,9 @@ CONTAINED_DRIFT = 2.0  # sds of the model's error, up to which it contains frict
 
 
 class TrackedEstimator:
-    """Reads one arm, sample by sample or chunk by chunk, from one thread; the result is the same.
+    """An estimator of one arm that tracks its friction and detects contact.
+
+    It takes samples or chunks, from one thread; the result is the same.
 
     Args:
         robot: the arm.
@@ -70,7 +72,7 @@ class TrackedEstimator:
     ) -> None:
         if model.torque_error is None:
             raise ValueError("the model states no torque error: its friction cannot be tracked")
-        self._follows = follows_friction
+        self._tracks = follows_friction
         estimator_model = model
         if follows_friction:
             estimator_model = replace(model, torque_error=model.torque_error.with_drift(0.0))
@@ -101,9 +103,9 @@ class TrackedEstimator:
         self._settling = round(observer.settling_time / observer.time_step)
 
     def start_zero(self) -> None:
-        """Starts zeroing: from now on the torque is a payload's weight.
+        """Starts zeroing: from now on the external torque is the payload's weight.
 
-        Hold some postures; nothing else may touch the arm.
+        The arm has to hold some postures; nothing else may touch it.
         """
         estimator = self._plain
         robot, error = estimator.robot, estimator.model.torque_error
@@ -117,7 +119,7 @@ class TrackedEstimator:
         )
 
     def finish_zero(self) -> ZeroedPayload:
-        """Ends zeroing: subtracts the payload read since `start_zero`, in all postures.
+        """Ends zeroing: the payload estimated since `start_zero` is subtracted in all postures.
 
         Raises:
             ValueError: it was not started.
@@ -144,7 +146,7 @@ class TrackedEstimator:
     def follow(
         self, q: Array, v: Array, current: Array, plain: EstimateBatch
     ) -> tuple[EstimateBatch, Detection]:
-        """As `run`, for samples that an estimator of the same model and configuration has read.
+        """As `run`, for samples that another estimator of model and configuration has taken.
 
         Args:
             q, v, current: (N, n) as `run`.
@@ -170,7 +172,7 @@ class TrackedEstimator:
             detection = self._detector.run(self._detector_state, corrected)
             parts.append(detection)
             free = is_read[rows] & ~detection.contact
-            if self._follows:
+            if self._tracks:
                 self.tracker.learn(rows_read.tau_ext - weight[rows], rows_read.J_seen, free)
             if self._zeroing is not None:
                 self._zeroing.add(
@@ -188,7 +190,7 @@ class TrackedEstimator:
 
     def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:
         """The correction of friction (N, n), and its variance."""
-        if self._follows:
+        if self._tracks:
             return self.tracker.correction(q, v)
         return np.zeros_like(q), np.zeros_like(q)
 

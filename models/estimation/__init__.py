@@ -4,6 +4,6 @@ In: an identified model, and q, v, motor current of each sample. Out: tau_ext, t
 its covariance, and `valid`. Order of the files: `estimator` (a user's class) packs its constants
 (`estimator_arrays`), and runs the stages of `tick`: `torque_error_stage`, `wrench_reading`, which
 reads with `wrench` and `wrench_kernels`. Beside them: `smoothing`, `reading_gain`,
-`evidence_prior`, `point_of_action`, `contact_filter`, and what writes results, `wrench_table` and
-`wrench_bag`.
+`evidence_prior`, `point_of_action`, `contact_filter` with `contact_reading`, and the writers
+`wrench_table` and `wrench_bag`.
 """

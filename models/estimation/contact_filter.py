@@ -2,7 +2,8 @@
 
 How well a torque shows a force depends on the joint's motion. A joint at rest carries any friction
 within its stiction, a joint that reverses is between two directions, and the error of a sliding one
-grows with its speed; and such errors last. They are states of the filter, beside the wrench:
+grows with its speed. Such errors are correlated in time: they are states of the filter, beside the
+wrench:
 
     y_k = H_k F_k + e_k + o + w_k
 
@@ -15,38 +16,39 @@ grows with its speed; and such errors last. They are states of the filter, besid
     w   error within the block: vibration
 
 o is considered, not estimated (Schmidt, in Advances in Control Systems 3, 1966): a joint at rest
-says nothing about it, and errors elsewhere would corrupt it. Where the sd of e falls by a factor, e
-falls with it: what a joint at rest held is gone once it slides.
+does not show it, and errors elsewhere would corrupt it. Where the sd of e falls by a factor, e
+falls with it: a joint that slides no longer carries the friction of its rest.
 
-The force along the axis wanders. Across it a tool that slides carries little; one that stands is
-held by friction, the more the harder it presses (`held_across`). The wrench of a block is read
-`lag` later, when the torque of the blocks after it is known too: the filter carries the wrenches of
-that time along as states.
+The force along the axis is a random walk. Across it a tool that slides carries little. One that
+stands carries friction, in proportion to the force along the axis (`held_across`). The wrench of a
+block is read `lag` later, when the torque of the next blocks is known too. The wrenches of that
+time are further states of the filter.
 
 Where the rigid body's torque changes from block to block, w grows by a share of that change, and
-fades: the drive's current and the joint's speed are not of one instant, and the arm rings
-afterwards (`drive_error`). At the corners of a path this is most of the error. Blocks whose torque
-tells the force hardly better than its prior count as unread (`blind_share`): in force control the
-force wanders at such moments as nothing here expects, and for `misfit_time` after them no reading
-is explained.
+fades (`drive_error`). The drive's current and the joint's speed are not of one instant, and the arm
+rings afterwards. At the corners of a path this is most of the error.
 
-The stated covariance is that of the filter times a factor: the mean of z^T S^-1 z / n over
-`misfit_time` for the recent innovations z, or that of their part along the force,
+A block is blind where its torque determines the force hardly better than its prior does
+(`blind_share`). In force control the force may then change faster than the random walk. For
+`misfit_time` after a blind block no reading is explained.
 
-    (h^T S^-1 z)^2 / (h^T S^-1 h),    h = H_1
+The stated covariance is that of the filter times a factor, the larger of two misfits of the recent
+innovations z. The misfits are the means over `misfit_time` of
 
-whichever is larger, and at least `least_misfit`; both are 1 in the mean where all is as stated. The
-factor is not smaller, since errors that last do not show in innovations. At rest, and where the
-force is not told, it is at least 1. The second one is large where the force changes faster than it
-wanders, or where the joints move otherwise than the log says, which reads as a force. From
-`largest_misfit` on the filter does not explain what it reads.
+    z^T S^-1 z / n    and    (h^T S^-1 z)^2 / (h^T S^-1 h),    h = H_1
 
-The model states a joint's whole stiction band as its sd at rest. The expected share of that
-friction is taken off beforehand, and the force across has its own states: a smaller sd is left
-(`rest_share`).
+Both are 1 in the mean where the errors are as stated. The factor is at least `least_misfit`, since
+innovations do not show correlated errors. It is at least 1 at rest and after blind or unknown
+blocks. The second misfit, along the force, is large where the force changes faster than the random
+walk. It is also large where the joints move otherwise than the log states. Above `largest_misfit`
+the reading is not explained.
 
-A force that changes fast is read late, as by every filter with a stated rate: the reader adds a
-share of the change over the last `late_time` to the sd (`contact_reading`).
+The model states a joint's whole stiction band as its sd at rest. `contact_reading` subtracts the
+expected share of that friction, and the force across has its own states. So the stated sd at rest
+is multiplied by `rest_share`.
+
+The estimate of a force that changes fast lags, as of every filter with a stated rate. The reader
+adds a share of the change over the last `late_time` to the sd (`contact_reading`).
 """
 
 from dataclasses import dataclass, field
@@ -61,23 +63,23 @@ TOOL_AXES = ("tool_x", "tool_y", "tool_z")
 WRENCH = 6  # [along, across, across, moments about the axes]
 _ALONG, _ACROSS, _MOMENTS = 0, slice(1, 3), slice(3, 6)
 _HIGHEST_MISFIT = 50.0  # so that one impact does not hide the next second
-_LEAST_LENGTH = 1e-6  # of an axis given by numbers
+_LEAST_LENGTH = 1e-6  # norm of an axis given by numbers
 
 
 @dataclass
 class ContactConfig:
-    """A contact whose direction is known: what is expected of it, and how the torque errs."""
+    """Configuration of a contact of known direction: prior of its wrench, errors of the torque."""
 
     axis: str = ""
     """Direction in which the tool presses: tool_x, tool_y or tool_z of E, with a minus sign for the
     opposite one, or three numbers in axes of W ("0,0,-1"); empty: not known."""
     point: list[float] = field(default_factory=list)
     """Where the tool touches, m in axes of E; empty: at E."""
-    force_rate: float = 18.0  # N/sqrt(s), how fast the force along the axis wanders
+    force_rate: float = 18.0  # N/sqrt(s), of the random walk of the force along the axis
     across_sd: float = 2.5  # N, across the axis, of a tool that moves along the workpiece
     across_time: float = 0.1  # s
     standing_across_sd: float = 4.0  # N, of a tool that stands
-    held_across: float = 0.15  # sd across, of a tool that stands, per newton with which it presses
+    held_across: float = 0.15  # sd across, of a tool that stands, per newton along the axis
     standing_across_time: float = 0.3  # s
     standing_speed: float = 0.005  # m/s, below which it stands
     moment_sd: float = 1.0  # N m about the contact: a tool touches anywhere along its width
@@ -96,8 +98,8 @@ class ContactConfig:
     misfit_time: float = 0.3  # s, over which innovations are judged
     least_misfit: float = 0.7  # of a moving arm: least factor of the stated covariance
     largest_misfit: float = 2.0  # along the force, above which a reading is not valid
-    blind_share: float = 0.25  # of the prior's force sd: a block with a larger one tells no force
-    gap: float = 0.05  # s without a block that tells the force, after which it may be any
+    blind_share: float = 0.25  # of the prior's force sd: a block with a larger one is blind
+    gap: float = 0.05  # s without a block that is known and not blind, after which the prior holds
 
 
 class ContactFrame(NamedTuple):
@@ -118,7 +120,7 @@ class ContactFrame(NamedTuple):
         """The frame that the configuration states.
 
         Raises:
-            InputError: an axis or a point that is none.
+            InputError: an axis that is no direction, or a point that is not three numbers.
         """
         point = np.array(config.point or [0.0, 0.0, 0.0], float)
         if point.shape != (3,) or not np.isfinite(point).all():
@@ -146,7 +148,9 @@ class ContactFrame(NamedTuple):
         return cls(np.stack([axis, across, np.cross(axis, across)], axis=1), False, point)
 
     def wrench_map(self, R_WE: Array) -> Array:
-        """(N, 6, 6): the wrench F_E_W, rotation first, of a unit of each component of F.
+        """Returns the map (N, 6, 6) from F to F_E_W.
+
+        Column by column it is the wrench F_E_W, rotation first, of a unit of each component of F.
 
         Args:
             R_WE: (N, 3, 3).
@@ -164,8 +168,8 @@ class Block(NamedTuple):
     """A block of samples of an arm with n joints, as the filter takes it.
 
     Attributes:
-        tau_ext: (n,) N m, torque from outside, mean.
-        H: (n, 6) joint torque per unit of F.
+        tau_ext: (n,) N m, external torque, mean.
+        H: (n, 6) joint torque per unit of F, N m per N and per N m.
         sd: (n,) N m, of the torque's error.
         tool_speed: m/s.
         spread: (n,) N m, sd of tau_ext within the block.
@@ -188,10 +192,10 @@ class Reading(NamedTuple):
     """The wrench of one block.
 
     Attributes:
-        F: (6,) wrench at the contact, as in the module's description.
-        covariance: (6, 6).
+        F: (6,) wrench at the contact, N and N m, force first, in axes of the contact.
+        covariance: (6, 6) of F.
         is_explained: whether recent innovations along the force agree with the filter, and no
-            recent motion hid it.
+            recent block was blind.
     """
 
     F: Array
@@ -200,11 +204,11 @@ class Reading(NamedTuple):
 
 
 class ContactFilter:
-    """State x = [F, e, o, past F] and its covariance P; o is considered only.
+    """Kalman filter of the state x = [F, e, o, past F], of which o is only considered.
 
     Args:
-        config: what is known beforehand.
-        force_sd: N, of a force along the axis of which nothing is known.
+        config: of the contact.
+        force_sd: N, prior of the force along the axis.
         num_joints: n.
         period: s between blocks.
     """
@@ -218,8 +222,8 @@ class ContactFilter:
         self._errors = slice(WRENCH, WRENCH + n)
         self._offsets = slice(WRENCH + n, WRENCH + 2 * n)
         across, moments = [config.standing_across_sd] * 2, [config.moment_sd] * 3
-        F = [force_sd, *across, *moments]
-        sd = [*F, *np.zeros(n), *[config.offset_sd] * n, *F * self.lag]
+        wrench_sd = [force_sd, *across, *moments]
+        sd = [*wrench_sd, *np.zeros(n), *[config.offset_sd] * n, *wrench_sd * self.lag]
         self._order = np.arange(len(sd))
         if self.lag:
             first = self._offsets.stop
@@ -232,8 +236,8 @@ class ContactFilter:
         self._rigid: Array | None = None  # N m, of the last block
         self._misfit, self._force_misfit = 1.0, 1.0
         self._resting_blocks = 0  # blocks since a joint moved
-        self._unknown_time = 0.0  # s since a block told the force
-        self._visible_time = np.inf  # s since a known motion hid the force
+        self._unknown_time = 0.0  # s since a block that was known and not blind
+        self._visible_time = np.inf  # s since a blind block
 
     def read(self, blocks_ago: int) -> Reading:
         """Returns the wrench of an earlier block.
@@ -271,13 +275,14 @@ class ContactFilter:
             self._P[_ALONG, _ALONG] += self._force_sd**2
 
     def _predict(self, block: Block) -> None:
+        """Moves the state on by one block: decay and process noise of each component."""
         config, T = self._config, self._period
         is_standing = block.tool_speed < config.standing_speed
         across_time = config.standing_across_time if is_standing else config.across_time
         decay, variance = np.ones(len(self._x)), np.zeros(len(self._x))
         decay[1:WRENCH] = np.exp(-T / across_time)
-        held = config.held_across * max(float(self._x[_ALONG]), 0.0)
-        standing_sd = np.hypot(config.standing_across_sd, held)
+        friction_sd = config.held_across * max(float(self._x[_ALONG]), 0.0)
+        standing_sd = np.hypot(config.standing_across_sd, friction_sd)
         variance[_ACROSS] = (standing_sd if is_standing else config.across_sd) ** 2
         variance[_MOMENTS] = config.moment_sd**2
         errors = block.sd**2
@@ -296,8 +301,28 @@ class ContactFilter:
         self._P[np.diag_indices_from(self._P)] += noise
 
     def _update(self, block: Block) -> bool:
-        """Returns whether the block tells the force; see `blind_share`."""
-        config, T, n = self._config, self._period, self._n
+        """Takes the torque of a block; returns whether it shows the force, see `blind_share`."""
+        n = self._n
+        R = self._noise(block)
+        H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH * self.lag))])
+        innovation = block.tau_ext - H @ self._x
+        S = H @ self._P @ H.T + np.diag(R)
+        solved = np.linalg.solve(S, np.column_stack([H @ self._P, innovation, H[:, _ALONG]]))
+        gain, weighted_innovation, weighted_force = solved[:, :-2].T, solved[:, -2], solved[:, -1]
+        misfit = float(innovation @ weighted_innovation) / n
+        information = float(H[:, _ALONG] @ weighted_force)  # zero where no joint feels the force
+        along_force = float(H[:, _ALONG] @ weighted_innovation)
+        self._take_misfits(misfit, along_force**2 / max(information, 1e-12))
+        gain[self._offsets] = 0.0
+        self._x = self._x + gain @ innovation
+        A = np.eye(len(self._x)) - gain @ H
+        self._P = A @ self._P @ A.T + (gain * R) @ gain.T
+        least_information = 1.0 / (self._config.blind_share * self._force_sd) ** 2
+        return bool(np.sum(block.H[:, _ALONG] ** 2 / R) >= least_information)
+
+    def _noise(self, block: Block) -> Array:
+        """(n,) N^2 m^2, variance of the error w within a block; its memory is moved on."""
+        config, T = self._config, self._period
         self._vibration = np.maximum(
             config.vibration * block.spread, self._vibration * np.exp(-T / config.vibration_time)
         )
@@ -305,22 +330,11 @@ class ContactFilter:
         self._drive_error = np.maximum(
             config.drive_error * change, self._drive_error * np.exp(-T / config.drive_time)
         )
-        R = self._vibration**2 + self._drive_error**2 + (0.1 * block.sd) ** 2
-        H = np.hstack([block.H, np.eye(n), np.eye(n), np.zeros((n, WRENCH * self.lag))])
-        innovation = block.tau_ext - H @ self._x
-        S = H @ self._P @ H.T + np.diag(R)
-        solved = np.linalg.solve(S, np.column_stack([H @ self._P, innovation, H[:, _ALONG]]))
-        gain, weighted_innovation, weighted_force = solved[:, :-2].T, solved[:, -2], solved[:, -1]
-        memory = np.exp(-T / config.misfit_time)
-        misfit = min(float(innovation @ weighted_innovation) / n, _HIGHEST_MISFIT)
-        self._misfit = memory * self._misfit + (1.0 - memory) * misfit
-        information = float(H[:, _ALONG] @ weighted_force)  # zero where no joint feels the force
-        misfit_along = float(H[:, _ALONG] @ weighted_innovation) ** 2 / max(information, 1e-12)
-        self._force_misfit *= memory
-        self._force_misfit += (1.0 - memory) * min(misfit_along, _HIGHEST_MISFIT)
-        gain[self._offsets] = 0.0
-        self._x = self._x + gain @ innovation
-        A = np.eye(len(self._x)) - gain @ H
-        self._P = A @ self._P @ A.T + (gain * R) @ gain.T
-        least_information = 1.0 / (config.blind_share * self._force_sd) ** 2
-        return bool(np.sum(block.H[:, _ALONG] ** 2 / R) >= least_information)
+        return np.asarray(self._vibration**2 + self._drive_error**2 + (0.1 * block.sd) ** 2)
+
+    def _take_misfits(self, misfit: float, force_misfit: float) -> None:
+        """Takes the misfits of one block into their means over `misfit_time`."""
+        pole = np.exp(-self._period / self._config.misfit_time)
+        self._misfit = pole * self._misfit + (1.0 - pole) * min(misfit, _HIGHEST_MISFIT)
+        self._force_misfit *= pole
+        self._force_misfit += (1.0 - pole) * min(force_misfit, _HIGHEST_MISFIT)

@@ -1,13 +1,12 @@
-"""The wrench at a contact of known direction, from what the estimator's observer reads.
+"""The wrench at a contact of known direction, from the external torque that the observer estimates.
 
-The observer's reading is the external torque through K_0 / (s + K_0), exactly in discrete time
-(`models.observers.momentum_observer`). Undone, it is the mean of the external torque over each
-period; means of these over blocks go to the filter of `models.estimation.contact_filter`, with the
-sd that the model states of each joint's torque.
+The observer's estimate is the external torque through K_0 / (s + K_0), exactly in discrete time
+(`models.observers.momentum_observer`). `undone_low_pass` recovers the mean of the external torque
+over each period. Means of these over blocks go to the filter of `models.estimation.contact_filter`,
+with the sd that the model states of each joint's torque.
 
-A joint at rest may carry any friction; a share of what it had as it last moved is expected. Its
-torque is read with the torque per ampere at rest: one that a calibration found in motion does not
-count there.
+A joint at rest may carry any friction. Expected is a share of the friction of its last motion. Its
+torque is computed with the torque per ampere at rest, which may differ from that in motion.
 """
 
 from typing import Any, NamedTuple
@@ -31,15 +30,15 @@ from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
 class _Samples(NamedTuple):
-    """N samples that wait for the filter, or for what comes after them.
+    """N samples that wait for the filter, or for later blocks.
 
     Attributes:
-        batch: what the estimator read.
+        batch: of the estimator.
         wrench_map: (N, 6, 6) as `ContactFrame.wrench_map`.
-        tau_ext: (N, n) N m, mean over the period before each sample.
-        J: (N, 6, n).
+        tau_ext: (N, n) N m, mean over the period that ends with each sample.
+        J: (N, 6, n) at E in axes of W, rows [angular; linear].
         speed: (N,) m/s, of E.
-        is_known: (N,) whether the sample and the one before were measured.
+        is_known: (N,) whether the sample and the previous one were measured.
         rigid: (N, n) N m, torque of the rigid body.
         is_resting: (N,) whether no joint moves.
     """
@@ -80,7 +79,7 @@ class _Samples(NamedTuple):
 
 
 class ContactReader:
-    """Reads a log that comes in parts; each sample some blocks later.
+    """Reader of a log that comes in parts; it reads each sample some blocks later.
 
         reader = ContactReader(robot, K_0, time_step, config)
         for part in log:
@@ -92,14 +91,14 @@ class ContactReader:
     most `largest_sd`, and the filter explains the torque.
 
     Args:
-        robot: with E, its payload and the friction that its joints keep at rest.
+        robot: with E, payload, and the share of friction that its joints carry at rest.
         K_0: (n,) 1/s, of the observer that read tau_ext; None for one without such a lag.
         time_step: s between samples.
         config: of the contact.
-        largest_sd: N; None: a third of the sd of a force of which nothing is known.
+        largest_sd: N, along the axis, of a valid reading; None: a third of the live prior's sd.
 
     Raises:
-        InputError: an axis or a point that is none, an observer without a K_0.
+        InputError: as `ContactFrame.of`; an observer without a K_0.
     """
 
     def __init__(
@@ -116,7 +115,7 @@ class ContactReader:
         self._chain, self._frame = robot.chain, ContactFrame.of(config)
         self._pole = np.exp(-np.asarray(K_0, float) * time_step)
         self._rest_speed, self._rest_share = config.rest_speed, robot.rest_friction_share
-        self._friction = np.zeros(robot.num_joints)  # N m, as each joint last moved; 0: not known
+        self._friction = np.zeros(robot.num_joints)  # N m, of each joint's last motion; 0: unknown
         self._rest_scale = robot.rest_torque_per_ampere / robot.torque_per_ampere
         self._size = max(round(config.block / time_step), 1)
         period = self._size * time_step
@@ -124,7 +123,7 @@ class ContactReader:
         self._filter = ContactFilter(config, force_sd, len(self._pole), period)
         self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
         self._late_share = config.late_share
-        # N, of the last blocks that were read; the newest last
+        # N, forces along the axis of the last blocks; the newest last
         self._earlier_forces = np.full(max(round(config.late_time / period), 1), np.nan)
         self._last_tau_ext, self._last_is_measured = np.zeros(len(self._pole)), False
         self._waiting: _Samples | None = None  # samples that are not read yet
@@ -133,13 +132,13 @@ class ContactReader:
     def take(
         self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
     ) -> EstimateBatch:
-        """Takes N samples.
+        """Takes N samples; returns earlier ones that are ready, possibly none.
 
         Args:
-            q, v: (N, n) rad, rad/s.
+            q, v: (N, n) rad, rad/s (m, m/s).
             tau_J: (N, n) N m, motor torque on the joint side.
-            is_measured: (N,) False where the sample was not measured.
-            batch: of the estimator.
+            is_measured: (N,) whether the sample was measured.
+            batch: of the estimator, with all its fields.
         """
         self._add(q, v, tau_J, is_measured, batch)
         return self._read(is_end=False)
@@ -152,40 +151,45 @@ class ContactReader:
     def _add(
         self, q: Array, v: Array, tau_J: Array, is_measured: Flags, batch: EstimateBatch
     ) -> None:
+        """Adds N samples to those that wait; arguments as `take`."""
         is_finite = np.asarray(np.isfinite(q + v).all(axis=1))
-        has_reading = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
-        is_measured = is_measured & is_finite & has_reading
-        tau_ext = np.where(is_measured[:, None], batch.tau_ext, 0.0)
-        is_measured_before: Flags = np.concatenate([[self._last_is_measured], is_measured])
-        tau_mean, is_pair = undone_low_pass(
-            np.concatenate([self._last_tau_ext[None], tau_ext]), self._pole, is_measured_before
-        )
-        tau_mean, is_period = tau_mean[1:], is_pair[1:]
-        if len(is_measured):
-            self._last_tau_ext, self._last_is_measured = tau_ext[-1], bool(is_measured[-1])
+        has_torque = np.asarray(np.isfinite(batch.tau_ext).all(axis=1))
+        is_measured = is_measured & is_finite & has_torque
+        tau_mean, is_period = self._period_means(batch.tau_ext, is_measured)
         rigid = np.where(is_period[:, None], tau_mean + batch.transmitted, 0.0)
         is_moving = np.abs(v) >= self._rest_speed
         tau_f = tau_J - batch.transmitted
-        expected = self._rest_share * self._friction_before_rest(tau_f, is_moving, is_measured)
-        tau_at_rest = self._rest_scale * (tau_mean + expected - tau_f)
+        friction = self._rest_share * self._last_friction(tau_f, is_moving, is_measured)
+        tau_at_rest = self._rest_scale * (tau_mean + friction - tau_f)
         tau_mean = np.where(is_period[:, None] & ~is_moving, tau_at_rest, tau_mean)
         R_WE, _ = self._chain.pose(np.where(is_finite[:, None], q, 0.0))
         J = np.where(is_period[:, None, None], batch.J, 0.0)
-        speed = np.einsum("kaj,kj->ka", J[:, 3:], np.where(is_finite[:, None], v, 0.0))
+        velocity = np.einsum("kaj,kj->ka", J[:, 3:], np.where(is_finite[:, None], v, 0.0))
         samples = _Samples(
             batch=batch,
             wrench_map=self._frame.wrench_map(R_WE),
             tau_ext=tau_mean,
             J=J,
-            speed=np.linalg.norm(speed, axis=1),
+            speed=np.linalg.norm(velocity, axis=1),
             is_known=is_period,
             rigid=rigid,
             is_resting=is_period & ~is_moving.any(axis=1),
         )
         self._waiting = samples if self._waiting is None else self._waiting.joined(samples)
 
-    def _friction_before_rest(self, tau_f: Array, is_moving: Flags, is_measured: Flags) -> Array:
-        """(N, n) N m of each joint as it last moved; zero after a motion that is not known."""
+    def _period_means(self, tau_ext: Array, is_measured: Flags) -> tuple[Array, Flags]:
+        """The mean external torque (N, n) over the period before each sample, and where known."""
+        tau_ext = np.where(is_measured[:, None], tau_ext, 0.0)
+        with_last: Flags = np.concatenate([[self._last_is_measured], is_measured])
+        tau_mean, is_pair = undone_low_pass(
+            np.concatenate([self._last_tau_ext[None], tau_ext]), self._pole, with_last
+        )
+        if len(is_measured):
+            self._last_tau_ext, self._last_is_measured = tau_ext[-1], bool(is_measured[-1])
+        return tau_mean[1:], is_pair[1:]
+
+    def _last_friction(self, tau_f: Array, is_moving: Flags, is_measured: Flags) -> Array:
+        """(N, n) N m, friction of each joint's last motion; zero after one that is not known."""
         tau_f = np.where(is_measured[:, None], tau_f, 0.0)
         candidates = np.concatenate([self._friction[None], tau_f])
         rows = np.arange(len(candidates))[:, None]
@@ -197,7 +201,7 @@ class ContactReader:
         return np.asarray(friction[1:])
 
     def _read(self, is_end: bool) -> EstimateBatch:
-        """Filters all whole blocks, at the end a shorter one too; returns the samples read."""
+        """Filters all whole blocks, at the end a shorter one too; returns the samples ready."""
         samples, size, lag = self._waiting, self._size, self._filter.lag
         assert samples is not None
         N = len(samples.is_known)
@@ -222,6 +226,13 @@ class ContactReader:
     def _wrenches(
         self, samples: _Samples, readings: list[Reading], blocks: NDArray[np.intp]
     ) -> EstimateBatch:
+        """The estimates of N samples from the readings of their blocks.
+
+        Args:
+            samples: N of them.
+            readings: of M blocks.
+            blocks: (N,) index of each sample's reading.
+        """
         F = np.array([reading.F for reading in readings]).reshape(-1, 6)[blocks]
         P = np.array([reading.covariance for reading in readings]).reshape(-1, 6, 6)[blocks]
         P[:, 0, 0] += self._lateness(np.array([reading.F[0] for reading in readings]))[blocks] ** 2

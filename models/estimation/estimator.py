@@ -95,14 +95,14 @@ class WrenchEstimatorConfig:
     force_bandwidth_hz: float = 3.0  # Hz, up to which the band covers the observer's lag
     position_resolution: list[float] | None = None
     # rad, per joint; None: the value of robot.yaml for all joints, else the model's
-    check_samples: bool = True  # flag samples that no joint can have done
+    check_samples: bool = True  # flag samples that no joint can have made
 
 
 class Taught(NamedTuple):
     """Learnt correction of an air pass, for one sample or N; see `models.machining.air_pass`.
 
     Attributes:
-        tau_correction: (..., n) N m, added to what the observer reads.
+        tau_correction: (..., n) N m, added to tau_ext.
         v_planned: (..., n) rad/s, at which friction without memory is evaluated, as on the air
             pass. So the sign of the measured speed does not matter for a joint that hardly moves.
             A law with memory follows the measured motion on both passes.
@@ -384,7 +384,7 @@ class WrenchEstimator:
             state: of `initial_state`, changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
-            taught: as `run`, for this sample.
+            taught: learnt correction of an air pass, for this sample.
 
         Raises:
             ValueError: shapes that disagree.
@@ -395,7 +395,7 @@ class WrenchEstimator:
         sample[0], sample[1], sample[2] = q, v, current
         if taught is not None:
             overrides = self._overrides(taught, None, ())
-        estimate_tick(self.choice, self.packed, state, sample, overrides, out, self._scratch)
+        estimate_tick(self.choice, self.packed[:], state, sample, overrides, out, self._scratch)
         return TickEstimate(
             out[:n],
             out[n : n + 6],
@@ -515,7 +515,7 @@ class WrenchEstimator:
         """`run` of one sample (1, n): one call of a kernel."""
         out, sample = np.empty(self._out_size), self._sample
         sample[0], sample[1], sample[2] = q[0], v[0], current[0]
-        estimate_tick(self.choice, self.packed, state, sample, overrides, out, self._scratch)
+        estimate_tick(self.choice, self.packed[:], state, sample, overrides, out, self._scratch)
         tick = self._tick_rows(out[None])
         signals, reading = tick.signals, tick.reading
         return EstimateBatch(

@@ -1,8 +1,8 @@
-"""What the estimator's kernels read and write, by name; to Python each is one stretch of memory.
+"""The memory of the estimator's kernels: flat arrays to Python, named parts inside a kernel.
 
-Handing an array to a kernel costs half a microsecond, so constants, state and result of a tick
-cross that border as flat arrays. Inside, `parameters_of`, `state_of` and `tick_of` give their parts
-their names, as pinocchio's Model and Data do.
+An argument that is an array costs half a microsecond for each call of a kernel. So constants, state
+and result of a tick are passed as flat arrays. Inside, `parameters_of`, `state_of` and `tick_of`
+name their parts, as pinocchio's Model and Data do.
 """
 
 from typing import NamedTuple
@@ -60,13 +60,13 @@ class Parameters(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """Parameters as they are handed to a kernel.
+    """Parameters as kernels take them.
 
     Attributes:
         values: all numbers, flat.
-        layout: (parts + 1, 3) first entry, rows and columns of each; last the rows of the state
-            that are the observer's and the friction law's, and 0.
-        observer: Observer.table, which keeps its shape.
+        layout: (parts + 1, 3) first entry, rows and columns of each part. The last row: rows of the
+            observer's and of the friction law's state, and 0.
+        observer: Observer.table, in its shape.
     """
 
     values: Array
@@ -79,10 +79,20 @@ class Packed(NamedTuple):
         return self.values[start : start + rows * columns].reshape(rows, columns)
 
 
+PackedArrays = tuple[Array, Layout, Array]
+"""A Packed for a call from Python, `packed[:]`: a NamedTuple costs numba .5 us more per call."""
+
+
 def packed(
     parameters: Parameters, observer: Array, observer_rows: int, friction_rows: int
 ) -> Packed:
-    """Returns parameters as kernels take them, with what else a tick's memory asks for."""
+    """Returns parameters as kernels take them.
+
+    Args:
+        parameters: of the stages.
+        observer: Observer.table.
+        observer_rows, friction_rows: rows of the observer's and of the friction law's state.
+    """
     values, layout = joined(parameters)
     layout = np.vstack([layout, [observer_rows, friction_rows, 0]])
     return Packed(values, layout, np.ascontiguousarray(observer))
@@ -109,7 +119,7 @@ def parameters_of(values: Array, layout: Layout) -> Parameters:
 
 
 class State(NamedTuple):
-    """What the stages remember.
+    """The state of the stages.
 
     Attributes:
         observer, friction: (rows, n) of the observer and of the friction law.
@@ -135,32 +145,32 @@ def state_size(num_joints: int, observer_rows: int, friction_rows: int) -> int:
 def state_of(state: Array, layout: Layout, n: int) -> State:
     """The parts of a flat state."""
     rows = layout[layout.shape[0] - 1]
-    a = rows[0] * n
-    b = a + rows[1] * n
-    c = b + STAGE_ROWS * n
-    d = c + CHECK_ROWS * n
+    friction = rows[0] * n
+    error = friction + rows[1] * n
+    check = error + STAGE_ROWS * n
+    reading = check + CHECK_ROWS * n
     return State(
         view_2d(state, 0, rows[0], n),
-        view_2d(state, a, rows[1], n),
-        view_2d(state, b, STAGE_ROWS, n),
-        state[d : d + READING_NUMBERS + READING_ROWS * n],
-        view_2d(state, c, CHECK_ROWS, n),
+        view_2d(state, friction, rows[1], n),
+        view_2d(state, error, STAGE_ROWS, n),
+        state[reading : reading + READING_NUMBERS + READING_ROWS * n],
+        view_2d(state, check, CHECK_ROWS, n),
     )
 
 
 class Tick(NamedTuple):
-    """What a tick reads and leaves for its second half.
+    """The result of a tick's first half, which the second half takes.
 
     Attributes:
         tau_ext: (n,) N m.
         reading: (READING,) wrench, covariance, condition number, valid.
-        flags: (2,) what is wrong with the sample; 1 where tau_ext counts, else 0.
-        J: (6, n).
+        flags: (2,) fault codes of the sample; 1 where tau_ext counts, else 0.
+        J: (6, n), rows [angular; linear], at E in axes of W.
         signals: (NUM_SIGNALS, n), see `models.observers.observer`.
         error: of the sample; its sds are rows of `signals`.
         error_state: (STAGE_ROWS, n) after the sample.
         reading_state: of the reading, after the sample.
-        observed: (OBSERVED,) wrench that the observer reads itself, and its covariance.
+        observed: (OBSERVED,) wrench that the observer estimates itself, and its covariance.
     """
 
     tau_ext: Array
@@ -175,7 +185,10 @@ class Tick(NamedTuple):
 
 
 def tick_sizes(num_joints: int) -> dict[str, int]:
-    """Entries of a tick's memory, part by part; those of `signals` before the torque error's."""
+    """Entries of a tick's memory, part by part.
+
+    `signals` are the rows up to those of the torque error; "rest" are the states after the sample.
+    """
     n = num_joints
     return {
         "tau_ext": n,
@@ -195,28 +208,28 @@ def tick_sizes(num_joints: int) -> dict[str, int]:
 @kernel(inline="always")
 def tick_of(out: Array, n: int) -> Tick:
     """The parts of a tick's memory."""
-    a = n + READING
-    b = a + 2
-    c = b + 6 * n
-    d = c + TORQUE_SD * n
-    e = d + ERROR_ROWS * n
-    f = e + STAGE_ROWS * n
-    g = f + READING_NUMBERS + READING_ROWS * n
+    flags = n + READING
+    J = flags + 2
+    signals = J + 6 * n
+    error = signals + TORQUE_SD * n
+    error_state = error + ERROR_ROWS * n
+    reading_state = error_state + STAGE_ROWS * n
+    observed = reading_state + READING_NUMBERS + READING_ROWS * n
     return Tick(
         out[:n],
-        out[n:a],
-        out[a:b],
-        view_2d(out, b, 6, n),
-        view_2d(out, c, NUM_SIGNALS, n),
-        torque_error_views(out[d:e], n),
-        view_2d(out, e, STAGE_ROWS, n),
-        out[f:g],
-        out[g : g + OBSERVED],
+        out[n:flags],
+        out[flags:J],
+        view_2d(out, J, 6, n),
+        view_2d(out, signals, NUM_SIGNALS, n),
+        torque_error_views(out[error:error_state], n),
+        view_2d(out, error_state, STAGE_ROWS, n),
+        out[reading_state:observed],
+        out[observed : observed + OBSERVED],
     )
 
 
 class Workspace(NamedTuple):
-    """Memory that a tick works in; nothing in it outlives a call.
+    """Scratch memory of a tick; nothing in it outlives a call.
 
     Attributes:
         X: (4, 3) a pose.
@@ -232,19 +245,19 @@ class Workspace(NamedTuple):
 
 
 def workspace_size(num_joints: int) -> int:
-    """Entries of the memory that a tick works in."""
+    """Entries of a tick's scratch memory."""
     n = num_joints
     return 12 + n * SCRATCH_COLUMNS + READING_WORK_ROWS * max(n, 6) + 3 * n
 
 
 @kernel(inline="always")
 def workspace_of(scratch: Array, n: int) -> Workspace:
-    """The parts of that memory."""
-    a = 12 + n * SCRATCH_COLUMNS
-    b = a + READING_WORK_ROWS * max(n, 6)
+    """The parts of a tick's scratch memory."""
+    reading = 12 + n * SCRATCH_COLUMNS
+    checked = reading + READING_WORK_ROWS * max(n, 6)
     return Workspace(
         view_2d(scratch, 0, 4, 3),
         view_2d(scratch, 12, n, SCRATCH_COLUMNS),
-        view_2d(scratch, a, READING_WORK_ROWS, max(n, 6)),
-        view_2d(scratch, b, 3, n),
+        view_2d(scratch, reading, READING_WORK_ROWS, max(n, 6)),
+        view_2d(scratch, checked, 3, n),
     )

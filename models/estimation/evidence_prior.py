@@ -1,9 +1,11 @@
 """The prior of the wrench from a log: its force and moment sds by maximum evidence."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.estimation.wrench import whitening_matrix
+from wrenchsight.models.estimation.wrench import PriorSds, whitening_matrix
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.bounded_minimum import bounded_minimum
 from wrenchsight.models.numerics.kernel import kernel
@@ -16,10 +18,22 @@ NOISE_SCALE_RANGE = (1e-3, 1e3)
 EVIDENCE_SAMPLES = 2000
 
 
-def evidence_prior(
-    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
-) -> tuple[float, float]:
-    """The prior of a log: the force sd (N) and moment sd (N m) that explain it best.
+class ScaledPrior(NamedTuple):
+    """Prior of the wrench, with a factor on the torque noise.
+
+    Attributes:
+        force_sd: N.
+        moment_sd: N m about E.
+        noise_scale: factor on the torque sds of the stated covariance.
+    """
+
+    force_sd: float
+    moment_sd: float
+    noise_scale: float
+
+
+def evidence_prior(J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike) -> PriorSds:
+    """The prior of a log: the sds that explain its torques best.
 
     They maximise the marginal likelihood sum_k log N(tau_k; 0, J_k^T P J_k + Sigma_tau) over at
     most EVIDENCE_SAMPLES samples, evenly spread over the log, within FORCE_SD_RANGE and
@@ -34,28 +48,25 @@ def evidence_prior(
     Raises:
         ValueError: no sample is finite, or shapes disagree.
     """
-    force_sd, moment_sd, _ = _maximum_evidence(J, tau_ext, torque_covariance, (1.0, 1.0))
-    return force_sd, moment_sd
+    prior = _maximum_evidence(J, tau_ext, torque_covariance, (1.0, 1.0))
+    return PriorSds(prior.force_sd, prior.moment_sd)
 
 
 def evidence_prior_and_noise(
     J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike
-) -> tuple[float, float, float]:
-    """As `evidence_prior`, with Sigma_tau known but for a factor.
+) -> ScaledPrior:
+    """As `evidence_prior`, with Sigma_tau known but for a factor within NOISE_SCALE_RANGE.
 
     The torque that no wrench explains determines the noise; it needs more than 6 joints or many
     configurations.
-
-    Returns:
-        Force sd (N), moment sd (N m), and the factor, within NOISE_SCALE_RANGE, by which the
-        torque sds of `torque_covariance` are to be multiplied.
     """
     return _maximum_evidence(J, tau_ext, torque_covariance, NOISE_SCALE_RANGE)
 
 
 def _maximum_evidence(
-    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scales: tuple[float, float]
-) -> tuple[float, float, float]:
+    J: ArrayLike, tau_ext: ArrayLike, torque_covariance: ArrayLike, scale_range: tuple[float, float]
+) -> ScaledPrior:
+    """The most evident prior, its noise scale within `scale_range`."""
     J, tau_ext = np.asarray(J, float), np.asarray(tau_ext, float)
     Sigma = np.asarray(torque_covariance, float)
     if J.ndim != 3 or J.shape[1] != 6 or tau_ext.shape != (J.shape[0], J.shape[2]):
@@ -82,15 +93,12 @@ def _maximum_evidence(
         divides J and tau_ext.
         """
         force_sd, moment_sd, c = np.exp(log_sds)
-        fit, by_moment, by_force, by_weight = _log_evidence(
-            gram, projected, moment_sd / c, force_sd / c, 1.0 / c
-        )
-        by_c = n - power / c**2 + by_moment + by_force + by_weight
-        return float(0.5 * power / c**2 + n * np.log(c) - fit), np.array(
-            [-by_force, -by_moment, by_c]
-        )
+        evidence = _log_evidence(gram, projected, moment_sd / c, force_sd / c, 1.0 / c)
+        by_c = n - power / c**2 + evidence.by_moment + evidence.by_force + evidence.by_weight
+        value = float(0.5 * power / c**2 + n * np.log(c) - evidence.value)
+        return value, np.array([-evidence.by_force, -evidence.by_moment, by_c])
 
-    bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scales]))
+    bounds = np.log(np.array([FORCE_SD_RANGE, MOMENT_SD_RANGE, scale_range]))
     # There can be several optima (a wrench explained as force or as moment) and flat regions where
     # a sd does not matter: start from the best points of a coarse grid.
     axes = [np.linspace(low, high, 9 if low < high else 1) for low, high in bounds]
@@ -98,22 +106,36 @@ def _maximum_evidence(
     starts = grid[in_order([cost(point)[0] for point in grid])[:4]]
     optimum, _ = bounded_minimum(cost, list(starts), bounds)
     force_sd, moment_sd, scale = np.exp(optimum)
-    return float(force_sd), float(moment_sd), float(scale)
+    return ScaledPrior(float(force_sd), float(moment_sd), float(scale))
+
+
+class _Evidence(NamedTuple):
+    """Mean log likelihood up to a constant, and its derivatives by the logarithms of three scales.
+
+    The scales are the moment's sd, the force's sd and the weight of the torque.
+    """
+
+    value: float
+    by_moment: float
+    by_force: float
+    by_weight: float
 
 
 @kernel
 def _log_evidence(
     gram: Array, projected: Array, moment_sd: float, force_sd: float, weight: float
-) -> tuple[float, float, float, float]:
+) -> _Evidence:
     """The part of the mean log likelihood that depends on the sds, and its derivatives.
 
     By the matrix determinant and inversion lemmas only the 6x6 matrix A = 1 + S gram S appears:
     2 log N = -log det A + |A^-1/2 S projected|^2 + constant. With y = A^-1 S projected its
-    derivative by the logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii. `weight` scales
-    `projected`.
+    derivative by the logarithm of a scale S_i is y_i^2 - 1 + (A^-1)_ii.
 
-    Returns:
-        The value, and its derivatives by the logarithms of moment_sd, force_sd and weight.
+    Args:
+        gram: (N, 6, 6) B B^T of the whitened Jacobians B.
+        projected: (N, 6) B times the whitened torque.
+        moment_sd, force_sd: N m and N.
+        weight: factor on `projected`.
     """
     L, R = np.zeros((6, 6)), np.zeros((6, 6))
     half, y = np.empty(6), np.empty(6)
@@ -142,4 +164,4 @@ def _log_evidence(
             else:
                 by_force += y[i] * y[i] - 1.0 + inverse
     count = gram.shape[0]
-    return total / count, by_moment / count, by_force / count, by_weight / count
+    return _Evidence(total / count, by_moment / count, by_force / count, by_weight / count)

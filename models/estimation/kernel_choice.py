@@ -1,8 +1,8 @@
 """Which kernels a compiled function calls, chosen when it is compiled.
 
-A tick is one compiled function, and what it calls depends on the observer and the friction law.
-numba compiles a function anew for every type of its arguments; so the choice is an argument whose
-type names the kernels:
+A tick is one compiled function. The kernels that it calls depend on the observer and the friction
+law. numba compiles a function anew for every type of its arguments. So the choice is an argument
+whose type names the kernels:
 
     choice = kernel_choice(observer.kernels, law.kernels)      # of no length: it costs nothing
 
@@ -43,16 +43,16 @@ def kernel_choice(*kernels: tuple[Any, ...]) -> KernelChoice:
 def chosen_kernel(
     place: int, name: str, otherwise: Any = None
 ) -> Callable[[KernelChoice], Callable[..., Any]]:
-    """Returns what finds a kernel of a choice, within a kernel.
+    """Returns a function that selects a kernel of a choice, for use within a kernel.
 
     Args:
         place: of its group.
         name: in that group.
-        otherwise: kernel in the place of one that the group does without.
+        otherwise: the kernel of a group that has none of this name.
     """
 
     @intrinsic
-    def find(context: Any, choice: Any) -> Any:
+    def selected(context: Any, choice: Any) -> Any:
         kind = numba.typeof(getattr(_group(choice, place), name) or otherwise)
 
         def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -60,22 +60,27 @@ def chosen_kernel(
 
         return kind(choice), code
 
-    return find
+    return selected
 
 
 def has_kernel(place: int, name: str) -> Callable[[KernelChoice], bool]:
-    """Returns what tells, within a kernel, whether a choice has this kernel."""
+    """Returns a function that tests whether a choice has a kernel, for use within a kernel.
+
+    Args:
+        place: of its group.
+        name: in that group.
+    """
 
     @intrinsic
-    def tell(context: Any, choice: Any) -> Any:
-        has = getattr(_group(choice, place), name) is not None
+    def is_present(context: Any, choice: Any) -> Any:
+        has_it = getattr(_group(choice, place), name) is not None
 
         def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return context.get_constant(types.boolean, has)
+            return context.get_constant(types.boolean, has_it)
 
         return types.boolean(choice), code
 
-    return tell
+    return is_present
 
 
 def _group(choice: Any, place: int) -> Any:
@@ -85,27 +90,29 @@ def _group(choice: Any, place: int) -> Any:
 
 
 def _name(group: tuple[Any, ...]) -> str:
-    told = hashlib.sha1(usedforsecurity=False)
+    """A digest of a group's kernels: of their names, their constants and their code."""
+    digest = hashlib.sha1(usedforsecurity=False)
     for kernel in _single(group):
         function = kernel.py_func
-        told.update(f"{function.__module__}.{function.__qualname__}".encode())
-        held = (cell.cell_contents for cell in function.__closure__ or ())
-        told.update(repr([value for value in held if isinstance(value, int | float)]).encode())
+        digest.update(f"{function.__module__}.{function.__qualname__}".encode())
+        closure = (cell.cell_contents for cell in function.__closure__ or ())
+        constants = [value for value in closure if isinstance(value, int | float)]
+        digest.update(repr(constants).encode())
         source = Path(function.__code__.co_filename)
         if source.is_file():
-            told.update(kernel_stamp(source, function.__qualname__.partition(".")[0]).encode())
+            digest.update(kernel_stamp(source, function.__qualname__.partition(".")[0]).encode())
         if _PACKAGE in source.resolve().parents:
             continue
-        told.update(function.__code__.co_code)
+        digest.update(function.__code__.co_code)
         for file in sorted(source.parent.glob("*.py")) if source.is_file() else ():
-            told.update(f"{file.name} {file.stat().st_mtime_ns}".encode())
-    return told.hexdigest()[:16]
+            digest.update(f"{file.name} {file.stat().st_mtime_ns}".encode())
+    return digest.hexdigest()[:16]
 
 
 def _single(group: tuple[Any, ...]) -> list[Any]:
-    """The kernels of a group, and those that they are composed of."""
-    found = []
+    """The kernels of a group, and those that they are composed of; None entries are left out."""
+    kernels = []
     for kernel in group:
-        if kernel is not None:  # one that this kind does without
-            found += _single(kernel) if isinstance(kernel, tuple) else [kernel]
-    return found
+        if kernel is not None:
+            kernels += _single(kernel) if isinstance(kernel, tuple) else [kernel]
+    return kernels

@@ -4,14 +4,14 @@ A force at a point P that is fixed in E, of mean f (constant in W) and with devi
 
     tau_k ~ N(J_Pk^T [0; f], J_Pk^T diag(moment_sd^2, force_sd^2) J_Pk + noise_scale^2 Sigma_tau)
 
-P, f, both sds and the noise's scale maximise this marginal likelihood. Integrating the force out,
-instead of fitting one to each sample, is what keeps P unbiased: with as many forces as samples, the
-fit puts part of the noise into the lever (Neyman and Scott, Econometrica 16, 1948).
+P, f, both sds and the noise's scale maximise this marginal likelihood. The force is integrated out,
+not fitted to each sample, so that P is unbiased. With as many forces as samples the fit would put
+part of the noise into the lever (Neyman and Scott, Econometrica 16, 1948).
 
-**Why a mean.** A Gaussian prior of mean zero pulls every reading towards zero, in each direction as
-far as the arm sees that direction badly. For a force that comes from everywhere these pulls average
-out; a weight points the same way all the time, and they add up to a lost share of it. With the
-mean in the prior, what is pulled towards it is only the deviation.
+**Why a mean.** A Gaussian prior of mean zero pulls every reading towards zero, most in directions
+that the torques determine badly. For forces of all directions these pulls average out. A weight has
+one direction; its pulls add up to a bias. With the mean in the prior only the deviation from it is
+pulled towards zero.
 """
 
 from typing import NamedTuple
@@ -90,55 +90,82 @@ def find_point_of_action(
     if not (np.isfinite(J).all() and np.isfinite(R).all() and np.isfinite(tau).all()):
         raise ValueError("point of action: a sample is not finite")
 
-    # How J at P moves with P: the linear rows by w x R e_c, for each axis c of E.
-    turned = np.stack([np.cross(J[:, :3], R[:, :, c, None], axis=1) for c in range(3)])
-
-    def cost(x: Array) -> tuple[float, Array]:
-        """Minus the mean log likelihood, up to a constant, and its gradient.
-
-        With C the covariance, r what the mean leaves of tau and a = C^-1 r, each sample's share
-        changes by tr((C^-1 - a a^T) dC) / 2 + a^T dr.
-        """
-        force_sd, moment_sd, scale = np.exp(x[3:6])
-        J_P = jacobian_at(J, R, x[:3])
-        angular, linear = moment_sd * J_P[:, :3], force_sd * J_P[:, 3:]
-        of_moment = angular.transpose(0, 2, 1) @ angular
-        of_force = linear.transpose(0, 2, 1) @ linear
-        covariance = of_moment + of_force + scale**2 * Sigma
-        force = _UNIT_FORCE * x[6:]
-        missing = tau - (J_P[:, 3:].transpose(0, 2, 1) @ force)
-        L = np.linalg.cholesky(covariance)
-        inverse = np.linalg.inv(covariance)
-        a = (inverse @ missing[..., None])[..., 0]
-        log_det = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-        value = float(np.mean(0.5 * (missing * a).sum(axis=1) + log_det))
-        by_C = inverse - a[:, :, None] * a[:, None, :]
-        gradient = np.empty(9)
-        for c in range(3):
-            half = (turned[c].transpose(0, 2, 1) @ J_P[:, 3:]) * force_sd**2
-            gradient[c] = np.mean(
-                (by_C * half).sum(axis=(1, 2)) - (a * (force @ turned[c])).sum(axis=1)
-            )
-        for i, part in enumerate((of_force, of_moment, scale**2 * Sigma)):
-            gradient[3 + i] = np.mean((by_C * part).sum(axis=(1, 2)))
-        gradient[6:] = -_UNIT_FORCE * np.mean((J_P[:, 3:] @ a[..., None])[..., 0], axis=0)
-        return value, gradient
-
+    likelihood = _Likelihood.of(J, R, tau, Sigma)
     noise = NOISE_RANGE if free_noise else (1.0, 1.0)
     bounds = [
         *[(-LARGEST_OFFSET, LARGEST_OFFSET)] * 3,
         *np.log([FORCE_SD_RANGE, MOMENT_SD_RANGE, noise]).tolist(),
         *[(-np.inf, np.inf) if with_mean else (0.0, 0.0)] * 3,
     ]
-    # A force that is all deviation, and one that is all mean: the two basins that there are.
+    # The two basins: a force that is all mean, and one that is all deviation.
     mean = _mean_force(J, tau, Sigma) / _UNIT_FORCE * with_mean
     starts = [
         np.r_[0.0, 0.0, 0.0, np.log([10.0, 1.0, 1.0]), mean],
         np.r_[0.0, 0.0, 0.0, np.log([30.0, 1.0, 1.0]), 0.0, 0.0, 0.0],
     ]
-    optimum, _ = bounded_minimum(cost, starts, bounds)
+    optimum, _ = bounded_minimum(likelihood.cost, starts, bounds)
     force_sd, moment_sd, scale = (float(s) for s in np.exp(optimum[3:6]))
     return PointOfAction(optimum[:3], _UNIT_FORCE * optimum[6:], force_sd, moment_sd, scale)
+
+
+class _Likelihood(NamedTuple):
+    """Likelihood of N torques under a force at P, for a gradient search.
+
+    Attributes:
+        J: (N, 6, n) at E.
+        R_WE: (N, 3, 3).
+        tau: (N, n) N m.
+        Sigma: (n, n) N^2 m^2.
+        turned: (3, N, 3, n) change of the linear rows of J at P, per metre along each axis of E.
+    """
+
+    J: Array
+    R_WE: Array
+    tau: Array
+    Sigma: Array
+    turned: Array
+
+    @classmethod
+    def of(cls, J: Array, R_WE: Array, tau: Array, Sigma: Array) -> "_Likelihood":
+        """Returns the likelihood of N torques."""
+        # The linear rows change by w x R e_c, for each axis c of E.
+        turned = np.stack([np.cross(J[:, :3], R_WE[:, :, c, None], axis=1) for c in range(3)])
+        return cls(J, R_WE, tau, Sigma, turned)
+
+    def cost(self, x: Array) -> tuple[float, Array]:
+        """Minus the mean log likelihood, up to a constant, and its gradient.
+
+        With C the covariance, r the torque less that of the mean force, and a = C^-1 r, each
+        sample's share changes by tr((C^-1 - a a^T) dC) / 2 + a^T dr.
+
+        Args:
+            x: (9,) p_EP in m; logarithms of force sd, moment sd and noise scale; mean force in
+                units of _UNIT_FORCE.
+        """
+        force_sd, moment_sd, scale = np.exp(x[3:6])
+        J_P = jacobian_at(self.J, self.R_WE, x[:3])
+        angular, linear = moment_sd * J_P[:, :3], force_sd * J_P[:, 3:]
+        of_moment = angular.transpose(0, 2, 1) @ angular
+        of_force = linear.transpose(0, 2, 1) @ linear
+        covariance = of_moment + of_force + scale**2 * self.Sigma
+        force = _UNIT_FORCE * x[6:]
+        residual = self.tau - (J_P[:, 3:].transpose(0, 2, 1) @ force)
+        L = np.linalg.cholesky(covariance)
+        inverse = np.linalg.inv(covariance)
+        a = (inverse @ residual[..., None])[..., 0]
+        log_det = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+        value = float(np.mean(0.5 * (residual * a).sum(axis=1) + log_det))
+        by_C = inverse - a[:, :, None] * a[:, None, :]
+        gradient = np.empty(9)
+        for c in range(3):
+            half = (self.turned[c].transpose(0, 2, 1) @ J_P[:, 3:]) * force_sd**2
+            gradient[c] = np.mean(
+                (by_C * half).sum(axis=(1, 2)) - (a * (force @ self.turned[c])).sum(axis=1)
+            )
+        for i, part in enumerate((of_force, of_moment, scale**2 * self.Sigma)):
+            gradient[3 + i] = np.mean((by_C * part).sum(axis=(1, 2)))
+        gradient[6:] = -_UNIT_FORCE * np.mean((J_P[:, 3:] @ a[..., None])[..., 0], axis=0)
+        return value, gradient
 
 
 def _mean_force(J: Array, tau: Array, Sigma: Array) -> Array:

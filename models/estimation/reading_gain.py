@@ -16,7 +16,7 @@ from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimat
 from wrenchsight.models.estimation.wrench import TRUSTED_SHARE, live_prior, wrench_prior
 from wrenchsight.models.numerics.arrays import Array
 
-_LEAST, _LARGEST = 1e-9, 1e9  # N or N m, for a prior of zero and an infinite one
+_LEAST, _LARGEST = 1e-9, 1e9  # N or N m, sds in place of zero and infinity
 
 
 class ReadingGain:

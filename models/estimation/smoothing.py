@@ -1,4 +1,4 @@
-"""The wrench along a log, smoothed: each sample read from the whole log, without lag.
+"""The wrench along a log, smoothed: each sample estimated from the whole log, without lag.
 
 The model is that of `models.observers.kalman_observer`, with the slow part of the torque error as a
 further state: z = [p, F, x, beta]. A Kalman filter runs forward and its adjoint backward (modified
@@ -29,7 +29,7 @@ A force that begins or ends is no random walk: where the log makes it likely, F 
 A forward-backward first-order filter has no lag either, but states no sd: its error depends on the
 spectrum of the torque's error, which the model above describes.
 
-A log streams: a sample is read once LOOK_AHEAD of later samples, or the log's end, has arrived.
+A log streams: a sample is smoothed once LOOK_AHEAD of later samples, or the log's end, has arrived.
 Samples beyond that hardly change it, but for their share in beta.
 """
 
@@ -46,7 +46,7 @@ from wrenchsight.models.observers.observer import NUM_SIGNALS
 
 DRIFT_TIME = 600.0  # s
 LOOK_AHEAD, MOST_AHEAD = 10.0, 16384  # s, samples; the latter bounds the memory
-PASS = 8192  # samples read backward at a time, beside the later ones
+PASS = 8192  # samples smoothed at a time, beside the later ones
 
 
 class _PendingSamples(NamedTuple):
@@ -62,7 +62,7 @@ class _PendingSamples(NamedTuple):
 
 
 class WrenchSmoother:
-    """Smooths a log that comes in parts.
+    """Smoother of a log that comes in parts.
 
         smoother = WrenchSmoother(estimator)
         for q, v, current in parts:
@@ -70,7 +70,7 @@ class WrenchSmoother:
         last_estimates = smoother.finish()
 
     Together these are the estimates of all samples, in order. In a batch wrench, covariance and
-    tau_ext = J^T F are smoothed; valid is the estimator's, since it states what can be read at all.
+    tau_ext = J^T F are smoothed. `valid` is the estimator's: it depends on the arm, not on the log.
 
     Args:
         estimator: its model, prior and samples are smoothed. The observer may be any; its

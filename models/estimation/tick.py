@@ -26,6 +26,7 @@ import numpy as np
 
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
+    PackedArrays,
     Parameters,
     State,
     parameters_of,
@@ -114,8 +115,12 @@ class TickSample(NamedTuple):
     overrides: Array
 
 
+SampleArrays = tuple[Array, Array, Array, Array]
+"""The fields of a TickSample as a plain tuple, for a call from Python, as PackedArrays."""
+
+
 class TickLog(NamedTuple):
-    """What `memory_log` reads and writes of N samples.
+    """Input and output of `memory_log` for N samples.
 
     Attributes:
         signals, J: (N, NUM_SIGNALS, n) and (N, 6, n) of `terms_log`; the sds are written.
@@ -174,7 +179,7 @@ class _Memory(NamedTuple):
 def _observed(memory: _Memory, overrides: Array, signals: Array, J: Array, wrench: Array) -> bool:
     """Adds friction with memory, then runs the observer; returns whether tau_ext is fresh.
 
-    On entry signals[TAU_F] holds the velocity law's torque. An observer that reads the wrench
+    On entry signals[TAU_F] holds the velocity law's torque. An observer that estimates the wrench
     itself writes `wrench` (OBSERVED,); for any other it is (0,).
     """
     choice, p, observer, s = memory
@@ -220,14 +225,10 @@ def _corrected(overrides: Array, signals: Array, tau_ext: Array, fresh: bool) ->
 
 
 @kernel(inline="always")
-def _borrowed_sample(sample: TickSample) -> TickSample:
+def _borrowed_sample(sample: SampleArrays) -> TickSample:
     """The same arrays, without reference counts."""
-    return TickSample(
-        borrowed(sample.q),
-        borrowed(sample.v),
-        borrowed(sample.current),
-        borrowed(sample.overrides),
-    )
+    q, v, current, overrides = sample
+    return TickSample(borrowed(q), borrowed(v), borrowed(current), borrowed(overrides))
 
 
 # ----------------------------------------------------------------------------------------------
@@ -238,9 +239,9 @@ def _borrowed_sample(sample: TickSample) -> TickSample:
 @kernel
 def tick_output(
     choice: KernelChoice,
-    packed: Packed,
+    packed: PackedArrays,
     state: Array,
-    sample: TickSample,
+    sample: SampleArrays,
     out: Array,
     scratch: Array,
 ) -> None:
@@ -250,16 +251,17 @@ def tick_output(
 
     Args:
         choice: of the observer's and the friction law's kernels.
-        packed: the constants.
+        packed: the constants, a Packed.
         state: (`state_size`,).
-        sample: q, v, current and overrides.
+        sample: a TickSample.
         out: (sum of `tick_sizes`,), written: a Tick.
         scratch: (`workspace_size`,), overwritten.
     """
     q, v, current, overrides = _borrowed_sample(sample)
     n = q.shape[0]
-    observer, state = borrowed(packed.observer), borrowed(state)
-    p, s = parameters_of(borrowed(packed.values), packed.layout), state_of(state, packed.layout, n)
+    values, layout, table = packed
+    observer, state = borrowed(table), borrowed(state)
+    p, s = parameters_of(borrowed(values), layout), state_of(state, layout, n)
     tick, work = tick_of(borrowed(out), n), workspace_of(borrowed(scratch), n)
     checked = work.checked
     tick.flags[FAULT] = 0.0
@@ -295,9 +297,9 @@ def tick_output(
 @kernel
 def tick_update(
     choice: KernelChoice,
-    packed: Packed,
+    packed: PackedArrays,
     state: Array,
-    sample: TickSample,
+    sample: SampleArrays,
     out: Array,
     scratch: Array,
 ) -> None:
@@ -310,8 +312,9 @@ def tick_update(
     """
     q, v, current, overrides = _borrowed_sample(sample)
     n = q.shape[0]
-    observer, state = borrowed(packed.observer), borrowed(state)
-    p, s = parameters_of(borrowed(packed.values), packed.layout), state_of(state, packed.layout, n)
+    values, layout, table = packed
+    observer, state = borrowed(table), borrowed(state)
+    p, s = parameters_of(borrowed(values), layout), state_of(state, layout, n)
     tick, work = tick_of(borrowed(out), n), workspace_of(borrowed(scratch), n)
     checked, signals = work.checked, tick.signals
     if p.check.shape[0] > 0:
@@ -330,7 +333,7 @@ def tick_update(
 @kernel
 def estimate_tick(
     choice: KernelChoice,
-    packed: Packed,
+    packed: PackedArrays,
     state: Array,
     sample: Array,
     overrides: Array,

@@ -43,7 +43,7 @@ class TorqueError(NamedTuple):
         stiction: (n,) N m, the part of it that is stiction.
         drift: (n,) N m, the part that is a drift of viscous friction, signed as the speed.
         J_seen: (6, n) rows [angular; linear] at E in axes of W, through the observer's poles.
-        rows: (TORQUE_ERROR_ROWS, n) the torque error's state, with the load of the sample before.
+        rows: (TORQUE_ERROR_ROWS, n) the torque error's state, with the previous sample's load.
     """
 
     sd: Array
@@ -67,7 +67,7 @@ class TorqueError(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """N samples of `TorqueErrorStage.run`, as described there."""
+    """N samples of a motion, as `TorqueErrorStage.run` takes them."""
 
     q: Array
     v: Array
@@ -84,7 +84,7 @@ class TorqueErrorStage:
         K_0: (n,) 1/s of the observer; None for one without such a lag.
         time_step: s.
         resolution: (n,) rad of the encoders; None: that of the logs that were fitted.
-        chain: of the robot; None: the gravity torque has no error of its own.
+        chain: of the robot; None: the model's gravity torque is exact.
 
     Attributes:
         table: of `torque_sd_tick`.

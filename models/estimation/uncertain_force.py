@@ -1,4 +1,4 @@
-"""Why readings are not valid: how far the force is known, against what a valid reading needs."""
+"""Why readings are not valid: the force's sd against the limit of a valid reading."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,20 @@ import numpy as np
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.numerics.arrays import Array
 
-_BETTER = 0.1  # times its torque error a joint is tried with
+_SMALL_ERROR = 0.1  # factor on a joint's torque error, with which its effect is tried
 
 
 @dataclass(frozen=True)
 class UncertainForce:
-    """What stands between an arm's readings and valid ones.
+    """The force's sd of an arm's readings, against the limit of a valid one.
 
     Attributes:
-        sd: N, the force's in its worst direction, median over the samples.
-        limit: N, largest of a valid reading.
-        joint: name of the joint that would help most if its torque error were small.
+        sd: N, of the force in its worst direction, median over the samples.
+        limit: N, largest sd of a valid reading.
+        joint: name of the joint whose torque error counts most.
         torque_sd: N m (N), of that joint, median.
-        payload: kg, that the limit goes with.
-        assumed: whether the torque error is no logs' but assumed.
+        payload: kg, rated, from which the limit follows.
+        assumed: whether the torque error is assumed, not identified from logs.
     """
 
     sd: float
@@ -35,25 +35,25 @@ class UncertainForce:
         """Judges N samples.
 
         Args:
-            estimator: that read them.
-            J: (N, 6, n) at E in axes of W.
-            torque_sd: (N, n) N m, that it stated.
+            estimator: of the samples.
+            J: (N, 6, n) at E in axes of W, rows [angular; linear].
+            torque_sd: (N, n) N m, as the estimator stated.
         """
         robot, reading = estimator.robot, estimator.reading.reconstruction
         limit, force_sd, moment_sd = reading.limits
         prior = np.diag([1.0 / max(moment_sd, 1e-9) ** 2] * 3 + [1.0 / force_sd**2] * 3)
 
         def worst_sd(factor: Array) -> float:
-            """The median where the joints' errors are `factor` (n,) times theirs."""
+            """N, the force's sd where the joints' errors are `factor` (n,) times as large."""
             s = torque_sd * factor
             noise = s[:, :, None] * reading.torque_covariance * s[:, None, :]
-            known = J @ np.linalg.solve(noise, J.swapaxes(1, 2)) + prior
-            values = np.linalg.eigvalsh(np.linalg.inv(known)[:, 3:, 3:])
+            information = J @ np.linalg.solve(noise, J.swapaxes(1, 2)) + prior
+            values = np.linalg.eigvalsh(np.linalg.inv(information)[:, 3:, 3:])
             return float(np.sqrt(np.median(values[:, -1])))
 
         n = robot.num_joints
-        without = [worst_sd(np.where(np.arange(n) == j, _BETTER, 1.0)) for j in range(n)]
-        worst = int(np.argmin(without))
+        sd_without = [worst_sd(np.where(np.arange(n) == j, _SMALL_ERROR, 1.0)) for j in range(n)]
+        worst = int(np.argmin(sd_without))
         return cls(
             sd=worst_sd(np.ones(n)),
             limit=limit,
@@ -64,10 +64,10 @@ class UncertainForce:
         )
 
     def sentence(self, valid_share: float) -> str:
-        """What to tell a user, and how to go on.
+        """A warning for the user: the reason, and the remedies.
 
         Args:
-            valid_share: 0 to 1, of the readings.
+            valid_share: 0 to 1, share of the readings that are valid.
         """
         valid = "no reading is valid"
         if valid_share > 0.0:

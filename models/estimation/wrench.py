@@ -132,13 +132,28 @@ class WrenchEstimate(NamedTuple):
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
 
-def live_prior(payload: float) -> tuple[float, float]:
-    """The prior of an arm before any log: (force sd in N, moment sd in N m).
+class PriorSds(NamedTuple):
+    """Prior sds of the wrench, the same in all directions.
 
-    The weight of the rated `payload` (kg) counts as a two-sigma force, acting PRIOR_LEVER off E.
+    Attributes:
+        force_sd: N.
+        moment_sd: N m about E.
+    """
+
+    force_sd: float
+    moment_sd: float
+
+
+def live_prior(payload: float) -> PriorSds:
+    """The prior of an arm before any log.
+
+    The weight of the rated payload counts as a two-sigma force, acting PRIOR_LEVER off E.
+
+    Args:
+        payload: kg, rated.
     """
     force_sd = 0.5 * payload * STANDARD_GRAVITY
-    return force_sd, PRIOR_LEVER * force_sd
+    return PriorSds(force_sd, PRIOR_LEVER * force_sd)
 
 
 def wrench_prior(config: WrenchReconstructionConfig) -> WrenchPrior | None:
@@ -163,6 +178,19 @@ def wrench_prior(config: WrenchReconstructionConfig) -> WrenchPrior | None:
 
 def _or_infinite(sd: float | None) -> float:
     return np.inf if sd is None else sd
+
+
+class ValidityLimits(NamedTuple):
+    """Limit of a valid reading.
+
+    Attributes:
+        max_force_sd: N, largest principal force sd of a valid reading.
+        force_sd, moment_sd: N and N m, prior with which that sd is computed.
+    """
+
+    max_force_sd: float
+    force_sd: float
+    moment_sd: float
 
 
 class WrenchReconstruction:
@@ -209,10 +237,12 @@ class WrenchReconstruction:
             self.table[2 * n + 1, :n] = usual
 
     @property
-    def limits(self) -> tuple[float, float, float]:
-        """Largest force sd of a valid reading (N), and the prior it is judged with (N, N m)."""
-        bound, force_sd, moment_sd = _settings(self.config)[5:8]
-        return bound, force_sd, moment_sd
+    def limits(self) -> ValidityLimits:
+        """The limit of a valid reading's force sd, and the prior of that sd."""
+        settings = _settings(self.config)
+        return ValidityLimits(
+            settings.max_force_sd, settings.valid_force_sd, settings.valid_moment_sd
+        )
 
     def scratch(self) -> Array:
         """Returns a new work array for `reconstruct`; one per thread."""
@@ -306,7 +336,35 @@ def whitening_matrix(Sigma: Array) -> Array:
         ) from None
 
 
-def _settings(config: WrenchReconstructionConfig) -> list[float]:
+class _Settings(NamedTuple):
+    """The settings of `wrench_kernels`, in the order of its entries.
+
+    Attributes:
+        method: index in METHODS.
+        force_sd, moment_sd: N and N m, prior of the reading.
+        damping, truncation: of the methods of these names.
+        max_force_sd: N, largest principal force sd of a valid reading.
+        valid_force_sd, valid_moment_sd: N and N m, prior with which that sd is computed.
+        max_phantom: N, largest force that stiction alone may imitate in a valid reading.
+    """
+
+    method: int
+    force_sd: float
+    moment_sd: float
+    damping: float
+    truncation: float
+    max_force_sd: float
+    valid_force_sd: float
+    valid_moment_sd: float
+    max_phantom: float
+
+
+def _settings(config: WrenchReconstructionConfig) -> _Settings:
+    """The settings of a configuration, checked; an unknown sd is UNKNOWN_SD.
+
+    Raises:
+        ValueError: as `WrenchReconstruction`.
+    """
     if config.method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, not {config.method!r}")
     limits_and_priors = (
@@ -344,14 +402,14 @@ def _settings(config: WrenchReconstructionConfig) -> list[float]:
             bound = TRUSTED_SHARE * valid_force
         if config.max_phantom is None:
             phantom = PHANTOM_SHARE * valid_force
-    return [
-        method,
-        known_force,
-        known_moment,
-        config.damping,
-        config.truncation,
-        bound,
-        valid_force,
-        valid_moment,
-        phantom,
-    ]
+    return _Settings(
+        method=method,
+        force_sd=known_force,
+        moment_sd=known_moment,
+        damping=config.damping,
+        truncation=config.truncation,
+        max_force_sd=bound,
+        valid_force_sd=valid_force,
+        valid_moment_sd=valid_moment,
+        max_phantom=phantom,
+    )

@@ -1,14 +1,14 @@
-"""Wrenches as ROS 2 messages in an MCAP file, and back.
+"""Wrenches as ROS 2 messages in an MCAP file: writer and reader.
 
 - /wrench: geometry_msgs/WrenchStamped, the environment on the robot at E, in axes of W. Its frame
   is E_W: E's origin, W's axes.
 - /wrench/covariance: std_msgs/Float64MultiArray, 6 x 6, force first, N and N m; ROS has no stamped
   wrench with a covariance. It bears no stamp and is recorded at the wrench's.
-- /tf: where E_W is in the base link's frame.
+- /tf: pose of E_W in the frame of the base link.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +35,26 @@ _FORCE_FIRST = [3, 4, 5, 0, 1, 2]
 _SIDES = np.ix_(_FORCE_FIRST, _FORCE_FIRST)
 
 
+class TopicMessages(NamedTuple):
+    """N messages of one topic.
+
+    Attributes:
+        topic: its name.
+        kind: message type.
+        messages: (N, L) bytes.
+    """
+
+    topic: str
+    kind: str
+    messages: NDArray[np.uint8]
+
+
 class WrenchMessages:
-    """The messages of such a file, as bytes.
+    """Encoder of wrenches as messages of these topics.
 
     Args:
-        base_link: the frame that W is.
-        frame: that wrenches are in.
+        base_link: name of the frame W.
+        frame: name of the frame of the wrenches.
     """
 
     def __init__(self, base_link: str, frame: str = FRAME) -> None:
@@ -72,33 +86,31 @@ class WrenchMessages:
 
     def encode(
         self, stamps: Stamps, wrench: Array, covariance: Array, p_WE: Array
-    ) -> list[tuple[str, str, NDArray[np.uint8]]]:
-        """Topic, kind and (N, L) messages, of each topic.
+    ) -> list[TopicMessages]:
+        """Returns the N messages of each topic.
 
         Args:
             stamps: (N,) ns, not negative.
             wrench, covariance, p_WE: as `WrenchBagWriter.write`.
         """
         sigma = np.asarray(covariance)[:, _SIDES[0], _SIDES[1]].reshape(len(stamps), 36)
+        force_first = np.asarray(wrench[:, _FORCE_FIRST])
         return [
-            (topic, kind, layout.encode(stamps, np.asarray(values)))
-            for topic, kind, layout, values in (
-                ("/tf", TF, self._tf, p_WE),
-                (TOPIC, WRENCH, self._wrench, wrench[:, _FORCE_FIRST]),
-                (COVARIANCE_TOPIC, COVARIANCE, self._covariance, sigma),
-            )
+            TopicMessages("/tf", TF, self._tf.encode(stamps, np.asarray(p_WE))),
+            TopicMessages(TOPIC, WRENCH, self._wrench.encode(stamps, force_first)),
+            TopicMessages(COVARIANCE_TOPIC, COVARIANCE, self._covariance.encode(stamps, sigma)),
         ]
 
 
 class WrenchBagWriter:
-    """Writes such a file as a stream; it appears when the `with` block ends without error.
+    """Writer of such a file as a stream; it appears when the `with` block ends without error.
 
     Args:
         path: of the file, *.mcap.
-        base_link: the frame that W is.
+        base_link: name of the frame W.
 
     Raises:
-        InputError: the file cannot be written, or a time is outside what a stamp can hold.
+        InputError: the file cannot be written, or a time is beyond the range of a stamp.
     """
 
     def __init__(self, path: str | Path, base_link: str) -> None:
@@ -136,10 +148,7 @@ class WrenchBagWriter:
 
 
 def read_wrench_bag(path: str | Path, topic: str = TOPIC) -> tuple[Array, Array]:
-    """Reads the wrenches of a bag.
-
-    Returns:
-        (N,) times in s and (N, 6) wrenches, ROTATION FIRST.
+    """Reads the times (N,) in s and the wrenches (N, 6), ROTATION FIRST, of a bag.
 
     Raises:
         InputError: no such bag, a damaged one, or one without this topic.
@@ -147,9 +156,9 @@ def read_wrench_bag(path: str | Path, topic: str = TOPIC) -> tuple[Array, Array]
     about_to_read(path)
     table = RosbagTable(Path(path))
     assert table.names is not None
-    wanted = [name for name in table.names if name.startswith(topic + "/")]
-    if len(wanted) != 6:
+    names = [name for name in table.names if name.startswith(topic + "/")]
+    if len(names) != 6:
         raise InputError(path, topic, "is no topic of wrenches in this bag", "name another topic")
-    columns = [0, *(table.names.index(name) for name in wanted)]
+    columns = [0, *(table.names.index(name) for name in names)]
     values = np.concatenate([block for block, _ in table.blocks(columns)])
     return values[:, 0], values[:, [4, 5, 6, 1, 2, 3]]

@@ -159,8 +159,14 @@ def _prior_only(settings: Array, wrench: Array, covariance: Array) -> None:
 
 @kernel
 def whiten(table: Array, J: Array, tau_ext: Array, sd: Array, work: Array) -> None:
-    """Writes A = J W^T into the first six rows of `work`, A A^T into those of the gram (lower
-    triangle), and A W tau_ext into its last row; W whitens the torque noise.
+    """Writes the whitened Jacobian A = J W^T, A A^T and A W tau_ext; W whitens the torque noise.
+
+    Args:
+        table: `WrenchReconstruction.table`.
+        J: (6, n).
+        tau_ext, sd: (n,) N m.
+        work: A in its first six rows, A A^T in those of the gram (lower triangle), A W tau_ext in
+            the last vector row but one.
     """
     n = J.shape[1]
     white_tau, gram = work[_VECTOR], work[_GRAM : _GRAM + 6]
@@ -271,7 +277,7 @@ def _balanced(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -
     """As `_posterior` for a point force, weighted by the geometric means of sds and usual sds.
 
     The covariance is that of the sample's errors through the gain, plus the share of the force's
-    prior that the joints do not see. It is not the inverse of the information in these weights.
+    prior that the joints do not show. It is not the inverse of the information in these weights.
     """
     sd, wrench, covariance = sample.sd, out.wrench, out.covariance
     n = sd.shape[0]
@@ -347,11 +353,10 @@ def _stiction_covariance(gain: Array, stiction: Array, work: Array) -> None:
 
 @kernel
 def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
-    """The readings by singular values: inverse, damped, truncated.
+    """Writes a reading by singular values: inverse, damped, truncated.
 
     Leaves in `work` the covariances of the plain inverse, which `valid` needs. Returns whether J
-    has full rank. A square J that is far from singular is inverted by elimination, several times as
-    fast and to the same rounding.
+    has full rank.
     """
     J, tau_ext, sd, stiction = sample
     wrench, covariance = out.wrench, out.covariance
@@ -364,23 +369,8 @@ def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Ar
     plain = work[_PLAIN : _PLAIN + 6]
     product = work[_SCRATCH : _SCRATCH + 6]
     s, gain = work[_VECTOR], work[_VECTOR + 1]
-    if method == _INVERSE and n == 6 and invert_transposed(J, B, H):
-        size, inverse = 0.0, 0.0  # squares of Frobenius norms: bounds of the singular values
-        for i in range(6):
-            for j in range(6):
-                size += J[i, j] * J[i, j]
-                inverse += H[i, j] * H[i, j]
-        if size * inverse < _WELL_CONDITIONED * _WELL_CONDITIONED and inverse < 1e24:
-            _propagated(table, H, sd, product, covariance)
-            for i in range(6):
-                total = 0.0
-                for j in range(6):
-                    plain[i, j] = covariance[i, j]
-                    total += H[i, j] * tau_ext[j]
-                wrench[i] = total
-            if _has_stiction(stiction):
-                _stiction_covariance(H[3:], stiction, work)
-            return True
+    if method == _INVERSE and n == 6 and _eliminated(table, sample, out, work):
+        return True
     orthogonalise_rows(J, B, Q)
     largest, smallest, noise = 0.0, np.inf, 0.0
     for i in range(6):
@@ -394,7 +384,7 @@ def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Ar
         noise = max(noise, table[n + j, j] * sd[j] * sd[j])
     # Below this a singular value is rounding: the direction is not seen at all.
     floor = max(max(6, n) * 2.2e-16 * largest, 1e-15)
-    for turn in range(2):  # the plain inverse first, then the method's own
+    for turn in range(2):  # the plain inverse first, then that of the method
         for i in range(6):
             gain[i] = 1.0 / s[i] if s[i] > floor else 0.0
             if turn == 1 and method == _DAMPED:
@@ -429,8 +419,38 @@ def _pseudo_inverse(table: Array, sample: TorqueSample, out: WrenchOut, work: Ar
 
 
 @kernel
+def _eliminated(table: Array, sample: TorqueSample, out: WrenchOut, work: Array) -> bool:
+    """Writes the reading of a square J that is far from singular; returns whether it is.
+
+    Elimination is several times as fast as singular values, to the same rounding. As
+    `_pseudo_inverse` it leaves the covariances for `valid` in `work`.
+    """
+    B, H = work[_TURNED : _TURNED + 6], work[_MATRIX : _MATRIX + 6]
+    if not invert_transposed(sample.J, B, H):
+        return False
+    size, inverse = 0.0, 0.0  # squares of Frobenius norms: bounds of the singular values
+    for i in range(6):
+        for j in range(6):
+            size += sample.J[i, j] * sample.J[i, j]
+            inverse += H[i, j] * H[i, j]
+    if not (size * inverse < _WELL_CONDITIONED * _WELL_CONDITIONED and inverse < 1e24):
+        return False
+    plain, covariance = work[_PLAIN : _PLAIN + 6], out.covariance
+    _propagated(table, H, sample.sd, work[_SCRATCH : _SCRATCH + 6], covariance)
+    for i in range(6):
+        total = 0.0
+        for j in range(6):
+            plain[i, j] = covariance[i, j]
+            total += H[i, j] * sample.tau_ext[j]
+        out.wrench[i] = total
+    if _has_stiction(sample.stiction):
+        _stiction_covariance(H[3:], sample.stiction, work)
+    return True
+
+
+@kernel
 def _propagated(table: Array, H: Array, sd: Array, product: Array, covariance: Array) -> None:
-    """Covariance (6, 6) of H (6, n) times torques with errors of these sds (n,)."""
+    """Writes the covariance (6, 6) of H (6, n) times torques with errors of these sds (n,)."""
     n = sd.shape[0]
     for i in range(6):
         for j in range(n):

@@ -53,14 +53,15 @@ from wrenchsight.models.observers.fault_signature import (
 from wrenchsight.models.observers.lag import lag_settings, lag_tick, lag_update
 
 READING = 44  # entries of a reading: wrench, covariance, condition number, valid
-OBSERVED = 42  # of a wrench that an observer reads itself, and its covariance
+OBSERVED = 42  # entries of a wrench that an observer estimates itself, and of its covariance
 
-READING_WORK_ROWS = WORK_ROWS + 2  # rows of max(n, 6) in which a sample is read
+READING_WORK_ROWS = WORK_ROWS + 2  # rows of max(n, 6), scratch of a sample
 _SD, _LATENESS = WORK_ROWS, WORK_ROWS + 1
 
-_DOUBT, _SIGNALS = 6, 7  # of the state: a slow wrench, s of doubt, then that of `fault_signature`
+# The state: a slow wrench (6), the time s without an explanation, the state of `fault_signature`.
+_UNEXPLAINED_TIME, _SIGNALS = 6, 7
+# Its size: so many numbers, then so many rows of n.
 READING_NUMBERS, READING_ROWS = _SIGNALS + FAULT_NUMBERS, FAULT_ROWS
-# of the state: so many numbers, then so many rows of n
 
 
 class ReadingTables(NamedTuple):
@@ -82,15 +83,15 @@ class ReadingTables(NamedTuple):
 
 
 class ReadingSample(NamedTuple):
-    """One sample that is read; N samples with a first axis.
+    """Input of the reading at one sample; at N samples with a first axis.
 
     Attributes:
         J: (6, n) at E in axes of W.
         tau_ext: (n,) N m.
         counts: bool; whether tau_ext belongs to its sample, so that the reading may be valid.
-        is_implausible: bool; no joint can have done what the sample shows.
-        observed: (OBSERVED,) wrench and covariance that the observer reads itself; they take the
-            place of the reading's. (0,) of an observer that does not.
+        is_implausible: bool; no joint can have made this sample.
+        observed: (OBSERVED,) wrench and covariance that the observer estimates itself; they take
+            the place of the reading's. (0,) of an observer that does not.
     """
 
     J: Array
@@ -101,7 +102,7 @@ class ReadingSample(NamedTuple):
 
 
 class _Judged(NamedTuple):
-    """What a reading's validity is judged by, at one sample; at N samples with a first axis.
+    """Input of a reading's validity at one sample; at N samples with a first axis.
 
     Attributes:
         D: of `unexplained`.
@@ -255,14 +256,14 @@ class WrenchReading:
         reconstruct_log(self.reconstruction.table, J if conditions else J[:0], torque, out)
         if observed.shape[1] > 0:
             out.wrench[:], out.covariance[:] = observed[:, :6], observed[:, 6:].reshape(N, 6, 6)
-        judged = _Judged(
+        validity = _Judged(
             D=unexplained_log(self.explained, error.J_seen, tau_ext, sd),
             torque=torque,
             tau_J=np.ascontiguousarray(error.rows[:, TAU_J_ROW]),
             counts=np.asarray(counts, bool),
             is_implausible=np.asarray(is_implausible, bool),
         )
-        _judge_log(self.tables, state, judged, out)
+        _judge_log(self.tables, state, validity, out)
         return WrenchEstimate(
             out.wrench, out.covariance, out.quality[:, 0], out.quality[:, 1] == 1.0
         )
@@ -270,27 +271,29 @@ class WrenchReading:
 
 @kernel(forceinline=True)
 def _judge_reading(
-    tables: ReadingTables, state: Array, judged: _Judged, out: WrenchOut, lateness: Array
+    tables: ReadingTables, state: Array, validity: _Judged, out: WrenchOut, lateness: Array
 ) -> None:
     """Single-sample kernel: adds lag and scale to a reading, and decides whether it is valid.
 
     Args:
         tables: of WrenchReading.
         state: of `initial_state`, changed.
-        judged: of the sample.
+        validity: of the sample.
         out: the reading, changed.
         lateness: (6,), overwritten.
     """
-    torque, counts = judged.torque, judged.counts
-    is_at_E, state[_DOUBT] = is_explained(tables.explained, state[_DOUBT], judged.D)
+    torque, counts = validity.torque, validity.counts
+    is_at_E, state[_UNEXPLAINED_TIME] = is_explained(
+        tables.explained, state[_UNEXPLAINED_TIME], validity.D
+    )
     is_sound = is_believed(
         tables.faults,
         state[_SIGNALS:],
         torque.tau_ext,
         torque.sd,
-        judged.tau_J,
+        validity.tau_J,
         counts,
-        judged.is_implausible,
+        validity.is_implausible,
     )
     valid = counts and out.quality[1] == 1.0 and is_at_E and is_sound
     out.quality[1] = 1.0 if valid else 0.0
@@ -331,8 +334,8 @@ def read_wrench(
     for k in range(observed.shape[0]):
         reading[k] = observed[k]
     D = unexplained(tables.explained, error.J_seen, tau_ext, sd)
-    judged = _Judged(D, torque, error.rows[TAU_J_ROW], counts, is_implausible)
-    _judge_reading(tables, state, judged, out, work[_LATENESS])
+    validity = _Judged(D, torque, error.rows[TAU_J_ROW], counts, is_implausible)
+    _judge_reading(tables, state, validity, out, work[_LATENESS])
 
 
 @kernel
@@ -350,7 +353,7 @@ def read_sample(
 
 
 @kernel
-def _judge_log(tables: ReadingTables, state: Array, judged: _Judged, out: WrenchOut) -> None:
+def _judge_log(tables: ReadingTables, state: Array, validity: _Judged, out: WrenchOut) -> None:
     """`_judge_reading` for N samples; `state` and `out` are changed."""
     lateness = np.empty(6)
     borrowed_tables = ReadingTables(
@@ -360,18 +363,18 @@ def _judge_log(tables: ReadingTables, state: Array, judged: _Judged, out: Wrench
         borrowed(tables.faults),
         borrowed(tables.wrench),
     )
-    torque, state, tau_J = judged.torque, borrowed(state), borrowed(judged.tau_J)
+    torque, state, tau_J = validity.torque, borrowed(state), borrowed(validity.tau_J)
     J, tau_ext = borrowed(torque.J), borrowed(torque.tau_ext)
     sd, stiction = borrowed(torque.sd), borrowed(torque.stiction)
     wrench, covariance = borrowed(out.wrench), borrowed(out.covariance)
     quality = borrowed(out.quality)
     for k in range(tau_ext.shape[0]):
-        sample_judged = _Judged(
-            judged.D[k],
+        sample_input = _Judged(
+            validity.D[k],
             TorqueSample(J[k], tau_ext[k], sd[k], stiction[k]),
             tau_J[k],
-            judged.counts[k],
-            judged.is_implausible[k],
+            validity.counts[k],
+            validity.is_implausible[k],
         )
         sample_out = WrenchOut(wrench[k], covariance[k], quality[k])
-        _judge_reading(borrowed_tables, state, sample_judged, sample_out, lateness)
+        _judge_reading(borrowed_tables, state, sample_input, sample_out, lateness)

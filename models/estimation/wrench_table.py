@@ -1,10 +1,10 @@
-"""The table of wrenches that an estimate leaves, written as a stream: CSV or Parquet."""
+"""The table of the estimated wrenches of a log, written as a stream: CSV or Parquet."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -26,7 +26,7 @@ FLAGS = ("contact", "misfit", "link", "rest", "out_of_range", "fault")
 """Columns after tau_ext_1 to tau_ext_n (N m, positive along the motion it causes) and
 contact_statistic (1: contact begins), as `models.detection.contact_detector.Detection`: 1 or 0, and
 the number of the link with a contact that no force at E explains, 0 where it is not known; and
-fault, 0 or the sum of what is wrong with the sample (`models.observers.sample_check`)."""
+fault, 0 or the sum of the sample's fault codes (`models.observers.sample_check`)."""
 COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(WRENCH_AXES) for b in WRENCH_AXES[k:])
 """Columns after these, on request: N^2, N^2 m and N^2 m^2; the upper triangle, row by row."""
 TABLES = ("csv", "parquet")
@@ -42,8 +42,34 @@ def columns_of(num_joints: int, covariance: bool = False) -> tuple[str, ...]:
     return (*COLUMNS, *torques, "contact_statistic", *FLAGS, *further)
 
 
+class WrenchRows(NamedTuple):
+    """N rows of a table.
+
+    Attributes:
+        t: (N,) s.
+        wrench: (N, 6) F_E_W, N m and N, ROTATION FIRST, as everywhere but in files.
+        standard_deviation: (N, 6) N m and N, rotation first too.
+        condition_number: (N,) of J.
+        valid: (N,).
+        tau_ext: (N, n) N m, positive along the motion that it causes.
+        statistic: (N,) of contact.
+        flags: (N,) each, of FLAGS.
+        covariance: (N, 6, 6), rotation first; None for a table without its columns.
+    """
+
+    t: Array
+    wrench: Array
+    standard_deviation: Array
+    condition_number: Array
+    valid: NDArray[np.bool_]
+    tau_ext: Array
+    statistic: Array
+    flags: Mapping[str, NDArray[Any]]
+    covariance: Array | None = None
+
+
 class WrenchTableWriter:
-    """Writes the table row by row; the file appears when the `with` block ends without error.
+    """Writer of a table; the file appears when the `with` block ends without error.
 
     The rows go to a temporary file beside it, which an error or an interrupt removes.
 
@@ -83,46 +109,26 @@ class WrenchTableWriter:
         self._writer = pa_csv.CSVWriter(self._file, self._schema, write_options=options)
         return self
 
-    def write(
-        self,
-        t: Array,
-        wrench: Array,
-        standard_deviation: Array,
-        condition_number: Array,
-        valid: NDArray[np.bool_],
-        tau_ext: Array,
-        statistic: Array,
-        flags: Mapping[str, NDArray[Any]],
-        covariance: Array | None = None,
-    ) -> None:
+    def write(self, rows: WrenchRows) -> None:
         """Appends N rows.
 
-        Args:
-            t: (N,) s.
-            wrench: (N, 6) ROTATION FIRST, as everywhere but in files; so is the next.
-            standard_deviation: (N, 6) N m and N.
-            condition_number: (N,).
-            valid: (N,).
-            tau_ext: (N, n) N m.
-            statistic: (N,) of contact.
-            flags: (N,) each, of FLAGS.
-            covariance: (N, 6, 6), rotation first, where the table has its columns.
-
         Raises:
-            ValueError: the table has columns for the covariance, and none is given.
+            ValueError: the table has columns for the covariance, and the rows have none.
+            InputError: the file cannot be written.
         """
-        columns = [t, *wrench[:, FORCE_FIRST].T, *standard_deviation[:, FORCE_FIRST].T]
-        columns += [condition_number, valid.astype(np.int8), *tau_ext.T]
-        columns += [statistic, *(np.asarray(flags[name]).astype(np.int8) for name in FLAGS)]
+        columns = [rows.t, *rows.wrench[:, FORCE_FIRST].T]
+        columns += [*rows.standard_deviation[:, FORCE_FIRST].T, rows.condition_number]
+        columns += [rows.valid.astype(np.int8), *rows.tau_ext.T, rows.statistic]
+        columns += [np.asarray(rows.flags[name]).astype(np.int8) for name in FLAGS]
         if self._covariance:
-            if covariance is None:
+            if rows.covariance is None:
                 raise ValueError("wrench table: the covariance is missing")
-            ordered = covariance[:, FORCE_FIRST][:, :, FORCE_FIRST]
+            ordered = rows.covariance[:, FORCE_FIRST][:, :, FORCE_FIRST]
             columns += list(ordered[:, *_UPPER].T)
         arrays = [pa.array(np.ascontiguousarray(column)) for column in columns]
         with writing_to(self.path):
             self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
-        self.num_rows += len(t)
+        self.num_rows += len(rows.t)
 
     def __exit__(
         self,

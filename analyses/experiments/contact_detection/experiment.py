@@ -166,7 +166,7 @@ def push_key(size: float, duration: float, place: str) -> str:
 
 def _levels(logs: dict[str, TrialLog]) -> dict[str, float]:
     levels = next(iter(logs.values())).detector(RATE).levels
-    return dict(zip(("sample", "mean", "power", "change"), levels, strict=True))
+    return dict(levels._asdict())
 
 
 def _free(logs: dict[str, TrialLog]) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from wrenchsight.models.estimation.estimator import (
 )
 from wrenchsight.models.estimation.uncertain_force import UncertainForce
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
-from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
+from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -141,15 +141,17 @@ class LogReadings:
     ) -> None:
         chunk, batch, detection, _ = part
         table.write(
-            chunk.t,
-            batch.wrench,
-            batch.standard_deviation,
-            batch.condition_number,
-            valid,
-            batch.tau_ext,
-            detection.statistic,
-            {**detection._asdict(), "fault": fault},
-            batch.covariance,
+            WrenchRows(
+                t=chunk.t,
+                wrench=batch.wrench,
+                standard_deviation=batch.standard_deviation,
+                condition_number=batch.condition_number,
+                valid=valid,
+                tau_ext=batch.tau_ext,
+                statistic=detection.statistic,
+                flags={**detection._asdict(), "fault": fault},
+                covariance=batch.covariance,
+            )
         )
         if bag is not None:
             _, p_WE = self._robot.chain.pose(np.nan_to_num(chunk.q))

@@ -62,7 +62,7 @@ from wrenchsight.models.estimation.wrench import (
     live_prior,
 )
 from wrenchsight.models.estimation.wrench_bag import WrenchBagWriter
-from wrenchsight.models.estimation.wrench_table import WrenchTableWriter
+from wrenchsight.models.estimation.wrench_table import WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import Validity
 from wrenchsight.models.numerics.arrays import Array
@@ -464,15 +464,17 @@ def _read(
             sd = batch.standard_deviation
             valid = run.summary.judge(chunk, batch, run.config.estimator)
             table.write(
-                chunk.t,
-                batch.wrench,
-                sd,
-                batch.condition_number,
-                valid,
-                np.nan_to_num(tau_ext),
-                detection.statistic,
-                {**detection._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
-                batch.covariance,
+                WrenchRows(
+                    t=chunk.t,
+                    wrench=batch.wrench,
+                    standard_deviation=sd,
+                    condition_number=batch.condition_number,
+                    valid=valid,
+                    tau_ext=np.nan_to_num(tau_ext),
+                    statistic=detection.statistic,
+                    flags={**detection._asdict(), "fault": np.zeros(chunk.num_samples, np.int8)},
+                    covariance=batch.covariance,
+                )
             )
             if bag is not None and robot is not None:
                 _, p_WE = robot.chain.pose(np.nan_to_num(chunk.q))

@@ -19,8 +19,8 @@ from wrenchsight.analyses.methods.estimate.contact_places import (
 from wrenchsight.analyses.methods.external_torque.torque_log import TorqueLog
 from wrenchsight.models.detection.contact_detector import Detection
 from wrenchsight.models.detection.torque_contact import (
-    ANEW,
     MOST_SAMPLES,
+    PAUSE,
     TorqueContact,
     TorqueContactDetector,
     first_baseline,
@@ -82,7 +82,7 @@ class TorqueTouches:
         t, tau, J = _beginning(log)
         self.error = learn_torque_error(t, tau, J)
         self._detector = TorqueContactDetector(self.error, first_baseline(t, tau))
-        self.episodes = ContactEpisodes(log.num_joints, ANEW)
+        self.episodes = ContactEpisodes(log.num_joints, PAUSE)
         self._shifts: list[float] = []
 
     def take(self, chunk: Recording, J: Array, tau_ext: Array) -> PlacedContacts:

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from wrenchsight.models.estimation.wrench_bag import COVARIANCE_TOPIC, TOPIC, WrenchBagWriter
-from wrenchsight.models.estimation.wrench_table import FLAGS, WrenchTableWriter
+from wrenchsight.models.estimation.wrench_table import FLAGS, WrenchRows, WrenchTableWriter
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.live.reading import Reading
@@ -149,14 +149,18 @@ class Recorder:
             }
             with WrenchTableWriter(path, self._robot.num_joints) as table:
                 table.write(
-                    t,
-                    wrench,
-                    np.array([reading.sd for reading in readings]),
-                    np.array([reading.condition_number for reading in readings]),
-                    np.array([reading.valid for reading in readings]),
-                    np.array([reading.tau_ext for reading in readings]),
-                    np.array([reading.statistic for reading in readings]),
-                    flags,
+                    WrenchRows(
+                        t=t,
+                        wrench=wrench,
+                        standard_deviation=np.array([reading.sd for reading in readings]),
+                        condition_number=np.array(
+                            [reading.condition_number for reading in readings]
+                        ),
+                        valid=np.array([reading.valid for reading in readings]),
+                        tau_ext=np.array([reading.tau_ext for reading in readings]),
+                        statistic=np.array([reading.statistic for reading in readings]),
+                        flags=flags,
+                    )
                 )
         if self._files and self._files[-1].name == name:
             self._files.pop()

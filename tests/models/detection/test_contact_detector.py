@@ -16,8 +16,8 @@ from wrenchsight.models.detection.contact_detector import (
 )
 from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise
 from wrenchsight.models.detection.contact_statistic import (
-    ANEW,
     MEAN_LEVEL,
+    MEAN_PAUSE,
     MISFIT_LEVEL,
     POWER_LEVEL,
     QUIET,
@@ -198,7 +198,7 @@ def test_the_sample_that_follows_a_contact_is_no_mean(sts, model):
     tau_ext[end:] = -size * direction * SD
     _, found = judged(detector, model, sts, tau_ext)
     begin = end + np.flatnonzero(found.contact[end:])[0]
-    assert begin == pytest.approx(end + ANEW / T, abs=1)
+    assert begin == pytest.approx(end + MEAN_PAUSE / T, abs=1)
 
 
 def test_the_mean_is_given_more_on_other_days(sts, model):

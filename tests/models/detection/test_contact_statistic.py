@@ -72,7 +72,7 @@ def test_a_force_at_e_is_no_misfit_and_six_joints_explain_any_wrench():
 def test_a_jolt_is_the_second_difference_of_momentum_and_fades_with_the_pole():
     momentum = np.zeros((50, 2))
     momentum[20:, 0] = 0.4  # a stop from one sample to the next
-    momentum[:, 1] = 0.3 * np.arange(50)  # steady torque: no jolt
+    momentum[:, 1] = 0.3 * np.arange(50)  # steady torque: no torque jump
     found = torque_jumps(momentum, np.full((50, 2), 7.0), np.array([0.8, 0.8]), 0.01)
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
     raw = 0.2 * 0.4 / 0.01

@@ -10,34 +10,50 @@ from wrenchsight.models.estimation.wrench_table import (
     COLUMNS,
     COVARIANCE,
     FLAGS,
+    WrenchRows,
     WrenchTableWriter,
     columns_of,
 )
 from wrenchsight.models.files.input_error import InputError
 
 
-def _rows(num_rows: int, seed: int = 0) -> tuple:
+def _rows(num_rows: int, seed: int = 0) -> WrenchRows:
     rng = np.random.default_rng(seed)
     condition_number = rng.uniform(5, 50, num_rows)
     condition_number[0] = np.inf
     wrench, sd = rng.normal(size=(2, num_rows, 6))
-    plain = np.arange(num_rows) * 1e-3, wrench, np.abs(sd), condition_number, sd[:, 0] > 0
     flags = {name: rng.integers(0, 2, num_rows) for name in FLAGS}
     flags["link"] = rng.integers(0, 8, num_rows)
-    return (*plain, rng.normal(size=(num_rows, 7)), rng.uniform(size=num_rows), flags)
+    return WrenchRows(
+        t=np.arange(num_rows) * 1e-3,
+        wrench=wrench,
+        standard_deviation=np.abs(sd),
+        condition_number=condition_number,
+        valid=sd[:, 0] > 0,
+        tau_ext=rng.normal(size=(num_rows, 7)),
+        statistic=rng.uniform(size=num_rows),
+        flags=flags,
+    )
 
 
-def _part(rows: tuple, part: slice) -> tuple:
-    return (*(x[part] for x in rows[:-1]), {name: x[part] for name, x in rows[-1].items()})
+def _part(rows: WrenchRows, part: slice) -> WrenchRows:
+    flags = {name: values[part] for name, values in rows.flags.items()}
+    signals = {
+        name: signal[part]
+        for name, signal in rows._asdict().items()
+        if name not in ("flags", "covariance")
+    }
+    covariance = None if rows.covariance is None else rows.covariance[part]
+    return WrenchRows(**signals, flags=flags, covariance=covariance)
 
 
 def test_the_columns_are_force_first_and_exact(tmp_path: Path) -> None:
     path = tmp_path / "wrench.csv"
     rows = _rows(200)
-    t, wrench, sd, condition_number, valid, tau_ext, statistic, flags = rows
+    t, wrench, sd, condition_number, valid, tau_ext, statistic, flags, _ = rows
     with WrenchTableWriter(path, 7) as table:
         for part in (slice(0, 70), slice(70, 70), slice(70, 200)):
-            table.write(*_part(rows, part))
+            table.write(_part(rows, part))
         assert table.num_rows == 200
         assert not path.exists()
     assert [p.name for p in tmp_path.iterdir()] == ["wrench.csv"]
@@ -66,14 +82,14 @@ def test_a_parquet_table_holds_the_same_and_the_covariance(tmp_path: Path) -> No
     covariance = spread + spread.transpose(0, 2, 1)
     path = tmp_path / "wrench.parquet"
     with WrenchTableWriter(path, 7, covariance=True) as table:
-        table.write(*_part(rows, slice(0, 20)), covariance[:20])
-        table.write(*_part(rows, slice(20, 50)), covariance[20:])
+        for part in (slice(0, 20), slice(20, 50)):
+            table.write(_part(rows._replace(covariance=covariance), part))
     assert [p.name for p in tmp_path.iterdir()] == ["wrench.parquet"]
     read = pa_parquet.read_table(path)
     assert read.column_names == [*columns_of(7), *COVARIANCE]
     assert len(COVARIANCE) == 21
-    np.testing.assert_array_equal(read["fx"], rows[1][:, 3])
-    np.testing.assert_array_equal(read["valid"], rows[4])
+    np.testing.assert_array_equal(read["fx"], rows.wrench[:, 3])
+    np.testing.assert_array_equal(read["valid"], rows.valid)
     order = {"mx": 0, "my": 1, "mz": 2, "fx": 3, "fy": 4, "fz": 5}
     for name in COVARIANCE:
         _, a, b = name.split("_")
@@ -83,7 +99,7 @@ def test_a_parquet_table_holds_the_same_and_the_covariance(tmp_path: Path) -> No
 def test_a_covariance_that_is_missing_is_said(tmp_path: Path) -> None:
     table = WrenchTableWriter(tmp_path / "wrench.csv", 7, covariance=True)
     with pytest.raises(ValueError, match="covariance is missing"), table:
-        table.write(*_rows(3))
+        table.write(_rows(3))
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -91,7 +107,7 @@ def test_an_interrupt_leaves_the_old_table(tmp_path: Path, error: type[BaseExcep
     path = tmp_path / "wrench.csv"
     path.write_text("old")
     with pytest.raises(error), WrenchTableWriter(path, 7) as table:
-        table.write(*_rows(10))
+        table.write(_rows(10))
         raise error
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["wrench.csv"]
@@ -115,6 +131,6 @@ def test_a_full_disk_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(Path, "open", full)
     with pytest.raises(InputError, match="No space left"), WrenchTableWriter(path, 7) as table:
         for seed in range(20):
-            table.write(*_rows(2000, seed))
+            table.write(_rows(2000, seed))
     monkeypatch.undo()
     assert [p.name for p in tmp_path.iterdir()] == []
