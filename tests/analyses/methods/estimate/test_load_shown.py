@@ -173,7 +173,7 @@ def test_an_observer_or_a_method_that_cannot_be_tracked_is_refused(ur10e, couple
     config = EstimateConfig(track=True)
     reading = WrenchReconstructionConfig("damped")
     config = replace(config, estimator=replace(config.estimator, reconstruction=reading))
-    with pytest.raises(InputError, match="under which friction is not followed"):
+    with pytest.raises(InputError, match="with which friction cannot be followed"):
         checked_config(config, ur10e)
     with pytest.raises(InputError, match="coupled joints"):
         checked_config(EstimateConfig(track=True), coupled_wrist)
