@@ -1,4 +1,9 @@
-"""Questions and their answers: runs, measurements, figures, and the command line."""
+"""Questions and their answers: runs, measurements, figures, and the command line.
+
+In: options, logs, settings. Out: folders of results, tables, pages. Order: output and data_sets
+(tools), study (experiments and their report), methods (what a command does), commands (its options
+and its table), experiments, campaign (experiments in many worlds); __main__ is the program.
+"""
 
 import os
 

@@ -48,11 +48,11 @@ class _Commands(TyperGroup):
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
         """Runs a command and ends the process; a usage error is one line, like every other
         error."""
-        self._has_told = False
+        self._has_reported = False
         try:
             code = super().main(args, *more, **{**extra, "standalone_mode": False})
-            if code == 130 and not self._has_told:  # before a command began
-                _told("interrupted", code)
+            if code == 130 and not self._has_reported:  # before a command began
+                _report("interrupted", code)
         except Exception as raised:
             error: Any = raised
             if not hasattr(error, "format_message"):  # the class's module differs by release
@@ -63,7 +63,7 @@ class _Commands(TyperGroup):
             else:
                 context = getattr(error, "ctx", None)
                 path = "wrenchsight" if context is None else context.command_path
-                code = _told(f"{path}: {error.format_message()} ({path} --help tells more)", 2)
+                code = _report(f"{path}: {error.format_message()} (options: {path} --help)", 2)
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
@@ -74,7 +74,7 @@ class _Commands(TyperGroup):
         except InputError as error:
             line, code = str(error), 2
         except MemoryError:
-            line, code = "not enough memory for this", 2
+            line, code = "not enough memory; free some and run again", 2
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output left: not an error
                 raise
@@ -89,27 +89,27 @@ class _Commands(TyperGroup):
             if not came:
                 raise
             line, code = _INTERRUPTED, 128 + came[0]
-        self._has_told = True
-        raise typer.Exit(_told(line, code))
+        self._has_reported = True
+        raise typer.Exit(_report(line, code))
 
 
-def _told(line: str, code: int) -> int:
+def _report(line: str, code: int) -> int:
     """Writes the one line that the user reads; returns the exit code."""
     sys.stderr.write(one_line(line) + "\n")
     return code
 
 
-_QUESTIONS = """Estimates the wrench at an industrial arm's tool from its motor currents.
+_HELP = """Estimates the wrench at an industrial arm's tool from its motor currents.
 
-How do I begin with my arm?  wrenchsight robot ARM.urdf, then wrenchsight excite --robot robot.yaml
+Description of an arm:  wrenchsight robot ARM.urdf, then wrenchsight excite --robot robot.yaml
 
-What is its dynamic model?  wrenchsight identify LOG --robot robot.yaml
+Its dynamic model:  wrenchsight identify LOG --robot robot.yaml
 
-What force acts at the tool?  wrenchsight estimate LOG --robot robot.yaml --model model.yaml
+Force at the tool:  wrenchsight estimate LOG --robot robot.yaml --model model.yaml
 
-Where should I put the task?  wrenchsight place --task linear_path --robot robot.yaml
+Place of a task:  wrenchsight place --task linear_path --robot robot.yaml
 
-Does the method work?  wrenchsight simulate, wrenchsight study
+Test of the method:  wrenchsight simulate, wrenchsight study
 """
 
 app = typer.Typer(
@@ -118,7 +118,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,  # a traceback here is a defect: whole and plain
-    help=_QUESTIONS,
+    help=_HELP,
 )
 
 

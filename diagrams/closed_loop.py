@@ -185,7 +185,7 @@ def make_closed_loop(
     """
     check_scenario(scenario)
     if taught is not None and scenario.machining is None:
-        raise ValueError("closed loop: taught torque is of a machining scenario")
+        raise ValueError("closed loop: the correction of an air pass needs a machining scenario")
     impedance = isinstance(scenario.controller, ImpedanceConfig)
     if not with_estimator and (impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
@@ -340,7 +340,7 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, taught: TaughtTorque 
     assert parts.estimator_model is not None
     estimator = WrenchEstimator(robot, parts.estimator_model, _estimator_config(scenario))
     if taught is not None and estimator.observed_size:
-        raise ValueError("an observer that reads the wrench itself has no use for an air pass")
+        raise ValueError("an air pass needs an observer of joint torque, not of the wrench")
     # After an air pass force feedback counts where its correction is valid.
     steady = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
     period, reads_sensor = estimator.observer.time_step, uses_sensor(scenario)
@@ -441,7 +441,7 @@ def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> N
         raise InputError(
             "scenario",
             "controller.damping",
-            f"takes off {share:.1f} times the tool's velocity in one time step: it would chatter",
+            f"removes {share:.1f} times the tool's velocity in one time step, expected at most 1",
             "lower the damping (for a light wrist the rotational one), or the time_step",
         )
 

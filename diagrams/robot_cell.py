@@ -373,7 +373,7 @@ def _force_torque_sensor(
         raise InputError(
             "scenario",
             "force_torque_sensor",
-            f"{robot.name} has no tool for it to sit under",
+            f"needs a tool above it, and {robot.name} has none",
             "add a tool to robot.yaml, or leave the sensor out",
         )
     noisy = config.force_noise_sd > 0 or config.moment_noise_sd > 0

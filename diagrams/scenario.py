@@ -307,7 +307,7 @@ def _check_observer(scenario: Scenario, source: str) -> None:
         raise InputError(
             source,
             "machining.air_pass",
-            f"teaches joint torques, and the {name} observer reads the wrench itself",
+            f"corrects joint torques, but the {name} observer estimates the wrench",
             "write air_pass: 0, or another estimator.observer",
         )
 

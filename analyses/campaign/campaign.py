@@ -132,10 +132,10 @@ def _check_settings(settings: CampaignSettings) -> None:
     if settings.world is None:
         return
     if settings.world >= settings.worlds:
-        problem = f"is {settings.world}, one of 0 to {settings.worlds - 1} was expected"
+        problem = f"is {settings.world}, expected 0 to {settings.worlds - 1}"
         raise InputError("--world", "", problem)
     if settings.cluster is not None:
-        problem = "a world that is run alone is run on this machine"
+        problem = "a single world runs on this machine only"
         raise InputError("--world", "", problem, "leave --cluster out")
 
 
@@ -203,20 +203,22 @@ class _Campaign:
         self, names: Sequence[str], modules: dict[str, str], everywhere: Path | None
     ) -> list[WorldTask]:
         """The tasks that remain; see `WorldTask.everywhere`."""
-        alone = self._settings.world
-        numbers: Sequence[int] = range(self._settings.worlds) if alone is None else [alone]
+        single_world = self._settings.world
+        numbers: Sequence[int] = (
+            range(self._settings.worlds) if single_world is None else [single_world]
+        )
         if self._settings.numbers is not None:
             numbers = self._settings.numbers
         tasks = []
         for number in numbers:
-            experiments = names if alone is not None else self.record.missing(number, names)
+            experiments = names if single_world is not None else self.record.missing(number, names)
             if experiments:
                 task = WorldTask(
                     settings=self._settings,
                     number=number,
                     modules={name: modules[name] for name in experiments},
                     software={name: self.record.software[name] for name in experiments},
-                    out=None if alone is None else self._drawings(number),
+                    out=None if single_world is None else self._drawings(number),
                     everywhere=everywhere,
                 )
                 tasks.append(task)
@@ -318,7 +320,7 @@ class _Campaign:
         log = self._folder.work(_LOG)
         with suppress(OSError):
             printed = log.read_text(encoding="utf-8", errors="replace").splitlines()
-            lines += ["== what the workers of this machine printed last", *printed[-_LAST_LINES:]]
+            lines += ["== last output of this machine's workers", *printed[-_LAST_LINES:]]
         return "\n".join(lines) + "\n"
 
 

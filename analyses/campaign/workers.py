@@ -70,15 +70,15 @@ def on_this_machine(tasks: Sequence[WorldTask], jobs: int, log: Path) -> Generat
 
 
 def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutcome]:
-    """Runs worlds on the workers of an existing Dask scheduler, which gives them out again.
+    """Runs worlds on the workers of a Dask scheduler, which repeats those of lost workers.
 
     Args:
         tasks: to run.
         address: of the scheduler, such as `tcp://127.0.0.1:8786`.
 
     Raises:
-        InputError: the library is not installed, no scheduler answers, it has no workers or is
-            gone.
+        InputError: the library is not installed, no scheduler answers, it has no workers or
+            ends.
     """
     try:
         from distributed import Client, as_completed
@@ -88,7 +88,7 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         problem, remedy = "needs the package distributed", "pip install 'wrenchsight[cluster]'"
         raise InputError("--cluster", "", problem, remedy) from None
     for library in ("distributed", "tornado", "asyncio"):
-        logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # what fails is said in one line
+        logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # one line reports a failure
     try:
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except Exception as error:  # of the transport's kind: no certificates, another protocol
@@ -108,14 +108,14 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
                 except KilledWorker:
                     outcome = killed(futures[future])
                 except FutureCancelledError:
-                    problem = f"the scheduler at {address} has gone"
-                    remedy = "run the same again: what is done is kept"
+                    problem = f"the scheduler at {address} has ended"
+                    remedy = "run the command again: finished worlds are kept"
                     raise InputError("--cluster", "", problem, remedy) from None
                 del futures[future]
                 future.release()
                 yield outcome
         finally:
-            with suppress(Exception):  # the scheduler may be what has gone
+            with suppress(Exception):  # the scheduler may have ended
                 client.cancel(list(futures), force=True)
 
 

@@ -175,13 +175,13 @@ def _description(experiment: Experiment, result: ExperimentResult) -> dict[str, 
 
 
 def _check_worker(module: str, software: str) -> None:
-    remedy = "install the same version wherever it is to run"
+    remedy = "install the same version on every machine"
     if _software_here(module) != software:
         raise UnfitWorkerError("", f"has another version of {module}", remedy)
     several = [name for name in ONE_THREAD if os.environ.get(name) != "1"]
     if several:
-        remedy = "start workers with a nanny, as `dask worker` does, or set it"
-        raise UnfitWorkerError(several[0], "is not 1 in its environment", remedy)
+        remedy = "start workers with a nanny, as `dask worker` does, or set it to 1"
+        raise UnfitWorkerError(several[0], "is not 1 in a worker's environment", remedy)
 
 
 @cache

@@ -19,7 +19,7 @@ ORDER = 15
 
 SETTINGS = (
     Option("experiments", argument=True, metavar="EXPERIMENT"),
-    Option("worlds", help="how many worlds there are to be", least=1),
+    Option("worlds", help="number of worlds in all", least=1),
     Option("data"),
     Option("seed", least=0),
     Option("quick"),

@@ -30,7 +30,7 @@ OPTIONS = (
     Option("estimate.prior"),
     Option(
         OBSERVER,
-        help="observer: momentum (first order) or kalman (force beside error)",
+        help="observer: momentum (first order) or kalman (force and torque error as states)",
         put=_put_observer,
         default="momentum",
     ),
@@ -44,7 +44,7 @@ OPTIONS = (
     Option("estimate.tool"),
     Option("estimate.mcap"),
     *hidden("estimate", "torque", "torque_sign"),
-    Option("estimate.torque_sd", shown=False, default="what the logs' torques say"),
+    Option("estimate.torque_sd", shown=False, default="from the logs' torques"),
     Option(f"{OBSERVER}.bandwidth_hz", "bandwidth", shown=False),
     Option(f"{OBSERVER}.torque_samples", shown=False),
     Option(

@@ -46,7 +46,7 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
         _refit(settings, out)
         return
     if settings.refreshing.reference.columns:
-        problem = "is read with --refresh MODEL --other-specimen alone"
+        problem = "applies to --refresh MODEL --other-specimen only"
         raise InputError("identify", "--reference", problem, "add these, or leave it out")
     if settings.scale:
         _scale(settings, out)
@@ -93,10 +93,10 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
     table = new_table(
         "\njoint",
         "rows of\n50 ms",
-        "Coulomb, was\n[N m]",
-        "is\n[N m]",
-        "viscous, was\n[N m s/rad]",
-        "is\n[N m s/rad]",
+        "Coulomb before\n[N m]",
+        "after\n[N m]",
+        "viscous before\n[N m s/rad]",
+        "after\n[N m s/rad]",
     )
     coulomb, viscous = metrics["coulomb"], metrics["viscous"]
     for j, name in enumerate(refit.model.joint_names):
@@ -115,7 +115,7 @@ def _refit(settings: IdentifySettings, out: Path) -> None:
         show(f"note: {', '.join(unmoved)} did not move: friction is the other robot's")
     if "gain" in metrics:
         gain, sd = 100.0 * metrics["gain"]["share"], 100.0 * metrics["gain"]["sd"]
-        change = f"{gain:+.1f} ± {sd:.1f} %" if gain else "not determined, not changed"
+        change = f"{gain:+.1f} +- {sd:.1f} %" if gain else "not determined, not changed"
         show(
             f"torque constants by the sensor: {change}",
             f"residual along the paths: known at {metrics['places']} places",
@@ -211,7 +211,7 @@ def _print_calibration(result: "CalibrationResult", out: Path) -> None:
     for index, (name, load) in enumerate(result.loads.items()):
         com = 1e3 * calibration.loads[index][1:4] / load.mass
         com_sd = 1e3 * calibration.load_sd[index][1:4] / load.mass
-        text = ", ".join(f"{com[axis]:.1f} ± {com_sd[axis]:.1f}" for axis in range(3))
+        text = ", ".join(f"{com[axis]:.1f} +- {com_sd[axis]:.1f}" for axis in range(3))
         show(f"{name}: {load.mass:g} kg at ({text}) mm from the flange")
     robot = f"robot with these torques per ampere, to use with the model: {out / 'robot.yaml'}"
     show(*notes(result.warnings), robot)

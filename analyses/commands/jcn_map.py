@@ -55,7 +55,7 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
     show(table)
     free = metrics.get("free")
     if free:
-        best = "none is free"
+        best = "none is free of collision"
         if free["min"] is not None:
             best = f"smallest condition number without collision: {free['min']:.4g}"
         show(
@@ -69,7 +69,7 @@ def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
         place_text = ", ".join(f"{value:.3f}" for value in cut["best_place_m"])
         show(
             f"slice {plane}: best {cut['min']:.2f} at ({place_text}) m; "
-            f"{cut['below_11_m2']:.2f} m2 below 11"
+            f"{cut['below_11_m2']:.2f} m^2 below 11"
         )
     elif cut:
         show(f"slice {plane}: the tool reaches no point of it within the cone")

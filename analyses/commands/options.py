@@ -295,7 +295,7 @@ def _put(settings: Any, place: str, value: Any, option: str) -> None:
         settings = getattr(settings, part)
         if settings is None:  # a part that is not requested has no settings
             return
-    if not hasattr(settings, name):  # of another kind, as the file has it
+    if not hasattr(settings, name):  # the file configures another kind
         raise InputError(option, "", f"{type(settings).__name__} has no {name}", "leave it out")
     if isinstance(value, str) and isinstance(getattr(settings, name), list):
         value = numbers(value, option)

@@ -56,7 +56,9 @@ def command(
             f"note: joints held still, rad or m: {values}; where one of them is the arm's, name "
             "the link that it moves: --flange LINK"
         )
-    note = "the simulated arm has no friction: the URDF has no inertias to size it by"
+    note = (
+        "the URDF has no inertias: the simulated arm has no friction; state it in simulated_truth"
+    )
     if drafted.config.simulated_truth.friction.coulomb.size:
         note = (
             "friction, noise and resolution of the simulated arm are assumed: see simulated_truth "
@@ -93,7 +95,7 @@ def _show(name: str, out: Path) -> None:
 
 
 def _print(robot: "Robot") -> None:
-    table = new_table("joint", "from", "to", "speed", "effort", "N m/A", "rotor\n[kg m²]", "home")
+    table = new_table("joint", "from", "to", "speed", "effort", "N m/A", "rotor\n[kg m^2]", "home")
     for j, name in enumerate(robot.joint_names):
         values = (robot.position_lower, robot.position_upper, robot.velocity_limit)
         row = [f"{value[j]:.4g}" for value in (*values, robot.effort_limit)]

@@ -1,5 +1,5 @@
 """Experiments of `study`: a folder each, whose `experiment.py` holds its EXPERIMENT.
 
-A folder holds all that only its experiment needs; what several share is in `setups`. No experiment
-imports another.
+In: an ExperimentContext. Out: metrics, figures, notes, and COMPARISON, the rows that hold the
+article's figures. What several experiments share is in `setups`; none imports another.
 """

@@ -29,10 +29,10 @@ def refuse_unmarked(path: Path) -> None:
     try:
         is_ours = stat.S_ISREG(path.lstat().st_mode) and _is_marked(path.read_bytes())
     except OSError as error:
-        problem = f"is there already and cannot be read ({error.strerror})"
+        problem = f"exists and cannot be read ({error.strerror})"
         raise InputError(path, "", problem, _REMEDY) from None
     if not is_ours:
-        raise InputError(path, "", "is there already, and not as wrenchsight wrote it", _REMEDY)
+        raise InputError(path, "", "exists and is not as wrenchsight wrote it", _REMEDY)
 
 
 def write_marked(path: Path, page: str) -> None:

@@ -24,7 +24,7 @@ from wrenchsight.analyses.output.result_marker import (
     strangers,
     visible_files,
 )
-from wrenchsight.models.files.files_read import told_of_files_read
+from wrenchsight.models.files.files_read import reporting_files_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import writing_to
 
@@ -49,7 +49,7 @@ def result_folder(out: Path, command: str) -> Iterator[OutputFolder]:
     with (
         open_results(out, command) as results,
         results.changing(tuple(results.files)) as folder,
-        told_of_files_read(_Refusal(out)),
+        reporting_files_read(_Refusal(out)),
     ):
         yield folder
 

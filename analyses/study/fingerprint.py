@@ -48,7 +48,7 @@ def software_hash(module: str) -> str:
 def source_files(module: str) -> set[Path]:
     """Returns the file of `module` and those it imports, directly or not, within the packages.
 
-    Imports inside functions count as well; a module's packages count with it.
+    It follows imports inside functions, too, and adds the packages that hold a module.
     """
     files: set[Path] = set()
     pending = _files_of(module)

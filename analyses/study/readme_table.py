@@ -328,7 +328,7 @@ def _read(path: Path, command: str = "study") -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(path, "", "is not there", f"run `wrenchsight {command}` first") from None
+        raise InputError(path, "", "does not exist", f"run `wrenchsight {command}` first") from None
     except ValueError:
         raise InputError(path, "", "is not JSON", f"run `wrenchsight {command}` again") from None
 

@@ -105,7 +105,7 @@ def run_study(
     takes_methods = any(REGISTRY.entries()[name].takes_methods for name in requested)
     if methods and not takes_methods:
         takers = [name for name, entry in REGISTRY.entries().items() if entry.takes_methods]
-        problem = f"none of {', '.join(requested)} measures other people's estimators"
+        problem = f"none of {', '.join(requested)} takes a --method"
         raise InputError("--method", "", problem, f"add {' or '.join(takers)}")
     settings = StudySettings(
         requested=requested,
@@ -118,7 +118,7 @@ def run_study(
         methods=named_methods(methods, takes_methods),
     )
     if jobs < 1:
-        raise InputError("--jobs", "", f"is {jobs}, at least 1 was expected")
+        raise InputError("--jobs", "", f"is {jobs}, expected 1 or more")
     if truth not in TRUTHS:
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
@@ -375,7 +375,7 @@ def _earlier(
     now = settings.fingerprint(entry.module, recorded["recordings"], entry.takes_methods)
     changed = [key for key in now if recorded.get(key) != now[key]]
     if changed:
-        return None, f"its earlier result has other {', '.join(changed)}: it runs again"
+        return None, f"changed since its earlier result: {', '.join(changed)}; it runs again"
     lacks = _absent_recordings(stored)
     return Outcome(name, "earlier", lacks=lacks, metrics=metrics, stored=stored), ""
 

@@ -47,7 +47,7 @@ def distance_of_ends(robot: Robot, cell: PlacementCell, path: Placement) -> floa
 def sentence_of_ends(distance: float) -> str:
     """A sentence for the user on the arm's approach to a path, by `distance_of_ends`, m."""
     if distance == -math.inf:
-        return f"the arm cannot be {1e3 * APPROACH:.0f} mm off the path's ends"
+        return f"the arm cannot reach {1e3 * APPROACH:.0f} mm off the path's ends"
     return f"the arm overlaps itself or the floor by {-1e3 * distance:.0f} mm"
 
 

@@ -251,12 +251,12 @@ def _filter(robot: Robot, config: ClearanceConfig, shapes: ArmShapes) -> list[st
     shapes_of = {body.name(): plant.GetCollisionGeometriesForBody(body) for body in bodies}
     if not any(shapes_of.values()):
         notices.append(
-            f"{robot.name} has no collision shapes: collisions of its links are not checked"
+            f"{robot.name} has no collision shapes: clearance of its links is not checked"
         )
     if robot.unusable_collisions:
         notices.append(
-            "collision shapes cannot be used, so that no clearance is claimed: "
-            + ", ".join(robot.unusable_collisions)
+            f"no usable collision shape for {', '.join(robot.unusable_collisions)}: "
+            "clearance from these is not checked"
         )
     if config.workpiece is not None:
         workpiece_shapes = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("workpiece"))

@@ -195,14 +195,18 @@ class GainProblem:
 
     @cached_property
     def _rigid(self) -> list[tuple[Array, Array]]:
-        """Per log, low-passed at its rows: (m, n, 10 n + 1) of links and rotor, (m, n, 10)."""
-        out = []
+        """For each log regressors, low-passed: (m, n, 10 n + 1) of links and rotor, (m, n, 10) of
+        the load.
+        """
+        regressors = []
         for log in self._logs:
             Y = self._robot.chain.regressor(log.q, log.v, log.vdot)
-            whole = np.concatenate([Y, log.vdot[:, :, None]], axis=2)
+            links_and_rotor = np.concatenate([Y, log.vdot[:, :, None]], axis=2)
             load = load_columns(self._robot, log.q, log.v, log.vdot)
-            out.append((log.low_pass(whole)[log.rows], log.low_pass(load)[log.rows]))
-        return out
+            regressors.append(
+                (log.low_pass(links_and_rotor)[log.rows], log.low_pass(load)[log.rows])
+            )
+        return regressors
 
     @cached_property
     def _prior(self) -> tuple[Array, Array]:

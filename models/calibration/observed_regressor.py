@@ -36,7 +36,7 @@ class ObservedRegressor:
         self._flange = flange_map(robot)
         self._places, self.model_sd = uncertain_parameters(model)
         n = robot.num_joints
-        self._keep = np.zeros(n) if pole is None else np.exp(-pole * time_step)
+        self._decay = np.zeros(n) if pole is None else np.exp(-pole * time_step)
         self._memory = np.full((n, 10 + len(self._places)), np.nan)
         self._v = np.full((1, n), np.nan)
 
@@ -60,7 +60,7 @@ class ObservedRegressor:
             vdot = np.where(np.isfinite(vdot), vdot, 0.0)
             Y = np.asarray(self._chain.regressor(q[rows], v[rows], vdot))
             columns = np.concatenate([Y[:, :, -10:] @ self._flange, Y[:, :, self._places]], axis=2)
-            low_pass(self._keep, self._memory, columns)
+            low_pass(self._decay, self._memory, columns)
             wanted = at[(at >= begin) & (at < rows.stop)] - begin
             parts.append(columns[wanted])
         whole = np.concatenate(parts)

@@ -150,10 +150,10 @@ def invert_transposed(A: Array, L: Array, X: Array) -> bool:
 
 @kernel
 def turn_rows(B: Array, p: int, q: int, length: int) -> tuple[float, float]:
-    """Turns two rows of B orthogonal to each other: the smaller of the two turns that do it.
+    """Makes two rows of B orthogonal to each other, by the smaller of two possible rotations.
 
     Returns:
-        Cosine and sine of the turn; a sine of 0.0 where the rows were orthogonal to rounding.
+        Cosine and sine of the rotation; a sine of 0.0 where the rows were orthogonal to rounding.
     """
     pp, qq, pq = 0.0, 0.0, 0.0
     for k in range(length):

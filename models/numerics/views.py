@@ -87,8 +87,10 @@ def copy_whole(context: Any, target: Any, source: Any) -> Any:
 
 @intrinsic
 def read_only(context: Any, array: Any) -> Any:
-    """The same array as one that may not be written: what takes such arrays, as Drake's contexts
-    give them, is compiled once.
+    """The same array, typed as read-only.
+
+    Drake's contexts give read-only arrays: a kernel that is called with such ones alone is compiled
+    once.
     """
     kind = array.copy(readonly=True)
 

@@ -136,7 +136,7 @@ class ParquetTable:
             file.close()
 
     def _groups(self, file: pq.ParquetFile, first: int) -> tuple[list[int], int]:
-        """The row groups from the one that holds row `first` on, and the rows before them."""
+        """The row groups from the one that holds row `first` on, and how many rows precede them."""
         skipped = 0
         for group in range(file.num_row_groups):
             count = file.metadata.row_group(group).num_rows

@@ -160,18 +160,18 @@ class _Grid:
         )
 
     def _interpolated(self, part: Recording, steps: Array) -> Recording:
-        """The grid points in (t[0], t[-1]] of the part, both ends later by the rounding error."""
+        """The part at its grid points in (t[0] + r, t[-1] + r], with r the rounding error of t."""
         h = self._step
-        ends = part.t + ROUNDING * h
-        last_point = int(np.floor((ends[-1] - self._origin) / h)) + 1
+        bounds = part.t + ROUNDING * h
+        last_point = int(np.floor((bounds[-1] - self._origin) / h)) + 1
         num_points = last_point - self._next_point
         if num_points > _MOST_POINTS:
             problem = f"a step of {h:g} s makes {num_points} samples of {part.num_samples}"
             raise InputError(part.source, "", problem, "give a time step nearer to the log's")
         t = self._origin + h * np.arange(self._next_point, last_point + 1)
-        t = t[t <= ends[-1]]
+        t = t[t <= bounds[-1]]
         self._next_point += len(t)
-        left = np.searchsorted(ends, t, side="left") - 1  # ends[left] < t <= ends[left + 1]
+        left = np.searchsorted(bounds, t, side="left") - 1  # bounds[left] < t <= bounds[left + 1]
         weight = (t - part.t[left]) / steps[left]
         offset = np.minimum(t - part.t[left], part.t[left + 1] - t)
         is_bridged = (steps[left] > DROPOUT_STEPS * h) & (offset > UNIFORM_TOLERANCE * h)

@@ -33,7 +33,7 @@ _BLOCK = 128 * _LANES
 
 @kernel
 def _orthogonalise(J: Array, work: Array) -> tuple[int, int]:
-    """Turns the min(6, n) rows (columns where n < 6) of J orthogonal; returns count and length."""
+    """Writes rows (columns where n < 6) of J into `work`, made orthogonal; returns its shape."""
     n = J.shape[1]
     if n >= 6:
         count, length = 6, n

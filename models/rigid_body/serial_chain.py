@@ -351,7 +351,9 @@ class _Tree:
         return chain[::-1]
 
     def anchor(self, frame: Frame) -> tuple[Joint | None, RigidTransform]:
-        """The joint that moves a frame (None: the world), and the frame's pose in its frame."""
+        """The joint that moves a frame (None: none, it is fixed to W), and the frame's pose in
+        that joint's child frame (W).
+        """
         X = frame.GetFixedPoseInBodyFrame()
         body = frame.body()
         while body.index() != self._plant.world_body().index():

@@ -109,10 +109,10 @@ def _spread_directions(count: int) -> Array:
 
 
 def _vertices(mesh: Path) -> Array:
-    """(N, 3) of a mesh file, its parts in their places, in the file's numbers.
+    """Vertices (N, 3) of a mesh file, each part where the file places it, in the file's unit.
 
-    A COLLADA file's own axes and unit count as robots' tools take them: the unit does, the
-    direction that is up does not.
+    Of a COLLADA file the unit is applied and the upward axis is ignored, as other tools for robots
+    do.
     """
     import trimesh
 

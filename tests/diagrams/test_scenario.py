@@ -269,6 +269,6 @@ def test_an_observer_that_reads_the_wrench_itself_takes_no_air_pass():
     scenario = load_scenario("Polishing")
     scenario = replace(scenario, estimator=WrenchEstimatorConfig(KalmanObserverConfig()))
     assert scenario.machining is not None
-    with pytest.raises(InputError, match="air_pass: teaches joint torques, and the kalman"):
+    with pytest.raises(InputError, match="air_pass: corrects joint torques, but the kalman"):
         check_scenario(scenario)
     check_scenario(replace(scenario, machining=replace(scenario.machining, air_pass=0.0)))

@@ -598,7 +598,7 @@ def test_a_description_without_currents(run, clean, file, command):
 def test_branches_that_collide_side_by_side(run, file, clean):
     text = (clean.folder / "redundancy.yaml").read_text()
     path = file("redundancy.yaml", text.replace("start: [0.92, 0.2]", "start: [0.92, -0]"))
-    assert "no way is free" in run("redundancy", "--task", path, "--out", "out")
+    assert "no collision-free trajectory" in run("redundancy", "--task", path, "--out", "out")
 
 
 def test_a_covariance_that_is_symmetric_but_for_rounding(estimate, file, clean):

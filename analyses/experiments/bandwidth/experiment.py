@@ -321,7 +321,7 @@ def _name(K_0: float) -> str:
 
 
 def _estimators(gains: Sequence[float], time_step: float) -> dict[str, WrenchEstimatorConfig]:
-    """Eq. 22 behind every gain: a prior would scale the wrench and hide the observer."""
+    """For every gain an estimator with eq. 22: a prior would hide the observer."""
     return {
         _name(K_0): WrenchEstimatorConfig(
             MomentumObserverConfig([K_0], time_step), WrenchReconstructionConfig("inverse")

@@ -192,6 +192,7 @@ class ContactTask:
 def _estimated(
     run: PreparedRun, model: IdentifiedModel, observer: Any, method: str
 ) -> ForceReading:
+    """The force along the tool that an observer of the library and a method read."""
     log = run.run.log
     config = WrenchEstimatorConfig(
         replace(observer, time_step=log.time_step, torque_samples="trapezoidal"),

@@ -37,9 +37,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.85, "with the true friction known")
     with_true_friction = with_known_friction(robot, logs)
     fit = result.validation[0]
-    torque = rms(fit.measured)
-    error, rigid = inertial_error(robot, with_true_friction.model)
-    unknown_error, _ = inertial_error(robot, result.model)
+    torque_rms = rms(fit.measured)
+    error_true_friction, rigid_body_rms = inertial_error(robot, with_true_friction.model)
+    error_fitted_friction, _ = inertial_error(robot, result.model)
     metrics = result.metrics()
     validation = metrics.pop("validation")[fit.name]
     # In the article cross-validation is the prediction of a new trajectory.
@@ -47,13 +47,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
         "ratio_to_article": fit.rmse / np.array(ARTICLE_RMSE)
     }
     metrics["known_friction"] = {
-        "inertial_error_nm": error,
-        "inertial_error_pct_of_torque": 100.0 * error / torque,
-        "rigid_body_torque_rms_nm": rigid,
+        "inertial_error_nm": error_true_friction,
+        "inertial_error_pct_of_torque": 100.0 * error_true_friction / torque_rms,
+        "rigid_body_torque_rms_nm": rigid_body_rms,
         "cross_validation": with_true_friction.validation[0].metrics(),
     }
-    metrics["inertial_error_nm"] = unknown_error
-    metrics["inertial_error_pct_of_torque"] = 100.0 * unknown_error / torque
+    metrics["inertial_error_nm"] = error_fitted_friction
+    metrics["inertial_error_pct_of_torque"] = 100.0 * error_fitted_friction / torque_rms
     context.progress(0.95, "figures")
     result.model.save(context.out / "model.yaml")
     return ExperimentResult(

@@ -55,7 +55,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             FigureFile(
                 Path("figures/slice.png"),
                 "Best condition number that the arm attains at each point of a plane, with the "
-                "tool pointing down within a cone; white line: 11. Here a table belongs.",
+                "tool pointing down within a cone; white line: 11.",
             ),
         ],
         recordings=[
@@ -86,7 +86,7 @@ NOTES = (
     "The mean, <mean:.0f> here and 1052.9 in the article, comes from few nearly singular samples "
     "and differs from draw to draw.",
     "The slice is best at <slice.best_place_m:.2f> m, JCN <slice.min:.2f>; <slice.below_11_m2:.2f> "
-    "m2 of it allow a JCN below 11.",
+    "m^2 of it allow a JCN below 11.",
     "The tool reaches <slice.reached_pct:.0f> % of the slice's points.",
 )
 

@@ -81,7 +81,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             | {"target_less_motor": {"rmse_nm": _by_hand(log, state)}}
             for state in ("moving", "rest")
         }
-    context.progress(0.6, "what the errors are made of")
+    context.progress(0.6, "parts of the errors")
     variants = logs[0].variants
     if "urdf" in variants:
         metrics["parts"] = {log.name: _parts(log, readings[log.name, "urdf"]) for log in logs}

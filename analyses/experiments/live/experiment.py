@@ -165,7 +165,7 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
     error = np.array([r.wrench[3:] for r in readings]) - truth
     sd = np.array([r.sd[3:] for r in readings])
 
-    def counted(rows: Flags) -> dict[str, Any]:
+    def figures_of(rows: Flags) -> dict[str, Any]:
         if not rows.any():
             return {"inside_95_pct": [None] * 3, "rmse_n": [None] * 3}
         return {
@@ -174,7 +174,11 @@ def judged(readings: list[Reading], truth: Array) -> dict[str, Any]:
         }
 
     share = 100.0 * float(valid[judged_rows].mean())
-    return {**counted(judged_rows), "share_valid_pct": share, "valid": counted(judged_rows & valid)}
+    return {
+        **figures_of(judged_rows),
+        "share_valid_pct": share,
+        "valid": figures_of(judged_rows & valid),
+    }
 
 
 def sources(log: Path, model: Path, robot: Robot, seconds: float) -> dict[str, Any]:

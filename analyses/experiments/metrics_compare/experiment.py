@@ -304,7 +304,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
             (
                 "correlations",
                 _correlations_figure(result),
-                "How well each measure of a posture ranks the force error there; bars: 95 % "
+                "Rank correlation of each posture measure with the force error; bars: 95 % "
                 "intervals.",
             ),
         ],

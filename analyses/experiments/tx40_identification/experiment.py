@@ -95,23 +95,25 @@ def run(context: ExperimentContext) -> ExperimentResult:
     context.progress(0.6, "plain friction")
     plain = held_out(log, robot, PLAIN, FIFTHS)
     context.progress(0.75, "without the coupling")
-    single = tx40(context.data, context.out, coupled=False)
+    uncoupled_robot = tx40(context.data, context.out, coupled=False)
     # The torque on the joints is the same, whatever is taken for its motors.
-    uncoupled_log = replace(log, current=single.motor_current(robot.joint_torque(log.current)))
-    uncoupled = held_out(uncoupled_log, single, PLAIN, FIFTHS)
-    context.progress(0.9, "the model of all of it")
+    uncoupled_log = replace(
+        log, current=uncoupled_robot.motor_current(robot.joint_torque(log.current))
+    )
+    uncoupled = held_out(uncoupled_log, uncoupled_robot, PLAIN, FIFTHS)
+    context.progress(0.9, "the model of the whole log")
     config = IdentificationConfig(cutoff=CUTOFF, friction=LAW, cross_validate=False)
-    whole = identify([log], robot, config=config)
-    whole.model.save(context.out / "model.yaml")
+    fitted_on_all = identify([log], robot, config=config)
+    fitted_on_all.model.save(context.out / "model.yaml")
     metrics: dict[str, Any] = {
         "validation": fifths.metrics() | {"stretches": FIFTHS},
         "validation_thirds": thirds.metrics() | {"stretches": THIRDS},
         "coupling": robot.coupling,
-        "fit": {"rmse_nm": whole.fit[0].rmse},
+        "fit": {"rmse_nm": fitted_on_all.fit[0].rmse},
         "plain": {"validation": plain.metrics() | {"stretches": FIFTHS}},
         "uncoupled": {"plain": {"validation": uncoupled.metrics() | {"stretches": FIFTHS}}},
-        "friction": whole.metrics()["friction"],
-        "base_parameters": whole.metrics()["base_parameters"]["count"],
+        "friction": fitted_on_all.metrics()["friction"],
+        "base_parameters": fitted_on_all.metrics()["base_parameters"]["count"],
     }
     figure = torque_figure(fifths, robot.joint_names, "held out, TX40, presliding")
     caption = "Measured and predicted joint torque, each fifth by a fit of the others"

@@ -238,7 +238,7 @@ NOTES = (
     "Its level does not carry over; kinematics, masses, torque per ampere and its shape do.",
     "Without a sensor the mean error of slides falls as the force grows, in joints 2 and 3 as "
     "their lever arms, whichever way they turn: torque constants that are too small. Without a "
-    "sensor that cannot be told from the masses. Calibrated, it does not.",
+    "sensor that looks like wrong masses. Calibrated, the mean error does not fall so.",
     "Calibrated once: on the other runs of the same controller, most of them along the same path.",
     "Positions are rebuilt from the script, the ramp's corners rounded as the script's blends are. "
     "The reading is 60 ms late.",

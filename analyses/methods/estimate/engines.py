@@ -193,7 +193,7 @@ def read_contact(
     config: WrenchEstimatorConfig,
     is_measured: Callable[[Recording, EstimateBatch], Flags],
 ) -> Iterator[LogPart]:
-    """The parts of a log again, read with the known direction of the contact.
+    """Reads the parts of a log again, with the known direction of the contact.
 
     Args:
         parts: as a controller would read them.

@@ -176,7 +176,7 @@ def checked_config(config: EstimateConfig, robot: Robot | None) -> EstimateConfi
         _require(not number or least <= number <= largest, name, problem, default)
     if isinstance(observer, MomentumObserverConfig):
         is_too_low = any(0.0 < K_0 < LEAST_K_0 for K_0 in observer.K_0)
-        problem = f"is {min(observer.K_0, default=0.0):g} /s, expected {LEAST_K_0:g} or more"
+        problem = f"is {min(observer.K_0, default=0.0):g} 1/s, expected {LEAST_K_0:g} or more"
         _require(not is_too_low, "K_0", problem, "20 is the default")
     problem = f"is {config.torque_sd}, expected positive numbers from {LEAST_TORQUE_SD:g}"
     are_valid = all(LEAST_TORQUE_SD <= sd <= LARGEST_SD for sd in config.torque_sd)
@@ -220,7 +220,7 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
         problem = f"is not for {robot.name}: friction of coupled joints is that of several motors"
         _require(not robot.is_coupled, "track", problem, "leave it out")
     for is_requested, shortcoming in (
-        (config.track, "under which friction is not followed"),
+        (config.track, "with which friction cannot be followed"),
         (config.smooth, "for which smoothing has no prior"),
         (reads_wrench, f"for which the {kind} observer has no prior"),
     ):
@@ -228,7 +228,7 @@ def _check_for_robot(config: EstimateConfig, robot: Robot) -> None:
         problem = f"is {reconstruction.method}, {shortcoming}"
         _require(is_possible, "method", problem, "give bayesian, force_only or inverse")
     if config.track:
-        problem = f"is {kind}, which reads the wrench itself"
+        problem = f"is {kind}, which estimates the wrench, not the torque"
         _require(
             not reads_wrench, "observer", problem, "follow friction with the momentum observer"
         )

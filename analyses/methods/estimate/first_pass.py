@@ -137,7 +137,7 @@ def first_pass(
     monitor: FrictionMonitor | None = None
     # A joint's friction is that of several motors where joints are coupled.
     if model.provenance.logs and not robot.is_coupled and not config.track:
-        pass_progress = PassProgress(progress, 0.0, _PASS_WORK, "looking at friction")
+        pass_progress = PassProgress(progress, 0.0, _PASS_WORK, "estimating friction drift")
         log_pass = _PassOverLog(read(), robot, model, config, resolution, pass_progress)
         monitor = _monitor_friction(log_pass, prior)
         work_done = _PASS_WORK
@@ -261,8 +261,7 @@ def _evidence_prior(log_pass: _PassOverLog) -> EvidencePrior:
     if force_sd < FLOOR_SHARE * live_force and stated.prior_force_sd is None:
         warnings = (
             f"prior that explains the log best: force sd {force_sd:.3g} N; raised to "
-            f"{FLOOR_SHARE * live_force:.3g} N, so that a short contact still reads; --prior "
-            "states another",
+            f"{FLOOR_SHARE * live_force:.3g} N for short contacts; state another with --prior",
         )
     force_sd = max(force_sd, FLOOR_SHARE * live_force)
     moment_sd = max(moment_sd, FLOOR_SHARE * live_moment)

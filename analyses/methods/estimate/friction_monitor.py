@@ -299,8 +299,8 @@ class FrictionMonitor:
         if drift is not None and error is not None and drift > error.drift:
             share = min(np.ceil(100.0 * drift) / 100.0, LARGEST_DRIFT)
             sentences.append(
-                "until then the stated band is too narrow for the drift of the contact-free "
-                f"stretches: pass --drift {share:g}"
+                "until then the stated band is too narrow for the friction drift of the "
+                f"contact-free stretches; pass --drift {share:g}"
             )
         return sentences
 

@@ -474,15 +474,13 @@ def _warnings(robot: Robot, undetermined: tuple[str, ...], clearance: Clearance)
             f"{'; '.join(undetermined)}; widen the limits, or take more harmonics"
         )
     if not clearance.has_shapes:
-        warnings.append(
-            f"{robot.name} has no collision shapes: contact with itself or the floor is not checked"
-        )
+        warnings.append(f"{robot.name} has no collision shapes: clearance is not checked")
     unusable = robot.unusable_collisions
     if unusable:
         others = f" and {len(unusable) - _NAMED} more" if len(unusable) > _NAMED else ""
         warnings.append(
-            "no clearance is claimed, because collision shapes cannot be used: "
-            f"{', '.join(unusable[:_NAMED])}{others}"
+            f"no usable collision shape for {', '.join(unusable[:_NAMED])}{others}: clearance from "
+            "these is not checked"
         )
     warnings += [
         f"{pair} are near each other in the home posture: they keep {1e3 * distance:.3g} mm, "

@@ -269,7 +269,7 @@ def _identify(
     choice = _best_fit(candidates)
     model = _model_of(choice, robot, logs.fitted, config)
     if config.cross_validate:
-        progress(0.95, "the observer's error")
+        progress(0.95, "learning the torque error")
         readings = held_out_readings(
             recordings,
             logs.fitted,

@@ -46,26 +46,28 @@ def gain_ratios(
     stacked = [
         triangular_factor(np.vstack([f.R[j] for f in factors])) / residual_sd[j] for j in range(n)
     ]
-    rigid = slice(0, _INERTIAL * n)
+    inertial_columns = slice(0, _INERTIAL * n)
     ends = np.cumsum([len(R) for R in stacked])
     rows = np.vstack(stacked)
-    length = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
+    column_norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-12)
     ratios, deviations = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
         of_joint = slice(ends[j] - len(stacked[j]), ends[j])
         ratio, parameters = 1.0, x
         for _ in range(GAUSS_NEWTON_STEPS):
             A = np.column_stack([rows[:, :-1], np.zeros(len(rows))])
-            A[of_joint, -1] = rows[of_joint, rigid] @ parameters[rigid]
-            A[of_joint, rigid] *= ratio
-            reach = np.linalg.norm(A[:, -1])
-            if not reach > 0.0:
+            A[of_joint, -1] = rows[of_joint, inertial_columns] @ parameters[inertial_columns]
+            A[of_joint, inertial_columns] *= ratio
+            factor_norm = np.linalg.norm(A[:, -1])
+            if not factor_norm > 0.0:
                 break
-            scale = np.append(length, reach)
+            scale = np.append(column_norms, factor_norm)
             U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
             selected = s > RANK_TOLERANCE * s[0]
             weight = Vt[selected, -1]
-            deviation = float(np.linalg.norm(weight / s[selected])) / reach * np.sqrt(oversampling)
+            deviation = (
+                float(np.linalg.norm(weight / s[selected])) / factor_norm * np.sqrt(oversampling)
+            )
             if np.linalg.norm(weight) < 0.999:  # partly in the null space: not determined
                 break
             solution = Vt[selected].T @ ((U[:, selected].T @ rows[:, -1]) / s[selected]) / scale

@@ -35,14 +35,14 @@ def law_lines(
     width = max(map(len, errors))
     scores = dict(zip(errors, law_scores(errors, extrapolated), strict=True))
     order = sorted(errors, key=lambda law: (law != chosen, scores[law]))
-    lines = [f"friction laws, {error_source} RMSE by joint [N m]; last what decides:"]
+    lines = [f"friction laws, {error_source} RMSE by joint [N m]; last column: score"]
     for law in order:
         by_joint = " ".join(f"{error:7.3f}" for error in errors[law])
         verdict = "chosen" if law == chosen else "lost"
         lines.append(f"  {law:{width}} {by_joint}  {scores[law]:7.3f}  {verdict}")
     if len(order) > 1:
         lines.append(
-            "  what decides: the geometric mean over joints of these and of the errors on each "
+            "  score: geometric mean over joints of these errors and of those on each "
             "joint's fastest and slowest samples, predicted without them"
         )
     return lines
@@ -54,8 +54,8 @@ def inconsistent_links_text(links: Sequence[str], count: int) -> str | None:
         return None
     which = "every link" if len(links) == count else ", ".join(links)
     return (
-        f"inertia that no body can have: {which}; the predicted torque is not worse for it, but a "
-        "simulation is, and so is a motion far from the logs': --consistent finds a physical one"
+        f"physically impossible inertia: {which}; it spoils simulations and motions unlike the "
+        "logs', not the torque predicted for similar ones; identify again with --consistent"
     )
 
 

@@ -128,7 +128,7 @@ def long_enough(
 def missing_time(recording: Recording, needed: float) -> float:
     """Time in s that a log, from its first sample to its last, is shorter than `needed`.
 
-    0 where it is long enough; what times are rounded by (ROUNDING of a step) is not missing.
+    0 where it is long enough, up to the rounding of its times (ROUNDING of a step).
     """
     missing = needed - recording.duration
     return missing if missing > ROUNDING * recording.time_step else 0.0

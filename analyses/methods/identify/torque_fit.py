@@ -10,7 +10,7 @@ from wrenchsight.models.numerics.arrays import Array
 
 SIMILARITY = (
     "similarity_pct is the correlation of measured and predicted torque, the article's figure: it "
-    "knows neither scale nor offset, and is near 100 wherever gravity changes much, however many "
+    "ignores scale and offset, and is near 100 wherever gravity changes much, however many "
     "standard deviations the error is; judge by rmse_nm, by relative_pct (rmse_nm over the root "
     "mean square of the measured torque, torque_rms_nm), and by residual_mean_nm beside "
     "residual_sd_nm"

@@ -50,7 +50,7 @@ class Samples:
     p_WE: Array
 
     def metrics(self) -> dict[str, Any]:
-        """Mean, median, smallest, share above THRESHOLD; infinite ones are counted apart."""
+        """Mean, median, smallest, share above THRESHOLD; infinite ones count as `singular`."""
         finite = self.jcn[np.isfinite(self.jcn)]
         return {
             "mean": float(np.mean(finite)),
@@ -259,7 +259,7 @@ def _map_into(
         if plane.postures.hits.any():
             notices.append(
                 f"{np.count_nonzero(plane.postures.hits)} of {plane.postures.best.size} points of "
-                "the slice have no posture that hits neither arm nor floor; grey in the map"
+                "the slice have no collision-free posture; grey in the map"
             )
         _write_slice(folder, plane)
     folder.write_json("metrics.json", {**metrics, "notices": notices})
@@ -292,7 +292,7 @@ def _write_slice(folder: OutputFolder, plane: Slice) -> None:
 def _clearance(robot: Robot, notices: list[str]) -> Clearance | None:
     if robot.unusable_collisions:
         links = ", ".join(robot.unusable_collisions)
-        notices.append(f"collisions are not checked: no usable shape for {links}")
+        notices.append(f"no usable collision shape for {links}: collisions are not checked")
         return None
     clearance = Clearance(robot, 0.0, robot.floor)
     if not clearance.has_shapes:
@@ -406,7 +406,7 @@ def draw_slice(plane: Slice, path: Path) -> None:
     if plane.postures.hits.any():
         hit = np.where(plane.postures.hits.reshape(plane.jcn.shape), 1.0, np.nan)
         ax.pcolormesh(plane.u, plane.v, hit, cmap="Greys", vmin=0.0, vmax=2.5, shading="nearest")
-        ax.plot([], [], "s", color="#b8b8b8", label="no posture that hits neither arm nor floor")
+        ax.plot([], [], "s", color="#b8b8b8", label="no collision-free posture")
     if np.nanmin(plane.jcn, initial=np.inf) < THRESHOLD < np.nanmax(plane.jcn, initial=-np.inf):
         ax.contour(plane.u, plane.v, plane.jcn, levels=[THRESHOLD], colors="white", linewidths=1.2)
     if np.any(np.isfinite(plane.postures.best)):

@@ -280,9 +280,9 @@ def load_figure(result: PayloadResult) -> "Figure":
     t = rows.t - rows.t[0]
     difference_rms = np.sqrt(np.mean((rows.residual - result.torque) ** 2, axis=0))
     for j, axis in enumerate(panels):
-        axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="left by the model")
-        axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="of the load")
-        axis.set_title(f"{names[j]}: {difference_rms[j]:.2f} N m apart (RMS)")
+        axis.plot(t, rows.residual[:, j], color=COLOUR["truth"], label="residual of the model")
+        axis.plot(t, result.torque[:, j], color=COLOUR["estimate"], lw=1.0, label="load")
+        axis.set_title(f"{names[j]}: {difference_rms[j]:.2f} N m RMS of the difference")
     legend_below(figure, panels[0], 2)
     sd = result.load.standard_deviation
     figure.suptitle(f"Load of {result.load.mass:.3f} ± {sd[0]:.3f} kg on the flange")

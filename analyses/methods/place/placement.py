@@ -229,7 +229,7 @@ def _with_free(
     end_distance = distance_of_ends(robot, cell, best.fine)
     if min(best.smallest_distance, end_distance) >= 0.0:
         return result
-    collision = f"coming or going {sentence_of_ends(end_distance)}"
+    collision = f"on approach or retreat {sentence_of_ends(end_distance)}"
     if best.smallest_distance < 0.0:
         overlap = -1e3 * best.smallest_distance
         collision = f"the arm overlaps itself or the floor by {overlap:.0f} mm"
@@ -252,7 +252,7 @@ def _with_free(
                 ),
             ).best
         except InputError as error:
-            notices.append(f"no placement is free: {error}")
+            notices.append(f"no collision-free placement: {error}")
             break
         end_distance = distance_of_ends(robot, cell, outcome.fine)
         if free is None or end_distance >= 0.0:
@@ -261,7 +261,7 @@ def _with_free(
             break
     else:
         notices.append(
-            f"the free placement is free along its path; coming or going "
+            "the collision-free placement is so along its path only: on approach or retreat "
             f"{sentence_of_ends(end_distance)}"
         )
     return replace(result, free=free, notices=(*result.notices, *notices))

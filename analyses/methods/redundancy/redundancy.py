@@ -179,8 +179,8 @@ def find_redundancy(
         raise InputError(
             source or "task",
             "",
-            f"no way is free: on the best one {closest.first} and {closest.second} overlap by "
-            f"{-1e3 * closest.distance:.0f} mm, coming and going included",
+            f"no collision-free trajectory: on the best one {closest.first} and {closest.second} "
+            f"overlap by {-1e3 * closest.distance:.0f} mm, approach and retreat included",
             "move the workpiece to where this arm reaches it from outside",
         )
     progress(1.0, "done")
@@ -260,15 +260,18 @@ def _check_clearance(
     robot = problem.robot
     if robot.unusable_collisions:
         notices.append(
-            "no clearance is claimed: no shape for " + ", ".join(robot.unusable_collisions)
+            f"no usable collision shape for {', '.join(robot.unusable_collisions)}: "
+            "clearance is not checked"
         )
         return _ClearanceCheck({}, None)
     cell = surroundings(robot, config, config.clearance)
     if not cell.clearance.has_shapes:
-        notices.append(f"{robot.name} has no collision shapes: no clearance is claimed")
+        notices.append(f"{robot.name} has no collision shapes: clearance is not checked")
         return _ClearanceCheck({}, None)
     if config.surface is None:
-        notices.append("the body of a CSV's workpiece is unknown: no clearance from it is claimed")
+        notices.append(
+            "the shape of a CSV's workpiece is unknown: clearance from it is not checked"
+        )
     progress(0.95, "clearance")
     checks = {
         name: clear_of_all(cell, problem, way) for name, way in ways.items() if way is not None
@@ -282,11 +285,13 @@ def _check_clearance(
         shapes = f" ({pair.first} and {pair.second}: {1e3 * pair.distance:.0f} mm)"
     notices.append(
         f"the optimum keeps less than {1e3 * config.clearance.distance:.0f} mm from the arm "
-        f"itself, the floor or the workpiece, coming and going included{shapes}"
+        f"itself, the floor or the workpiece, approach and retreat included{shapes}"
     )
     way = best_free(cell, problem, grid, lambda f: progress(0.95 + 0.05 * f, "clearance"))
     if way is None:
-        notices.append("no way on the grid is free: move the workpiece, or lower the clearance")
+        notices.append(
+            "no collision-free trajectory on the grid; move the workpiece, or lower the clearance"
+        )
     else:
         pairs["free"] = clear_of_all(cell, problem, way).worst
     return _ClearanceCheck(pairs, way)
@@ -368,7 +373,7 @@ def make_problem(
     lower, upper = narrowed_limits(robot, config.joint_ranges_deg, lower, upper, name)
     if np.any(lower >= upper):
         joint = robot.joint_names[int(np.argmax(lower - upper))]
-        raise InputError(name, "limit_margin_deg, joint_ranges_deg", f"leave {joint} no room")
+        raise InputError(name, "limit_margin_deg, joint_ranges_deg", f"leave {joint} no range")
     axis = np.array(config.tool_axis)
     problem = RedundancyProblem(
         robot=robot,

@@ -135,8 +135,8 @@ def find_mounting(log: SensorLog, config: ReferenceConfig) -> tuple[Mounting, tu
         error, size = error_of(coarse, best, True), _size(coarse, best)
         if error > _POOR * size:
             notices.append(
-                f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: what "
-                "was found of its mounting says little; give --reference-frame and "
+                f"the reading differs from the sensor by {error:.3g} N RMS of {size:.3g} N: the "
+                "mounting found is uncertain; state it with --reference-frame and "
                 "--reference-sign"
             )
     return best, tuple(notices)

@@ -61,7 +61,7 @@ def checked_reference(config: ReferenceConfig, command: str = "estimate") -> Ref
     if config.turn and config.frame == FOUND:
         raise refuse(
             "--reference-turn",
-            "needs the frame that it is of",
+            "needs the frame that it turns",
             "give --reference-frame world or tool",
         )
     if config.delay != FOUND:

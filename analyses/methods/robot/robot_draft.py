@@ -129,7 +129,7 @@ def _joints_between(
     link = flange
     while link != base:
         if link not in by_child:
-            raise InputError(urdf, flange, f'does not hang on "{base}"', "name another --base")
+            raise InputError(urdf, flange, f'is not connected to "{base}"', "name another --base")
         joint = by_child[link]
         if joint.moves:
             arm.insert(0, joint)
@@ -191,7 +191,9 @@ def _root(joints: list[_Joint], by_child: dict[str, _Joint], urdf: Path) -> str:
     roots = sorted({joint.parent for joint in joints} - set(by_child))
     if len(roots) != 1:
         listed = ", ".join(roots) or "none"
-        raise InputError(urdf, "", f"links that hang on nothing: {listed}", "name the --base")
+        raise InputError(
+            urdf, "", f"links without a parent: {listed}, expected one", "name the --base"
+        )
     below = [joint for joint in joints if joint.parent == roots[0]]
     if roots[0] == "world" and len(below) == 1 and not below[0].moves:
         return below[0].child  # W is a link of the robot

@@ -133,7 +133,7 @@ class LiveSummary:
         if self.last.misfit:
             words.append(f"misfit at link {self.last.link}" if self.last.link else "misfit")
         words += ["at rest"] if self.last.rest else []
-        words += ["beyond what the model was fitted on"] if self.last.out_of_range else []
+        words += ["outside the range of the model's logs"] if self.last.out_of_range else []
         return ", ".join(words)
 
     def line(self) -> str:

@@ -43,7 +43,7 @@ def _rtde(
         where = f"rtde://{host}:{controller.port}"
         if host not in (LOOPBACK, "localhost", "::1"):
             tell(f"{where} can be reached from other computers")
-        tell(f"{recording.duration:.1f} s are played once somebody reads {where}; Ctrl-C ends it")
+        tell(f"plays {recording.duration:.1f} s once a client reads {where}; Ctrl-C ends it")
         while not controller.ended.wait(0.2):
             pass
 

@@ -83,7 +83,7 @@ class ReplaySource:
             self._next = None
             items.append(StreamEvent(EventKind.GARBAGE, str(error), now))
         if self._next is None:
-            items.append(StreamEvent(EventKind.ENDED, f"{self._name} is over", now))
+            items.append(StreamEvent(EventKind.ENDED, f"{self._name} has ended", now))
         return items
 
     def close(self) -> None:

@@ -48,7 +48,7 @@ def play_joint_states(
         return kind(header(robot.config.base_link, stamp), names, each, each, each)
 
     layout = Layout(JOINT_STATE, message)
-    tell(f"{recording.duration:.1f} s are played once somebody reads {topic}; Ctrl-C ends it")
+    tell(f"plays {recording.duration:.1f} s once a client reads {topic}; Ctrl-C ends it")
     while not writer.is_read:
         time.sleep(0.05)
     begin, since = time.time(), recording.t - recording.t[0]

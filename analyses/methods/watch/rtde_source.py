@@ -188,7 +188,7 @@ class RtdeSource:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         version = packet(PacketType.PROTOCOL_VERSION, VERSION.to_bytes(2, "big"))
         if not accepted(self._ask(version, PacketType.PROTOCOL_VERSION)):
-            raise ProtocolError("a no to version 2")
+            raise ProtocolError("a refusal of version 2")
         answer = self._ask(packet(PacketType.CONTROL_VERSION), PacketType.CONTROL_VERSION)
         major, minor, *_ = read_control_version(answer)
         frequency = min(self._frequency, 500.0 if major >= _FIRST_OF_500_HZ else 125.0)
@@ -203,7 +203,7 @@ class RtdeSource:
             names = [name for name in names if name not in recipe.missing]
             recipe = self._set_up(frequency, names)
         if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
-            raise ProtocolError("a no to the start")
+            raise ProtocolError("a refusal to start")
         self._recipe, self._refusal = recipe, ""
         self._last_packet = time.monotonic()
         again = " again" if self._was_connected else ""

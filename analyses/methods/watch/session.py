@@ -144,7 +144,7 @@ class LiveSession:
             reasons = [event.text for event in self.events if event.kind is EventKind.ENDED]
             raise InputError("watch", "", reasons[-1] if reasons else "the source cannot be read")
         if code:
-            raise RuntimeError(f"the process that reads the robot broke (code {code})")
+            raise RuntimeError(f"the process that reads the robot failed (exit code {code})")
 
     def close(self) -> None:
         """Ends the reading process."""

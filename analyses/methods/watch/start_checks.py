@@ -194,8 +194,8 @@ class StartChecks:
                 least, text = share, mistake.text
         if least * EXPLAINS < min(unexplained, beside_push):
             problem = (
-                f"{text}: gravity leaves {100 * unexplained:.0f} % of the torque unexplained as it "
-                f"comes, {100 * least:.0f} % otherwise"
+                f"{text}: gravity leaves {100 * unexplained:.0f} % of the torque unexplained, "
+                f"{100 * least:.0f} % with that corrected"
             )
             raise InputError("the stream", "", problem, _remedy(text))
 
@@ -210,11 +210,11 @@ class StartChecks:
         else:
             yield _Mistake("the currents look like torques in N m", q, effort)
         if not self._accept_signs:
-            yield _Mistake("all currents look like those of turned signs", q, -tau)
+            yield _Mistake("the signs of all currents look reversed", q, -tau)
             for j, name in enumerate(names):
-                turned = tau.copy()
-                turned[:, j] *= -1.0
-                yield _Mistake(f"the sign of {name}'s current looks turned", q, turned)
+                reversed_tau = tau.copy()
+                reversed_tau[:, j] *= -1.0
+                yield _Mistake(f"the sign of {name}'s current looks reversed", q, reversed_tau)
         for i, j in combinations(range(len(names)), 2):
             order = np.arange(len(names))
             order[[i, j]] = j, i
@@ -335,5 +335,5 @@ def _remedy(mistake: str) -> str:
     if "exchanged" in mistake:
         return "check the joints' order in robot.yaml and in what the source sends"
     if "sign" in mistake:
-        return "turn current_sign in robot.yaml, or pass --accept-signs"
+        return "reverse current_sign in robot.yaml, or pass --accept-signs"
     return "check the source's options of effort or torque, and torque_per_ampere in robot.yaml"

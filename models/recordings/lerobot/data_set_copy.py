@@ -145,7 +145,7 @@ def _description(feature: NewFeature) -> dict[str, Any]:
 
 
 def _write_data(data_set: DataSet, source: Path, target: Path, features: list[NewFeature]) -> None:
-    """A file of frames, with the features."""
+    """Copies a file of frames and appends the features."""
     episodes = [episode for episode in data_set.episodes if episode.file == source]
     about_to_read(source)
     try:

@@ -225,7 +225,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
     ("words", "message"),
     [
         (["identificatoin"], "did you mean identification?"),
-        (["identification", "--world", "5", "--worlds", "3"], "--world: is 5, one of 0 to 2"),
+        (["identification", "--world", "5", "--worlds", "3"], "--world: is 5, expected 0 to 2"),
         (["identification", "--cluster", "tcp://127.0.0.1:9"], "no scheduler answers at tcp"),
         (["identification", "--cluster", "tls://127.0.0.1:1"], "no scheduler answers at tls"),
         (["identification", "--cluster", "tcp://nowhere.invalid:1"], "no scheduler answers at"),

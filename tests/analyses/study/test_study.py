@@ -187,7 +187,7 @@ def test_other_options_run_it_again_and_leave_others_out_unharmed(
     run()
     before = (tmp_path / "study" / "two" / "metrics.json").read_bytes()
     what, state = _again(run, **other)
-    assert what == f"its earlier result has other {next(iter(other))}: it runs again"
+    assert what == f"changed since its earlier result: {next(iter(other))}; it runs again"
     assert state == "done"
     assert list(_read(tmp_path / "study" / "metrics.json")) == ["one"]
     assert (tmp_path / "study" / "two" / "metrics.json").read_bytes() == before
@@ -210,7 +210,7 @@ def test_changed_software_runs_it_again(experiments, run):
     module = experiments("one")
     run("one")
     module.write_text(module.read_text() + "# changed\n")
-    assert _again(run) == ("its earlier result has other software: it runs again", "done")
+    assert _again(run) == ("changed since its earlier result: software; it runs again", "done")
     assert _again(run) == ("nothing has changed since its run", "earlier")
 
 
@@ -224,7 +224,7 @@ def test_changed_recordings_run_it_again_and_only_those_it_reads(experiments, ru
     (tmp_path / "data" / "ur10e" / ".hidden").write_text("2")
     assert _again(run)[1] == "earlier"
     (tmp_path / "data" / "ur10e" / "deep" / "log.csv").rename(tmp_path / "data" / "ur10e" / "a.csv")
-    assert _again(run) == ("its earlier result has other recordings: it runs again", "done")
+    assert _again(run) == ("changed since its earlier result: recordings; it runs again", "done")
 
 
 def test_software_that_changes_while_it_runs_does_not_count(experiments, run):

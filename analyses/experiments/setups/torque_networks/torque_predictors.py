@@ -72,8 +72,8 @@ def torque_log(
     """Low-passes a log and predicts its torque by a model.
 
     Args:
-        recording: the log, all of it known, on a uniform grid if a torque is.
-        external: (T, n) N m at the recording's samples, torque of a wrench that is known.
+        recording: the log, without drop-outs; on a uniform grid where `external` is given.
+        external: (T, n) N m at the recording's samples, torque of a known wrench.
         loaded: whether the torque that the gears transmit is the measured one, not the model's.
     """
     config = replace(FILTER, time_step=min(0.01, float(f"{recording.time_step:.3g}")))
@@ -84,9 +84,11 @@ def torque_log(
     if loaded:
         friction = model.friction.torque_along(run.q, run.v, tau - friction)
     if external is not None:
-        smooth = ZeroPhaseLowPass(FILTER.cutoff, recording.time_step, FILTER.filter_order)(external)
-        at = np.searchsorted(recording.t, run.t - 1e-9)
-        tau = tau + smooth[np.minimum(at, len(smooth) - 1)]
+        low_passed = ZeroPhaseLowPass(FILTER.cutoff, recording.time_step, FILTER.filter_order)(
+            external
+        )
+        sample = np.searchsorted(recording.t, run.t - 1e-9)
+        tau = tau + low_passed[np.minimum(sample, len(low_passed) - 1)]
     motion = Motion(run.q, run.v, tau, run.used, run.low_pass.time_step)
     return TorqueLog(run.t, motion, run.match(rigid + friction))
 

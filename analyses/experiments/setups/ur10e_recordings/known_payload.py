@@ -103,8 +103,9 @@ def payload_metrics(estimate: WrenchEstimate, direction: Array) -> dict[str, Any
 def payload_reference(
     robot: Robot, recording: Recording, cutoff: float, p_EP: Array | None = None
 ) -> Array:
-    """(N, 3) g - a_E in axes of W, m/s^2, along a recording on a uniform grid: a payload's force
-    on the robot by its mass.
+    """Force of a payload on the robot over its mass: (N, 3) g - a_E in axes of W, m/s^2.
+
+    The recording is on a uniform grid.
 
     a_E is the second derivative of the position of the flange (or of a point P fixed to it),
     computed from positions that went through a zero-phase low-pass: no model, no current, no delay.
@@ -215,7 +216,7 @@ def read_at_load(
 def estimate_run(
     log: Path, robot: Robot, model: IdentifiedModel
 ) -> tuple[Recording, EstimateBatch]:
-    """A log on its uniform grid, and what the estimator reads of it."""
+    """Reads a log on a uniform grid; returns its recording and the estimates."""
     recording = resampled(read_recording(log, robot=robot), TIME_STEP)
     estimator = WrenchEstimator(robot, model, estimator_config())
     state = estimator.initial_state()

@@ -196,18 +196,18 @@ def friction_figure(result: RefreshResult) -> "Figure":
     """The residual by speed, before and after: one panel a joint."""
     names = result.model.joint_names
     n = len(names)
-    figure, panels = panels_in_pairs(n, "joint velocity [rad/s]", "torque missed [N m]")
+    figure, panels = panels_in_pairs(n, "joint velocity [rad/s]", "torque residual [N m]")
     rmse_before, rmse_after = result.rmse_before, result.rmse_after
     for j, axis in enumerate(panels):
         for rows, colour, label in (
-            (result.residual_before, COLOUR["before"], "the model before"),
+            (result.residual_before, COLOUR["before"], "before"),
             (result.residual_after, COLOUR["after"], "after"),
         ):
             axis.plot(rows.v[:, j], rows.residual[:, j], ".", color=colour, ms=3, label=label)
         axis.axhline(0.0, color=COLOUR["truth"], lw=0.8)
         axis.set_title(f"{names[j]}: RMSE {rmse_before[j]:.2f} to {rmse_after[j]:.2f} N m")
     legend_below(figure, panels[0], 2)
-    figure.suptitle("Measured minus predicted torque")
+    figure.suptitle("Measured minus predicted torque, before and after the refresh")
     return figure
 
 
@@ -270,8 +270,8 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
     ]
     if hardly_moved:
         warnings.append(
-            f"the log says little about the friction of {', '.join(hardly_moved)}: unchanged "
-            "within the stated standard errors; log more motion of these joints to refresh them"
+            f"the log hardly determines the friction of {', '.join(hardly_moved)}: unchanged "
+            "within its standard errors; log more motion of these joints"
         )
     sd = result.residual_before.sd
     rmse_after = result.rmse_after

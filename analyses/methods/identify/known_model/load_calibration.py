@@ -146,7 +146,7 @@ def calibrate(
     stated_model = identify(
         recordings, robot, (), config, lambda share, message: progress(0.35 * share, message)
     )
-    progress(0.35, "weighing the torque constants")
+    progress(0.35, "fitting torque per ampere")
     all_recordings = [*recordings, *loaded_recordings]
     runs = [
         low_pass_log(name, recording, robot, stated_model.config)
@@ -278,7 +278,10 @@ def calibration_figure(result: CalibrationResult) -> "Figure":
     bottom.axhline(0.0, color=COLOUR["reference"], lw=0.8)
     bottom.set_ylabel("friction per torque\n[N m per N m]")
     bottom.set_xticks(places, names)
-    figure.suptitle("Weighed with " + ", ".join(f"{x.mass:g} kg" for x in result.loads.values()))
+    figure.suptitle(
+        "Torque per ampere from weights of "
+        + ", ".join(f"{x.mass:g} kg" for x in result.loads.values())
+    )
     return figure
 
 

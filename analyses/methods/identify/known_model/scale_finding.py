@@ -127,14 +127,14 @@ def sentences(result: ScaleResult, by_weight: bool) -> list[str]:
     if hidden:
         cause = "the weight" if by_weight else "gravity"
         notes.append(
-            f"{cause} does not show {hidden} to {100 * DETERMINED:.0f} %: kept as stated; take it "
-            "from the drive's data sheet, or put a weight on a lever across that axis: "
+            f"{cause} does not determine {hidden} to {100 * DETERMINED:.0f} %: kept as stated; "
+            "take it from the drive's data sheet, or put a weight on a lever across that axis: "
             "--load LOG=KG,X,Y,Z"
         )
     if by_weight:
         notes.append(
-            "the standard error of few postures does not show stiction, which may hold part of the "
-            "weight of a joint at rest: come to each posture from both sides"
+            "the standard errors do not include stiction, which may carry part of a joint's load "
+            "at rest; approach each posture from both sides"
         )
     else:
         notes.append(

@@ -177,12 +177,12 @@ def test_what_does_not_go_with_tracking_is_refused(ur10e, changes, what):
 
 
 def test_an_observer_or_a_method_that_cannot_be_tracked_is_refused(ur10e, coupled_wrist):
-    with pytest.raises(InputError, match="reads the wrench itself"):
+    with pytest.raises(InputError, match="estimates the wrench, not the torque"):
         checked_config(with_observer(EstimateConfig(track=True), "kalman"), ur10e)
     config = EstimateConfig(track=True)
     reading = WrenchReconstructionConfig("damped")
     config = replace(config, estimator=replace(config.estimator, reconstruction=reading))
-    with pytest.raises(InputError, match="under which friction is not followed"):
+    with pytest.raises(InputError, match="with which friction cannot be followed"):
         checked_config(config, ur10e)
     with pytest.raises(InputError, match="coupled joints"):
         checked_config(EstimateConfig(track=True), coupled_wrist)

@@ -250,6 +250,6 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
         (slab,) = clearance.obstacles
         assert slab.pose.xyz[2] + 0.5 * slab.size[2] == pytest.approx(floor)
     assert result.free is outcome[0].best
-    assert any("coming or going" in notice for notice in result.notices)
+    assert any("on approach or retreat" in notice for notice in result.notices)
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert "free" in metrics

@@ -112,7 +112,7 @@ def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) 
             ["joint_9", "no joint of this name", "joint_3"],
         ),
         ("csv: a.csv\njoint_ranges_deg: {joint_3: [1, 0]}\n", ["joint_3", "[lower, upper]"]),
-        ("csv: a.csv\njoint_ranges_deg: {joint_3: [300, 310]}\n", ["joint_3", "no room"]),
+        ("csv: a.csv\njoint_ranges_deg: {joint_3: [300, 310]}\n", ["joint_3", "no range"]),
         ("surface: {start: [0, 0], end: [1, 0]}\n", ["one of plate and blade"]),
         ("surface: {plate: {}, start: [0], end: [1, 0]}\n", ["surface.start"]),
         ("surface: {plate: {}, start: [0, 0], end: [2, 0]}\n", ["leaves the surface"]),
@@ -185,7 +185,7 @@ def test_a_way_through_the_workpiece_is_refused(tmp_path: Path) -> None:
     words = ["redundancy", "--task", str(tmp_path / "t.yaml"), "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 2, result.stdout
-    assert "no way is free" in result.stderr
+    assert "no collision-free trajectory" in result.stderr
     assert "workpiece overlap by" in result.stderr
     assert "move the workpiece" in result.stderr
     assert not (tmp_path / "out" / "trajectory.csv").exists()

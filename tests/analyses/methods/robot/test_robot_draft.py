@@ -64,7 +64,7 @@ def test_base_and_flange_may_be_named(wheel_robots: Path, tmp_path: Path) -> Non
     other = tmp_path / "other.yaml"
     with pytest.raises(InputError, match="linc: is no link of it; links: gripperMover"):
         draft_robot(urdf, other, flange="linc")
-    with pytest.raises(InputError, match='does not hang on "link05"'):
+    with pytest.raises(InputError, match='is not connected to "link05"'):
         draft_robot(urdf, other, base="link05", flange="link02")
     assert not other.exists()
 
@@ -74,7 +74,7 @@ def test_the_urdf_beside_it_is_named_relatively(tmp_path: Path, wheel_robots: Pa
     urdf.write_text((wheel_robots / "ur_description/urdf/ur5_robot.urdf").read_text())
     robot, _ = draft_robot(urdf, tmp_path / "robot.yaml")
     assert yaml.safe_load((tmp_path / "robot.yaml").read_text())["urdf"] == "my arm.urdf"
-    # Its meshes are elsewhere now: the links are named, and no clearance is claimed.
+    # Its meshes are elsewhere now: the links are named, and clearance is not checked.
     assert len(robot.unusable_collisions) == 7
 
 
@@ -91,7 +91,7 @@ def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
         ("a.xml", "<mujoco/>", "<mujoco> is the root element"),
         ("a.urdf", "<robot>", "no valid XML"),
         ("robot.yaml", "name: a", "expected a URDF.*wrenchsight robot show .*robot.yaml$"),
-        ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links that hang on nothing"),
+        ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links without a parent"),
     ],
 )
 def test_what_is_no_arm(tmp_path: Path, name: str, text: str, words: str) -> None:

@@ -78,7 +78,7 @@ def changed(stream, change):
     ("change", "words"),
     [
         (lambda s: {"effort": s.effort * 11.0}, "N m"),  # torque given as current
-        (lambda s: {"effort": -s.effort}, "turned sign"),
+        (lambda s: {"effort": -s.effort}, "look reversed"),
         (lambda s: {"q": np.degrees(s.q)}, "rad"),
         (lambda s: {"v": np.degrees(s.v)}, "deg"),
         (lambda s: {"effort": s.effort[[0, 3, 2, 1, 4, 5]]}, "shoulder_lift_joint and wrist_1"),

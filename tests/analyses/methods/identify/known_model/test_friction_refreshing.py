@@ -72,7 +72,7 @@ def test_a_joint_at_rest_keeps_its_friction_and_is_named(ur10e, model):
     log = recording(ur10e, 3, viscous=1.3 * VISCOUS, still=(4,))
     result = refresh_model(log, ur10e, model)
     np.testing.assert_allclose(result.refresh.change[4, :2], 0.0, atol=1e-9)
-    assert any("wrist_2_joint" in line and "says little" in line for line in result.warnings)
+    assert any("wrist_2_joint" in line and "hardly determines" in line for line in result.warnings)
 
 
 def test_a_residual_that_friction_cannot_explain_warns(ur10e, model):

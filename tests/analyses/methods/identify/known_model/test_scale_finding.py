@@ -38,7 +38,7 @@ def test_a_real_arms_amperes(data, tmp_path, ur10e):
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["seen"] == result.scale.is_determined.tolist()
     notes = " ".join(sentences(result, False))
-    assert "gravity does not show shoulder_pan_joint" in notes
+    assert "gravity does not determine shoulder_pan_joint" in notes
     assert "masses of the URDF" in notes
 
 
