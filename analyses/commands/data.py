@@ -1,12 +1,16 @@
 """The command `data`: which recordings of real robots there are, and where they are."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wrenchsight.analyses.output.console import new_table, show
 from wrenchsight.models.files.input_error import InputError
+
+if TYPE_CHECKING:
+    from wrenchsight.analyses.study.registry import ExperimentEntry
 
 ORDER = 12
 
@@ -45,7 +49,9 @@ def _list(names: list[str], data: Path | None) -> None:
     from wrenchsight.analyses.data_sets.advice import how_to_get
     from wrenchsight.analyses.data_sets.places import find_data_set
     from wrenchsight.analyses.data_sets.registry import DATA_SETS, data_set
+    from wrenchsight.analyses.study.registry import REGISTRY
 
+    entries = REGISTRY.entries()
     table = new_table("set", "MB", "licence", "now", "robot")
     lines = []
     for name in names or DATA_SETS:
@@ -55,11 +61,31 @@ def _list(names: list[str], data: Path | None) -> None:
         location = how_to_get(name) if place is None else str(place.folder)
         paper = entry.paper or "no paper"
         lines.append(f"{name}: {entry.contents}; {entry.source}; {paper}; {location}")
+        lines.append(f"  {_experiments_with(name, entries.values())}")
     show(table, *lines)
 
 
+def _experiments_with(name: str, entries: "Iterable[ExperimentEntry]") -> str:
+    """Which experiments of `study` need a set of recordings, and which read it if it is there."""
+    needed_by, used_by = [], []
+    for entry in entries:
+        needs, uses = entry.recordings()
+        if name in needs:
+            needed_by.append(entry.name)
+        elif name in uses:
+            used_by.append(entry.name)
+    parts = [f"needed by {', '.join(needed_by)}"] if needed_by else []
+    parts += [f"read if there by {', '.join(used_by)}"] if used_by else []
+    return "; ".join(parts) or "read by no experiment"
+
+
 def _fetch(names: list[str], mirror: str | None) -> None:
-    from wrenchsight.analyses.data_sets.fetching import fetch_data_sets, fetchable
+    from wrenchsight.analyses.data_sets.fetching import (
+        PUBLIC_HOST,
+        fetch_data_sets,
+        fetchable,
+        mirror_url,
+    )
     from wrenchsight.analyses.data_sets.registry import data_set
     from wrenchsight.analyses.output.console import new_console
     from wrenchsight.analyses.output.progress import Progress, ProgressDisplay
@@ -81,6 +107,11 @@ def _fetch(names: list[str], mirror: str | None) -> None:
     problems = [f"{fetched.name}: {fetched.problem}" for fetched in result if fetched.problem]
     if problems:
         remedy = "run it again: it resumes where it was cut; behind a proxy, pass --mirror"
+        if mirror_url(mirror) != PUBLIC_HOST:
+            remedy = (
+                "run it again: it resumes where it was cut; a set that the mirror lacks comes from "
+                "the public host, without --mirror"
+            )
         raise InputError("data fetch", "", "; ".join(problems), remedy)
 
 

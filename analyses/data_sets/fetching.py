@@ -135,7 +135,10 @@ def _fetch_file(file: PublishedFile, folder: Path, url: str, report: Callable[[i
         with _writing(folder):
             source.fetch(file.name, downloader=_Resuming(file, folder, report))
     except requests.RequestException as error:
-        return f"{address}: {_reason(error)}"
+        reason = _reason(error)
+        if urlsplit(url).scheme == "file":
+            reason = f"cannot be read ({_deepest_words(error)})"
+        return f"{address}: {reason}"
     except ValueError as error:
         if isinstance(error, InputError):
             raise
@@ -235,10 +238,15 @@ def _reason(error: "requests.RequestException") -> str:
         return f"the host answers {error.response.status_code} {error.response.reason}"
     if isinstance(error, requests.Timeout):
         return "the host does not answer in time"
+    return f"the connection failed ({_deepest_words(error)})"
+
+
+def _deepest_words(error: "requests.RequestException") -> str:
+    """What the innermost cause of an error says."""
     cause = error.args[0] if error.args else error
     deepest = getattr(cause, "reason", None) or cause
     words = str(deepest).rpartition(": ")[2] or type(error).__name__
-    return f"the connection failed ({words.strip(' )')})"
+    return words.strip(" )")
 
 
 def _convert(data_set: DataSet, folder: Path) -> None:

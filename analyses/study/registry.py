@@ -2,7 +2,8 @@
 
 An experiment is a module with `EXPERIMENT = Experiment(name=..., title=..., run=...)`. The fields
 of its entry (ENTRY_FIELDS) are read from that statement without importing the module, so that a
-list of experiments imports neither Drake nor numba. These arguments must be literals.
+list of experiments imports neither Drake nor numba. These arguments must be literals, but for
+`needs` and `uses`: where they are not, `recordings` imports the module.
 
     wrenchsight.analyses.experiments.*.experiment       are found by themselves
     entry points of the group wrenchsight.experiments   of installed packages name a module each
@@ -17,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,9 +44,19 @@ class ExperimentEntry:
     order: float = Experiment.order
     seconds: float = Experiment.seconds
     readme: tuple[str, ...] = Experiment.readme
+    needs: tuple[str, ...] | None = Experiment.needs  # None: not a literal
+    uses: tuple[str, ...] | None = Experiment.uses  # None: not a literal
+
+    def recordings(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The sets of recordings that it needs, and those that it reads if they are there."""
+        if self.needs is None or self.uses is None:
+            experiment: Experiment = import_module(self.module).EXPERIMENT
+            return experiment.needs, experiment.uses
+        return self.needs, self.uses
 
 
 ENTRY_FIELDS: Final = tuple(f.name for f in dataclasses.fields(ExperimentEntry))[1:]
+_RECORDING_FIELDS: Final = ("needs", "uses")
 
 
 class ExperimentRegistry:
@@ -154,11 +166,21 @@ def _literals(path: Path, changed: int) -> Mapping[str, Any]:
     order = [field.name for field in dataclasses.fields(Experiment)]
     arguments = dict(zip(order, call.args, strict=False))
     arguments |= {word.arg: word.value for word in call.keywords if word.arg is not None}
-    try:
-        return {key: ast.literal_eval(arguments[key]) for key in ENTRY_FIELDS if key in arguments}
-    except ValueError:
-        fields = ", ".join(ENTRY_FIELDS)
-        raise ValueError(f"{path}: of its {_STATEMENT}, {fields} must be literals") from None
+    literals: dict[str, Any] = {}
+    for key in ENTRY_FIELDS:
+        if key not in arguments:
+            continue
+        try:
+            literals[key] = ast.literal_eval(arguments[key])
+        except ValueError:
+            if key not in _RECORDING_FIELDS:
+                fields = ", ".join(
+                    field for field in ENTRY_FIELDS if field not in _RECORDING_FIELDS
+                )
+                problem = f"{path}: of its {_STATEMENT}, {fields} must be literals"
+                raise ValueError(problem) from None
+            literals[key] = None
+    return literals
 
 
 REGISTRY: Final = ExperimentRegistry(["wrenchsight.analyses.experiments"], ENTRY_POINTS)

@@ -1,6 +1,7 @@
 """The command line: what it prints, where, and with which exit code."""
 
 import io
+import itertools
 import re
 import signal
 import subprocess
@@ -220,6 +221,9 @@ def test_data_lists_the_sets_and_says_where_each_is(tmp_path):
     assert "GPL-3.0" in kinds["ur10e_contact"]
     (about,) = [line for line in result.stdout.splitlines() if line.startswith("ur10e:")]
     assert about.endswith("`wrenchsight data fetch ur10e`")
+    users = dict(itertools.pairwise(result.stdout.splitlines()))[about]
+    assert users.startswith("  needed by ") and " ur10e-payload, " in users
+    assert users.endswith("; read if there by friction-laws, benchmark")
     result = invoke("data", "path", "panda_ati_gamma", "--data", tmp_path)
     assert (Path(result.stdout.strip()) / "SOURCE.md").is_file()
 
@@ -235,7 +239,11 @@ def test_data_lists_the_sets_and_says_where_each_is(tmp_path):
         (("fetch", "ur11e"), "data: no set of recordings is named 'ur11e'; known are"),
         (("fetch", "staubli_tx40"), "staubli_tx40: cannot be fetched; ask"),
         (("fetch", "ur10e", "--mirror", "here"), "--mirror: is 'here', expected an address"),
-        (("fetch", "ur10e_pushes", "--mirror", "file:///none"), "No such file or directory"),
+        (
+            ("fetch", "ur10e_pushes", "--mirror", "file:///none"),
+            "cannot be read (No such file or directory); run it again: it resumes where it was "
+            "cut; a set that the mirror lacks comes from the public host, without --mirror",
+        ),
     ],
 )
 def test_data_refuses_in_one_line(tmp_path, monkeypatch, arguments, words):

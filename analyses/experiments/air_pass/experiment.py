@@ -174,7 +174,7 @@ EXPERIMENT = Experiment(
     title="Air pass on a real UR10e: the torque error that repeats",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER,),
+    needs=("ur10e",),
     order=162,
     seconds=45.0,
 )

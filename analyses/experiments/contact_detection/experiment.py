@@ -34,7 +34,6 @@ from wrenchsight.analyses.experiments.contact_detection.touched_links import (
     link_metrics,
     odds_figure,
 )
-from wrenchsight.analyses.experiments.setups.panda_recordings.touch_logs import FOLDER as TOUCHES
 from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identification import (
     identify_simulated_arm,
 )
@@ -60,7 +59,6 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_trials imp
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
     FOLDER,
-    MORE,
     log_file,
     presliding_arm,
 )
@@ -410,7 +408,7 @@ EXPERIMENT = Experiment(
     title="Contact detection: missed contacts and false alarms",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER, MORE, PUSHES, TOUCHES),
+    needs=("ur10e", "ur10e_more", "ur10e_pushes", "link_contact"),
     order=157,
     seconds=300,
 )

@@ -366,7 +366,7 @@ EXPERIMENT = Experiment(
     title="Friction laws compared on held-out data",
     section="section 4.6, Fig. 18; recordings of a UR10e",
     run=run,
-    uses=(FOLDER,),
+    uses=("ur10e",),
     order=140,
     seconds=90,
 )

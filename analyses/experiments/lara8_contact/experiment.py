@@ -21,7 +21,6 @@ import numpy as np
 
 from wrenchsight.analyses.data_sets.places import data_set_folder, recording_file
 from wrenchsight.analyses.experiments.setups.lara8_recordings.lara8_reading import (
-    DESCRIPTION,
     FOLDER,
     FORMAT,
     K_0,
@@ -324,8 +323,8 @@ EXPERIMENT = Experiment(
     title="Load of a NEURA LARA 8 from its motor torque, against its wrist sensor",
     section="recordings of a NEURA LARA 8",
     run=run,
-    needs=(FOLDER,),
-    uses=(DESCRIPTION,),
+    needs=("neura_lara8",),
+    uses=("neura_lara8_urdf",),
     order=170,
     seconds=20.0,
 )

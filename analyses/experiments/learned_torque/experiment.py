@@ -235,7 +235,7 @@ EXPERIMENT = Experiment(
     section="recordings of a UR10e and of a NEURA LARA 8",
     run=run,
     needs=("ur10e", "ur10e_more", "neura_lara8", "neura_lara8_urdf"),
-    uses=(CONTACT,),
+    uses=("ur10e_contact",),
     order=158,
     seconds=180.0,
 )

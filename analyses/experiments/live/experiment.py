@@ -28,9 +28,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import
     bar_rows,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER,
     LOADS,
-    MORE,
     log_file,
     presliding_arm,
 )
@@ -246,7 +244,7 @@ EXPERIMENT = Experiment(
     title="Live reading: wrench error, rate and latency",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER, MORE),
+    needs=("ur10e", "ur10e_more"),
     order=157,
     seconds=120,
 )

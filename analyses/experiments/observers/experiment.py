@@ -41,9 +41,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import 
     loaded_scene,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER,
     LOADS,
-    MORE,
     log_file,
     presliding_arm,
 )
@@ -304,8 +302,8 @@ EXPERIMENT = Experiment(
     title="Observers compared: error and stated uncertainty",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER,),
-    uses=(MORE,),
+    needs=("ur10e",),
+    uses=("ur10e_more",),
     order=158,
     seconds=150,
 )

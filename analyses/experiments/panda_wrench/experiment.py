@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from wrenchsight.analyses.experiments.setups.panda_recordings.pose_logs import (
-    FOLDER,
     LOADED_FORCE,
     PoseLog,
     knowledge_from_unloaded_start,
@@ -177,7 +176,7 @@ EXPERIMENT = Experiment(
     title="Wrench from a real Panda's joint torques, against a force/torque sensor",
     section="recordings of a Franka Emika Panda",
     run=run,
-    needs=(FOLDER,),
+    needs=("panda_ati_gamma",),
     order=170,
     readme=("bayesian.mean_rmse_n",),
 )

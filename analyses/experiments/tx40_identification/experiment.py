@@ -166,7 +166,7 @@ EXPERIMENT = Experiment(
     title="Dynamic model of a real Staubli TX40, whose wrist is coupled",
     section="recordings of a Staubli TX40",
     run=run,
-    needs=(FOLDER,),
+    needs=("staubli_tx40",),
     order=168,
     seconds=60,
 )

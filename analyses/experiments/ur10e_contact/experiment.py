@@ -20,14 +20,10 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading im
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     CONTROLLERS,
-    FOLDER,
     JUDGED,
     find_runs,
     read_run,
     tooled,
-)
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER as IDENTIFIED_FOLDER,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import presliding_arm
 from wrenchsight.analyses.experiments.ur10e_contact.contact_study import (
@@ -250,7 +246,7 @@ EXPERIMENT = Experiment(
     title="Contact force of a real UR10e from its motor currents, against a force sensor",
     section="recordings of a UR10e in contact",
     run=run,
-    needs=(FOLDER, IDENTIFIED_FOLDER),
+    needs=("ur10e_contact", "ur10e"),
     order=165,
     seconds=250.0,
     readme=(

@@ -13,7 +13,6 @@ from typing import Any
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import bar_rows
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER,
     VALIDATED,
     identify_ur10e,
 )
@@ -181,7 +180,7 @@ EXPERIMENT = Experiment(
     title="Dynamic model of a real UR10e",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER,),
+    needs=("ur10e",),
     order=150,
     seconds=60,
     readme=("best.validation.14harm50sec.rmse_nm",),

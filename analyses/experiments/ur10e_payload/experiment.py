@@ -301,7 +301,7 @@ EXPERIMENT = Experiment(
     title="Payload of a real UR10e, read from its motor currents",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER,),
+    needs=("ur10e",),
     order=160,
     seconds=40,
 )

@@ -35,9 +35,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_figures import
     bar_rows,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
-    FOLDER,
     LOADS,
-    MORE,
     log_file,
     presliding_arm,
 )
@@ -338,7 +336,7 @@ EXPERIMENT = Experiment(
     title="Coverage of the stated uncertainty on logs of other days",
     section="recordings of a UR10e",
     run=run,
-    needs=(FOLDER, MORE),
+    needs=("ur10e", "ur10e_more"),
     order=155,
     seconds=90,
     readme=("ur-19_12_23_free.widened.all.inside_95_pct",),

@@ -16,12 +16,14 @@ class RowsBesideSensor:
     """Gathers rows from a stream, at most `capacity`, evenly spread.
 
     Attributes:
+        has_contact: whether the sensor reads a contact on any row; set by `hold_against`.
         reading: set by `hold_against`; None for a sensor of a single force.
     """
 
     def __init__(self, capacity: int) -> None:
         self._rows = EvenSample(capacity)
         self._condition = EvenSample(capacity)
+        self.has_contact = False
         self.reading: LogReading | None = None
 
     def add(self, t: Array, batch: WrenchEstimate, R_WE: Array, sensor: Array) -> None:
@@ -43,15 +45,17 @@ class RowsBesideSensor:
         """Compares the forces where the sensor's is larger than `force` (N)."""
         rows = self._rows.values()
         t, estimate, covariance, R_WE, sensor = np.split(rows, (1, 4, 13, _SENSOR), axis=1)
-        if sensor.shape[1] < _FORCE_COLUMNS:
-            return
-        truth = mounting.on_robot(t[:, 0], sensor, R_WE.reshape(-1, 3, 3))[:, :3]
+        truth = mounting.on_robot(t[:, 0], sensor, R_WE.reshape(-1, 3, 3))[:, :_FORCE_COLUMNS]
         is_sensed = np.asarray(np.isfinite(truth).all(axis=1))
         truth = np.where(is_sensed[:, None], truth, 0.0)
+        loaded = np.asarray(is_sensed & (np.linalg.norm(truth, axis=1) > force))
+        self.has_contact = bool(loaded.any())
+        if sensor.shape[1] < _FORCE_COLUMNS:
+            return
         self.reading = LogReading(
             force=estimate,
             covariance=covariance.reshape(-1, 3, 3),
             condition_number=self._condition.values(),
             error=estimate - truth,
-            loaded=np.asarray(is_sensed & (np.linalg.norm(truth, axis=1) > force)),
+            loaded=loaded,
         )

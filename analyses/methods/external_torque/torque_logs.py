@@ -291,8 +291,8 @@ def _warnings(
     for run in runs:
         warnings += [sentence for sentence in run.summary.warnings() if sentence not in warnings]
         warnings += run.warnings
-    has_sensor = any(run.rows is not None for run in runs)
-    if has_sensor and not any(run.loaded_rows() is not None for run in runs):
+    beside_sensor = [run.rows for run in runs if run.rows is not None]
+    if beside_sensor and not any(rows.has_contact for rows in beside_sensor):
         warnings.append(
             f"the sensor never reads more than {reference.contact_force:g} N, the threshold of "
             "contact; lower it with --reference-contact"

@@ -50,6 +50,17 @@ def test_a_module_outside_runs_as_any_other_and_is_taken_out_again(toy, tmp_path
     assert toy not in sys.modules  # read here, imported in its own process alone
 
 
+def test_recordings_that_are_no_literals_are_read_from_the_module(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    text = _MODULE.replace("order=75", "order=75, needs=(SET,), uses=('other',)")
+    (tmp_path / "named_sets.py").write_text(
+        text.replace("EXPERIMENT =", "SET = 'mine'\nEXPERIMENT =")
+    )
+    entry = read_entry("named_sets")
+    assert "named_sets" not in sys.modules
+    assert entry.recordings() == (("mine",), ("other",))
+
+
 def test_a_name_is_given_once(toy):
     toys = ExperimentRegistry()
     toys.register(toy)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from wrenchsight.analyses.data_sets.registry import DATA_SETS
 from wrenchsight.analyses.output.progress import Progress
 from wrenchsight.analyses.study import study
 from wrenchsight.analyses.study.registry import REGISTRY
@@ -40,6 +41,10 @@ def test_every_registered_module_has_its_experiment(name):
     assert experiment.name == name
     assert experiment.title
     assert experiment.section
+    # Literals: a list of sets says who reads them without importing this module.
+    entry = REGISTRY.entries()[name]
+    assert (entry.needs, entry.uses) == (experiment.needs, experiment.uses)
+    assert {*experiment.needs, *experiment.uses} <= set(DATA_SETS)
     if "context.data" in Path(module.__file__).read_text():
         assert experiment.needs or experiment.uses
 

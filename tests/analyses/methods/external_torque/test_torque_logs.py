@@ -100,6 +100,18 @@ def test_positions_and_a_robot_give_the_same_as_its_jacobian(torque_log, panda, 
     assert by_J.config.torque_sd == [NOISE] * 7
 
 
+@pytest.mark.parametrize(("contact_force", "is_warned"), [(5.0, False), (20.0, True)])
+def test_a_sensor_of_one_force_is_warned_about_only_where_it_reads_no_contact(
+    torque_log, tmp_path, contact_force, is_warned
+):
+    reference = ReferenceConfig("fz_sensor", contact_force=contact_force)
+    config = EstimateConfig(reference=reference)
+    result = estimate_torque_logs([torque_log(3, q=False)], None, tmp_path, config=config)
+    warned = [sentence for sentence in result.warnings if "never reads more than" in sentence]
+    assert len(warned) == is_warned, result.warnings
+    assert all("more than 20 N" in sentence for sentence in warned)
+
+
 def test_logs_are_read_together_and_each_has_its_table(torque_log, tmp_path):
     paths = [torque_log(seed, q=False) for seed in (1, 2)]
     reference = ReferenceConfig("fx_sensor,fy_sensor,fz_sensor", contact_force=1.0)
