@@ -249,8 +249,8 @@ class ContactFilter:
         columns = slice(first, first + WRENCH)
         config = self._config
         is_resting = self._resting_blocks > blocks_ago
-        is_stated = is_resting or self._unknown_time > 0.0
-        least_misfit = 1.0 if is_stated else config.least_misfit
+        may_narrow = not is_resting and self._unknown_time == 0.0
+        least_misfit = config.least_misfit if may_narrow else 1.0
         scale = max(self._misfit, self._force_misfit, least_misfit)
         if is_resting:
             scale *= config.rest_share**2
