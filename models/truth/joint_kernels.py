@@ -75,7 +75,7 @@ from wrenchsight.models.machining.tool_vibration import held_share
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.numerics.views import read_only
+from wrenchsight.models.numerics.views import borrowed, read_only
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
 RIGID = 1e5
@@ -190,11 +190,26 @@ def joint_tick(
         inputs: of the tick.
         memory: its state at the beginning is read, the other arrays are written.
     """
-    state = read_only(memory.state)
-    n = state.shape[1]
-    K = (state.shape[0] - SLIPS) // 3
-    inputs = JointInputs(inputs.command, read_only(inputs.tau_ext), inputs.noise)
-    memory = JointMemory(state, memory.next_state, memory.signals, memory.work)
+    n = memory.state.shape[1]
+    K = (memory.state.shape[0] - SLIPS) // 3
+    # The steps below hand these on: counting the references would cost more than the arithmetic.
+    table = borrowed(table)
+    links = Links(
+        borrowed(links.M),
+        borrowed(links.Cv),
+        borrowed(links.G),
+        borrowed(links.q),
+        borrowed(links.v),
+    )
+    inputs = JointInputs(
+        borrowed(inputs.command), borrowed(read_only(inputs.tau_ext)), borrowed(inputs.noise)
+    )
+    memory = JointMemory(
+        borrowed(read_only(memory.state)),
+        borrowed(memory.next_state),
+        borrowed(memory.signals),
+        borrowed(memory.work),
+    )
     # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
     if n == 6 and K == 3:
         _tick(6, 3, table, time_step, links, inputs, memory)
