@@ -42,17 +42,17 @@ class _Commands(TyperGroup):
             near = get_close_matches(args[0], find_commands(), n=1)
             hint = f'; did you mean "{near[0]}"?' if near else ""
             ctx.fail(f'there is no command "{args[0]}"{hint}')
-        name, command, rest = super().resolve_command(ctx, args)
-        return name, command and load_command(find_commands()[str(command.name)]), rest
+        name, command, arguments = super().resolve_command(ctx, args)
+        return name, command and load_command(find_commands()[str(command.name)]), arguments
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
         """Runs a command and ends the process; a usage error is one line, like every other
         error."""
-        self._has_told = False
+        self._has_reported = False
         try:
             code = super().main(args, *more, **{**extra, "standalone_mode": False})
-            if code == 130 and not self._has_told:  # before a command began
-                _told("interrupted", code)
+            if code == 130 and not self._has_reported:  # before a command began
+                _report("interrupted", code)
         except Exception as raised:
             error: Any = raised
             if not hasattr(error, "format_message"):  # the class's module differs by release
@@ -63,7 +63,7 @@ class _Commands(TyperGroup):
             else:
                 context = getattr(error, "ctx", None)
                 path = "wrenchsight" if context is None else context.command_path
-                code = _told(f"{path}: {error.format_message()} ({path} --help tells more)", 2)
+                code = _report(f"{path}: {error.format_message()} ({path} --help tells more)", 2)
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: Any) -> Any:
@@ -78,10 +78,10 @@ class _Commands(TyperGroup):
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output left: not an error
                 raise
-            what = error.strerror or str(error)
+            reason = error.strerror or str(error)
             if error.errno in _NO_SPACE and not error.filename:
-                what = f"a file cannot be written ({what}); free some space and run again"
-            line, code = f"{error.filename}: {what}" if error.filename else what, 2
+                reason = f"a file cannot be written ({reason}); free some space and run again"
+            line, code = f"{error.filename}: {reason}" if error.filename else reason, 2
         except KeyboardInterrupt as error:
             # A command may have caught it to end in good order, and raised another one.
             line, code = _INTERRUPTED, 128 + (came or [getattr(error, "signum", signal.SIGINT)])[0]
@@ -89,11 +89,11 @@ class _Commands(TyperGroup):
             if not came:
                 raise
             line, code = _INTERRUPTED, 128 + came[0]
-        self._has_told = True
-        raise typer.Exit(_told(line, code))
+        self._has_reported = True
+        raise typer.Exit(_report(line, code))
 
 
-def _told(line: str, code: int) -> int:
+def _report(line: str, code: int) -> int:
     """Writes the one line that the user reads; returns the exit code."""
     sys.stderr.write(one_line(line) + "\n")
     return code

@@ -88,7 +88,9 @@ def on_cluster(tasks: Sequence[WorldTask], address: str) -> Generator[WorldOutco
         problem, remedy = "needs the package distributed", "pip install 'wrenchsight[cluster]'"
         raise InputError("--cluster", "", problem, remedy) from None
     for library in ("distributed", "tornado", "asyncio"):
-        logging.getLogger(library).setLevel(logging.CRITICAL + 1)  # what fails is said in one line
+        logging.getLogger(library).setLevel(
+            logging.CRITICAL + 1
+        )  # what fails is reported in one line
     try:
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except Exception as error:  # of the transport's kind: no certificates, another protocol

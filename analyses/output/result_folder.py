@@ -4,7 +4,7 @@ While a command runs, its files are written into `.wrenchsight.partial/new` belo
 they are complete, with the marker that lists them, that is renamed to `ready`; then every file is
 renamed to its place, the marker last. So an error, an interrupt or a kill before `ready` leaves the
 older results whole; after it the new ones are completed, by this run or by the next. Only files
-that lie in `ready` as its marker says go anywhere, and only into the folder.
+that lie in `ready` as its marker states go anywhere, and only into the folder.
 """
 
 import os
@@ -24,7 +24,7 @@ from wrenchsight.analyses.output.result_marker import (
     strangers,
     visible_files,
 )
-from wrenchsight.models.files.files_read import told_of_files_read
+from wrenchsight.models.files.files_read import reporting_files_read
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import writing_to
 
@@ -49,7 +49,7 @@ def result_folder(out: Path, command: str) -> Iterator[OutputFolder]:
     with (
         open_results(out, command) as results,
         results.changing(tuple(results.files)) as folder,
-        told_of_files_read(_Refusal(out)),
+        reporting_files_read(_Refusal(out)),
     ):
         yield folder
 

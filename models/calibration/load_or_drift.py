@@ -27,7 +27,7 @@ from wrenchsight.models.calibration.load_identification import (
     LoadPrior,
     LoadRows,
     estimate_load,
-    wide_spread,
+    vague_spread,
 )
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
@@ -64,7 +64,7 @@ class LoadOrDrift:
     def is_shown(self) -> bool:
         """Whether the log shows a load."""
         loaded = self.probability["load"] + self.probability["both"]
-        return self.is_steady and self.load.is_there and loaded > 1.0 - UNLIKELY
+        return self.is_steady and self.load.is_present and loaded > 1.0 - UNLIKELY
 
     def sentence(self) -> str:
         """Mass, place, time and odds of the load, and what to do, for the user."""
@@ -170,7 +170,7 @@ def _weighed(
     """Weighs the four with a load from `row` on; `odds`: log odds of this row against others."""
     load = estimate_load(log, law, prior)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
-    spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
+    spread = vague_spread(max(abs(load.mass), load.standard_deviation[0]))
     spread[0] = prior.mass
     evidence = _evidence(log, law, spread)
     for name in ("load", "both"):
@@ -212,7 +212,7 @@ def _begin_evidence(
     """
     later = np.arange(len(log.rows.t))[::every, None] >= places
     log = log[::every]
-    spread = wide_spread(prior.mass)
+    spread = vague_spread(prior.mass)
     K, size = len(places), len(spread)
 
     def load(j: int) -> Array:

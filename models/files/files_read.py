@@ -1,8 +1,8 @@
 """The user's files that are read, announced before they are.
 
 Code that opens one announces it with `about_to_read`. A command that writes into a folder listens
-(`told_of_files_read`), and refuses in time to read files that it would replace. A pipe is refused:
-it can be read only once, and opening one that nobody writes to would wait for ever.
+(`reporting_files_read`), and refuses in time to read files that it would replace. A pipe is
+refused: it can be read only once, and opening one that nobody writes to would wait for ever.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ def about_to_read(path: str | Path) -> None:
     """Announces to the listener, if any, that a file is going to be read.
 
     Raises:
-        InputError: it is a pipe; or it must not be read, see `told_of_files_read`.
+        InputError: it is a pipe; or it must not be read, see `reporting_files_read`.
     """
     try:
         pipe = Path(path).is_fifo()
@@ -37,7 +37,7 @@ def about_to_read(path: str | Path) -> None:
 
 @contextmanager
 def remembering_files_read() -> Iterator[None]:
-    """Within the block, `told_of_files_read` reports also the files read before it."""
+    """Within the block, `reporting_files_read` reports also the files read before it."""
     token = _remembered.set([])
     try:
         yield
@@ -46,7 +46,7 @@ def remembering_files_read() -> Iterator[None]:
 
 
 @contextmanager
-def told_of_files_read(listener: Callable[[Path], None]) -> Iterator[None]:
+def reporting_files_read(listener: Callable[[Path], None]) -> Iterator[None]:
     """Calls `listener` with the path of each file before it is read inside the block.
 
     Args:

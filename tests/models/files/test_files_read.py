@@ -11,7 +11,7 @@ import pytest
 from wrenchsight.models.files.files_read import (
     about_to_read,
     remembering_files_read,
-    told_of_files_read,
+    reporting_files_read,
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.planning.motion.surface_path import SurfacePath
@@ -21,7 +21,7 @@ from wrenchsight.models.robot.robot import Robot
 
 def _told(read) -> list[str]:
     names: list[str] = []
-    with told_of_files_read(lambda path: names.append(path.name)):
+    with reporting_files_read(lambda path: names.append(path.name)):
         read()
     return names
 
@@ -47,7 +47,7 @@ def test_a_refusal_comes_before_the_file_is_opened(tmp_path):
         raise InputError(path, "", "must not be read")
 
     (tmp_path / "log.csv").write_text("no log at all")
-    with told_of_files_read(refuse), pytest.raises(InputError, match="must not be read"):
+    with reporting_files_read(refuse), pytest.raises(InputError, match="must not be read"):
         read_recording(tmp_path / "log.csv")
 
 
