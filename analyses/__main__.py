@@ -42,8 +42,8 @@ class _Commands(TyperGroup):
             near = get_close_matches(args[0], find_commands(), n=1)
             hint = f'; did you mean "{near[0]}"?' if near else ""
             ctx.fail(f'there is no command "{args[0]}"{hint}')
-        name, command, rest = super().resolve_command(ctx, args)
-        return name, command and load_command(find_commands()[str(command.name)]), rest
+        name, command, arguments = super().resolve_command(ctx, args)
+        return name, command and load_command(find_commands()[str(command.name)]), arguments
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
         """Runs a command and ends the process; a usage error is one line, like every other
@@ -78,10 +78,10 @@ class _Commands(TyperGroup):
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output left: not an error
                 raise
-            what = error.strerror or str(error)
+            reason = error.strerror or str(error)
             if error.errno in _NO_SPACE and not error.filename:
-                what = f"a file cannot be written ({what}); free some space and run again"
-            line, code = f"{error.filename}: {what}" if error.filename else what, 2
+                reason = f"a file cannot be written ({reason}); free some space and run again"
+            line, code = f"{error.filename}: {reason}" if error.filename else reason, 2
         except KeyboardInterrupt as error:
             # A command may have caught it to end in good order, and raised another one.
             line, code = _INTERRUPTED, 128 + (came or [getattr(error, "signum", signal.SIGINT)])[0]

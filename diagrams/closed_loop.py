@@ -26,7 +26,7 @@ from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenari
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_reference import MachiningReference
 from wrenchsight.models.numerics.arrays import Array
@@ -149,7 +149,7 @@ def make_closed_loop(
     trajectory: JointTrajectory | None = None,
     machining_path: MachiningPath | None = None,
     with_estimator: bool = True,
-    taught: TaughtTorque | None = None,
+    air_pass: AirPassCorrection | None = None,
     fused: bool = False,
     estimator_model: IdentifiedModel | None = None,
     log: LogRequest | None = None,
@@ -169,7 +169,7 @@ def make_closed_loop(
         trajectory: of the joints, in the place of the scenario's motion.
         machining_path: of a machining scenario, planned before: the workpiece may stand elsewhere.
         meshcat: draws the cell and the force at the tool, true and estimated.
-        taught: of a machining scenario: the correction that an air pass along the same path taught.
+        air_pass: correction of a machining scenario, learnt along the same path.
         with_estimator: without it the tracking controller has the model's terms from a block of
             their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
             the motion alone, in two thirds of the time.
@@ -179,12 +179,12 @@ def make_closed_loop(
         log: signals to be logged; None: as above.
 
     Raises:
-        ValueError: no estimator for impedance control or a drawing, which need its wrench; taught
-            torque without machining.
+        ValueError: no estimator for impedance control or a drawing, which need its wrench; an
+            air-pass correction without machining.
         InputError: the scenario does not fit the robot, or the model is of another robot.
     """
     check_scenario(scenario)
-    if taught is not None and scenario.machining is None:
+    if air_pass is not None and scenario.machining is None:
         raise ValueError("closed loop: the correction of an air pass needs a machining scenario")
     impedance = isinstance(scenario.controller, ImpedanceConfig)
     if not with_estimator and (impedance or meshcat is not None):
@@ -210,7 +210,7 @@ def make_closed_loop(
         fused=fused,
     )
     if machining_path is not None and with_estimator:
-        control = _add_machining(parts, machining_path, taught)
+        control = _add_machining(parts, machining_path, air_pass)
     elif impedance:
         control = _add_impedance(parts, trajectory)
     else:
@@ -328,7 +328,9 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     )
 
 
-def _add_machining(parts: _LoopParts, plan: MachiningPath, taught: TaughtTorque | None) -> _Control:
+def _add_machining(
+    parts: _LoopParts, plan: MachiningPath, air_pass: AirPassCorrection | None
+) -> _Control:
     """Adds a MachiningController, which holds the estimator, and splits its output port.
 
     Raises:
@@ -339,10 +341,10 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, taught: TaughtTorque 
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
     assert parts.estimator_model is not None
     estimator = WrenchEstimator(robot, parts.estimator_model, _estimator_config(scenario))
-    if taught is not None and estimator.observed_size:
+    if air_pass is not None and estimator.observed_size:
         raise ValueError("an air pass needs an observer of joint torque, not of the wrench")
     # After an air pass force feedback counts where its correction is valid.
-    steady = plan.steady if taught is None else taught.steady_at(plan.trajectory.t)
+    steady = plan.steady if air_pass is None else air_pass.steady_at(plan.trajectory.t)
     period, reads_sensor = estimator.observer.time_step, uses_sensor(scenario)
     block = MachiningController(
         reference=MachiningReference(
@@ -353,11 +355,11 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, taught: TaughtTorque 
             period,
             reads_at_rest=reads_sensor,
         ),
-        estimator=WrenchEstimatorSystem(estimator, taught is not None),
+        estimator=WrenchEstimatorSystem(estimator, air_pass is not None),
         controller=ImpedanceController(
             parts.model.friction.feedforward, robot.effort_limit, period, scenario.controller
         ),
-        taught=taught,
+        air_pass=air_pass,
         time_step=period,
         reads_sensor=reads_sensor,
     )

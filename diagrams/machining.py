@@ -12,6 +12,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_path import (
     MachiningPath,
+    PassSettings,
     check_curvature,
     plan_machining,
 )
@@ -65,12 +66,14 @@ def make_machining_path(
         robot,
         path,
         postures(robot, path, machining, source),
-        machining.one_way,
-        machining.passes,
-        machining.force,
-        machining.phases,
-        radius,
-        machining.ramp,
+        PassSettings(
+            one_way=machining.one_way,
+            passes=machining.passes,
+            ramp=machining.ramp,
+            force=machining.force,
+            phases=machining.phases,
+            tool_radius=radius,
+        ),
         source,
     )
 

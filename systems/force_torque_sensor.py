@@ -22,6 +22,7 @@ from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.signals.low_pass import LowPass
 from wrenchsight.models.signals.tool_wrench import (
+    ToolMotion,
     ToolSensor,
     measure_contact_wrench,
     tool_table,
@@ -170,11 +171,7 @@ class ForceTorqueSensor(LeafSystem):
                 self._filter.C,
                 context.get_numeric_parameter(self._noise_sd).value(),
             ),
-            terms.J,
-            terms.R_WE,
-            terms.V_WE,
-            terms.v,
-            self._vdot.Eval(context),
+            ToolMotion(terms.J, terms.R_WE, terms.V_WE, terms.v, self._vdot.Eval(context)),
             self._reaction.Eval(context)[self._weld].get_coeffs(),
             self._noise,
             discrete_state.get_mutable_value(0),

@@ -232,11 +232,13 @@ class ImpedanceController(LeafSystem):
             terms.record,
             self._pose_reference.Eval(context),
             self._reference.Eval(context) if has_reference else self._at_rest,
-            self._controls_force(context),
-            _is_on(self._feedback_valid, context),
-            self._force_setpoint.Eval(context)[0] if has_force else 0.0,
-            self._wrench.Eval(context) if has_force else _NO_WRENCH,
-            context.get_discrete_state(0).GetAtIndex(0),
+            (
+                self._controls_force(context),
+                _is_on(self._feedback_valid, context),
+                self._force_setpoint.Eval(context)[0] if has_force else 0.0,
+                self._wrench.Eval(context) if has_force else _NO_WRENCH,
+                context.get_discrete_state(0).GetAtIndex(0),
+            ),
             output.get_mutable_value(),
         )
 

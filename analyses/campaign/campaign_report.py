@@ -14,7 +14,7 @@ from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.study.report import decimals_of_three_digits, number, page_templates
 
 REPORT_NAME: Final = "campaign.html"
-_FEWEST: Final = 8  # worlds; with fewer a density says nothing, and each is a dot
+_FEWEST: Final = 8  # worlds; with fewer a density shows nothing, and each is a dot
 _WIDEST: Final = 12.0  # times the article's number; what lies beyond is drawn at the edge
 
 

@@ -9,7 +9,7 @@
         key         string   such as `optimised.rmse_x_n`, `rmse_nm.0`
         value       double   null: not finite
 
-Its metadata says what the figures depend on. While a campaign runs, each world that comes to its
+Its metadata states what the figures depend on. While a campaign runs, each world that comes to its
 end is written below `.campaign`, so that also a kill loses none.
 """
 

@@ -61,7 +61,7 @@ class Figures:
     """A checked FIGURES.yaml."""
 
     path: Path  # of the file
-    config: FiguresConfig  # what it says
+    config: FiguresConfig  # its content
     source: WorldSource  # of the worlds
     earlier: Path | None = None  # folder of an earlier fit, whose arms count as well; None: none
 

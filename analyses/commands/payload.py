@@ -59,5 +59,5 @@ def _print(result: "PayloadResult", out: Path) -> None:
             note,
         )
     show(table, *notes(result.warnings))
-    if load.is_there:
+    if load.is_present:
         show(f"tool: {out / 'tool.yaml'}, model with the load: {out / 'model.yaml'}")

@@ -75,7 +75,7 @@ def data_set_folder(name: str, data: Path | None = None) -> Path:
         data: as `find_data_set`.
 
     Raises:
-        InputError: the set is nowhere; the line says how to get it.
+        InputError: the set is nowhere; the line states how to get it.
     """
     place = find_data_set(name, data)
     if place is None:

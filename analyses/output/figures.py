@@ -142,7 +142,7 @@ def panels_in_pairs(
 
 
 def legend_below(figure: "Figure", panel: Any, ncols: int | None = None, **style: Any) -> None:
-    """One legend for all panels, with the entries of this one; in one row unless `ncols` says."""
+    """One legend for all panels, with the entries of this one; one row without `ncols`."""
     handles, labels = panel.get_legend_handles_labels()
     ncols = len(labels) if ncols is None else ncols
     figure.legend(handles, labels, loc="outside lower center", ncols=ncols, **style)
@@ -150,7 +150,7 @@ def legend_below(figure: "Figure", panel: Any, ncols: int | None = None, **style
 
 def legend_on_top(figure: "Figure", *panels: Any, ncols: int | None = None) -> None:
     """One legend above all panels, with the entries of these; as many columns as the figure is wide
-    for, unless `ncols` says.
+    for, unless `ncols` is given.
     """
     entries = [panel.get_legend_handles_labels() for panel in panels]
     handles, labels = ([one for entry in entries for one in entry[k]] for k in range(2))
@@ -196,7 +196,7 @@ def save_figure(figure: "Figure", path: Path) -> Path:
     with writing_to(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as partial, writing_to(path):
-        # Without "Software" the file says nothing of when or with what it was made. Not `savefig`,
+        # Without "Software" the file shows nothing of when or with what it was made. Not `savefig`,
         # which draws everything once more before, for the layout.
         figure.dpi = DOTS_PER_INCH
         canvas: Any = FigureCanvasAgg(figure)

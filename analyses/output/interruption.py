@@ -18,7 +18,7 @@ _AGAIN = 0.01  # s after which an end that was lost is raised once more
 
 
 class TerminatedError(KeyboardInterrupt):
-    """The command was told to end: by `kill`, or because its terminal was closed."""
+    """The command was asked to end: by `kill`, or because its terminal was closed."""
 
     def __init__(self, signum: int) -> None:
         super().__init__(signal.Signals(signum).name)

@@ -4,7 +4,7 @@ While a command runs, its files are written into `.wrenchsight.partial/new` belo
 they are complete, with the marker that lists them, that is renamed to `ready`; then every file is
 renamed to its place, the marker last. So an error, an interrupt or a kill before `ready` leaves the
 older results whole; after it the new ones are completed, by this run or by the next. Only files
-that lie in `ready` as its marker says go anywhere, and only into the folder.
+that lie in `ready` as its marker states go anywhere, and only into the folder.
 """
 
 import os

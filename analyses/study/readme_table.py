@@ -126,7 +126,7 @@ def together(folders: Sequence[Path]) -> dict[str, Any]:
 def results_table(
     results: Mapping[str, Any], worlds: Mapping[str, Any] | None = None, whole: bool = False
 ) -> str:
-    """Returns the figures of `collect` as Markdown; a line says so if the runs were shortened.
+    """Returns the figures of `collect` as Markdown; a line reports shortened runs.
 
     Args:
         results: of `collect`.

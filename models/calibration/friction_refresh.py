@@ -57,14 +57,14 @@ class FrictionRefresh:
     """Refreshed coefficients; arrays (n, 3): Coulomb, viscous, offset.
 
     Attributes:
-        before: of the model.
+        model_law: the law of the model.
         change: in N m, N m s/rad, N m.
         standard_deviation: of the change.
         prior_deviation: sd of the change before the log.
         scale: (n,) scatter of the residual relative to what the model states.
     """
 
-    before: CoulombViscous
+    model_law: CoulombViscous
     change: Array
     standard_deviation: Array
     prior_deviation: Array
@@ -73,7 +73,7 @@ class FrictionRefresh:
     @property
     def after(self) -> CoulombViscous:
         """The coefficients now."""
-        law = self.before
+        law = self.model_law
         coulomb, viscous, offset = self.change.T
         return CoulombViscous(law.coulomb + coulomb, law.viscous + viscous, law.offset + offset)
 

@@ -116,7 +116,7 @@ class LoadEstimate:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
-    def is_there(self) -> bool:
+    def is_present(self) -> bool:
         """Whether the load's mass is significantly above zero."""
         return bool(self.mass > SURE * self.standard_deviation[0])
 
@@ -163,7 +163,7 @@ def estimate_load(
             at the flange, is then subtracted.
     """
     logs = [log] if empty is None else [log, empty]
-    spread = wide_spread(prior.mass)
+    spread = vague_spread(prior.mass)
     at_flange = _solve(logs, np.eye(_LOAD), spread, np.zeros(_LOAD), law, prior)
     parameters, mass_sd = at_flange.values[:_LOAD], np.sqrt(at_flange.covariance[0, 0])
     mass = max(parameters[0], mass_sd)
@@ -190,7 +190,7 @@ class _Solution:
     scale: Array
 
 
-def wide_spread(mass: float) -> Array:
+def vague_spread(mass: float) -> Array:
     """(10,) sds of a load's parameters in the flange's frame, for an sd of its mass in kg."""
     return np.asarray(np.r_[mass, np.full(3, mass * REACH), np.full(6, mass * REACH**2)])
 
@@ -206,7 +206,7 @@ def _solve(
     """The fit with the load's parameters in a frame from which `frame` leads to the flange's."""
     n = logs[0].rows.num_joints
     drift = FrictionDrift().deviation(logs[0].rows, law).ravel()
-    missed = [wide_spread(prior.mass)] if len(logs) > 1 else []
+    missed = [vague_spread(prior.mass)] if len(logs) > 1 else []
     prior_sd = np.concatenate([spread, drift, *missed])
     k = len(prior_sd)
     blocks, considered = [], []

@@ -30,7 +30,7 @@ from wrenchsight.models.calibration.load_identification import (
     LoadPrior,
     LoadRows,
     estimate_load,
-    wide_spread,
+    vague_spread,
 )
 from wrenchsight.models.calibration.mass_across_joints import mass_sd_across_joints
 from wrenchsight.models.calibration.prior_least_squares import fit_with_prior
@@ -177,7 +177,7 @@ def _weighed(
     """Weighs the four with a load from `row` on; `odds`: log odds of this row against others."""
     load = estimate_load(log, law, prior)
     # Of a body of that size, wherever it may be; its mass may be any up to the payload.
-    spread = wide_spread(max(abs(load.mass), load.standard_deviation[0]))
+    spread = vague_spread(max(abs(load.mass), load.standard_deviation[0]))
     spread[0] = prior.mass
     evidence = _evidence(log, law, spread)
     for name in ("load", "both"):
@@ -186,7 +186,7 @@ def _weighed(
     weights = {name: float(np.exp(value - largest)) for name, value in evidence.items()}
     total = sum(weights.values())
     mass_sd = float(load.standard_deviation[0])
-    if load.is_there:
+    if load.is_present:
         mass_sd = mass_sd_across_joints(log, law, prior, load)
     return LoadOrDrift(
         load=load,
@@ -223,7 +223,7 @@ def _begin_evidence(
     """
     later = np.arange(len(log.rows.t))[::every, None] >= places
     log = log[::every]
-    spread = wide_spread(prior.mass)
+    spread = vague_spread(prior.mass)
     K, size = len(places), len(spread)
 
     def load(j: int) -> Array:

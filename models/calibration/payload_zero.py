@@ -100,7 +100,7 @@ class PayloadZero:
         reach = REACH * 0.5 * payload
         self._prior = np.diag(np.array([payload, reach, reach, reach]) ** -2.0)
         self._information, self._right = np.zeros((4, 4)), np.zeros(4)
-        self._rest = np.zeros((n, 6))  # sums over the present rest: columns, torque, variance
+        self._rest_sums = np.zeros((n, 6))  # sums over the present rest: columns, torque, variance
         self._resting = np.zeros(n)  # samples
         self._postures: list[Array] = []
 
@@ -126,7 +126,7 @@ class PayloadZero:
             self._right += A.T @ (weight * tau_ext[k, moving])
             self._resting[rests] += 1.0
             for j in np.flatnonzero(rests):
-                self._rest[j] += (*columns[k, j], tau_ext[k, j], sd[k, j] ** 2)
+                self._rest_sums[j] += (*columns[k, j], tau_ext[k, j], sd[k, j] ** 2)
             if rests.all() and not any(
                 np.abs(q[k] - posture).max() < _NEW_POSTURE for posture in self._postures
             ):
@@ -137,10 +137,10 @@ class PayloadZero:
         count = self._resting[j]
         if count * self._time_step >= LEAST_REST:
             self._information, self._right = self._with_rest(j, self._information, self._right)
-        self._rest[j], self._resting[j] = 0.0, 0.0
+        self._rest_sums[j], self._resting[j] = 0.0, 0.0
 
     def _with_rest(self, j: int, information: Array, right: Array) -> tuple[Array, Array]:
-        mean = self._rest[j] / self._resting[j]
+        mean = self._rest_sums[j] / self._resting[j]
         A, tau, variance = mean[:4], mean[4], mean[5]
         return information + np.outer(A, A) / variance, right + A * tau / variance
 

@@ -11,6 +11,8 @@ left and right Jacobians of SO(3) (Chirikjian, Stochastic Models, Information Th
 Groups 2, eqs. 10.85, 10.86).
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -274,17 +276,31 @@ def damp_null_space(damping: float, M: Array, J: Array, v: Array, tau: Array) ->
             tau[i] -= J[k, i] * lambda_v[k]
 
 
+class ForceControlInputs(NamedTuple):
+    """The inputs of force control in one tick.
+
+    Attributes:
+        is_active: whether force is controlled now.
+        is_valid: whether the feedback counts. Else set-point and integral alone command the force.
+        setpoint: N; while force is not controlled, the set-point with which control will start.
+        wrench: (6,) F_E_W of the feedback.
+        integral: N s, of the force error so far.
+    """
+
+    is_active: bool
+    is_valid: bool
+    setpoint: float
+    wrench: Array
+    integral: float
+
+
 @kernel
 def impedance_action(
     law: Record,
     terms: Record,
     pose_reference: Array,
     reference: Array,
-    presses: bool,
-    feedback_valid: bool,
-    setpoint: float,
-    wrench: Array,
-    integral: float,
+    packed_force: tuple[Any, ...],
     action: Array,
 ) -> None:
     """Writes the action of ImpedanceController: torque (n,), pose error (6,), integral (1,).
@@ -293,13 +309,12 @@ def impedance_action(
         law: of `impedance_law`; without has_force the integral stays.
         terms: of `terms_type`.
         pose_reference: (18,) R_WD row by row, p_WD, V_WD.
-        presses: whether force is controlled now.
-        feedback_valid: whether the feedback counts; else the press is set-point and integral.
-        setpoint: N; while force is not controlled, the set-point that it will start with.
-        wrench: (6,) F_E_W of the feedback.
-        integral: N s, of the force error so far; its value at the end of the tick is written.
+        packed_force: ForceControlInputs.
+        action: written, with the integral at the end of the tick.
         others: as in impedance_torque.
     """
+    force = ForceControlInputs(*packed_force)
+    is_active, setpoint, integral = force.is_active, force.setpoint, force.integral
     n = terms[0].v.shape[0]
     R_WE, p_WE, effort_limit = plain(terms[0].R_WE), plain(terms[0].p_WE), law[0].effort_limit
     R_WD = pose_reference[:9].reshape(3, 3)
@@ -312,21 +327,21 @@ def impedance_action(
                 d_W[i] += R_WE[i, k] * law[0].direction[k]
     push = 0.0
     for k in range(3):
-        push += d_W[k] * wrench[3 + k]
-    free_direction = d_W if presses else no_direction
+        push += d_W[k] * force.wrench[3 + k]
+    free_direction = d_W if is_active else no_direction
     impedance_wrench(law, terms, R_WD, p_WD, V_WD, free_direction, commanded)
-    error = setpoint - push if feedback_valid else 0.0
+    error = setpoint - push if force.is_valid else 0.0
     ki, limit = law[0].integral, law[0].integral_limit
     bound = limit / ki if ki > 0.0 else 0.0
-    if presses:
-        press = setpoint + law[0].proportional * error + ki * integral
+    if is_active:
+        normal_force = setpoint + law[0].proportional * error + ki * integral
         for k in range(3):
-            commanded[3 + k] -= press * d_W[k]
+            commanded[3 + k] -= normal_force * d_W[k]
     tau = action[:n]
     impedance_torque(law, terms, reference, commanded, tau)
     pose_error(law[0].in_E == 1.0, R_WE, p_WE, R_WD, p_WD, action[n : n + 6])
     has_force = law[0].has_force == 1.0
-    if presses:
+    if is_active:
         saturated = False
         for j in range(n):
             saturated = saturated or abs(tau[j]) >= effort_limit[j]

@@ -20,21 +20,17 @@ def impedance_tick(
     Args:
         plan: (18 + 3n + 7,) of `machining_reference`: its references, then its switches.
         pose: (12,), written: R_WE row by row, and p_WE.
-        others: as in `impedance_action`.
+        others: as in `impedance_action` and ForceControlInputs.
     """
     n = terms[0].v.shape[0]
-    presses: bool = law[0].has_force == 1.0 and plan[-6] > 0.5
+    is_active: bool = law[0].has_force == 1.0 and plan[-6] > 0.5
     feedback_valid: bool = plan[-1] > 0.5
     impedance_action(
         law,
         terms,
         plan[:18],
         plan[18 : 18 + 3 * n],
-        presses,
-        feedback_valid,
-        plan[-7],
-        wrench,
-        integral,
+        (is_active, feedback_valid, plan[-7], wrench, integral),
         action,
     )
     R_WE = terms[0].R_WE

@@ -1,30 +1,31 @@
-"""What the model gets wrong along a path, learnt on a pass through the air.
+"""The feedforward correction that an air pass teaches: the model's torque error along a path.
 
-Most of the error of a torque-based force estimate is friction, and much of it repeats: with the
-direction of motion, the speed and the place (Stribeck rise, ripple over position, a gravity
-parameter a little off). So the tool is led once along the planned motion a few millimetres above
-the surface. What the observer reads there is no force but the model's error, and is taken off what
-it reads in contact at the same place of the same motion. This is eq. 4 of Lu, Shen and Zhuang,
-where the first of two alike cycles gives tau_d, applied to the observer's output: the model carries
-what differs between the two passes, repetition carries what the model lacks. What contact itself
-changes is not learnt: friction that grows with the load, and joints at rest, which may carry any
-torque within their stiction.
+Most of the error of a torque-based force estimate is friction. Much of it repeats with the
+direction of motion, the speed and the place: Stribeck rise, ripple over position, a gravity
+parameter a little off. So the arm leads the tool once along the planned motion, a few millimetres
+above the surface. No force acts there: what the observer reads is the model's error. In contact,
+that reading is subtracted at the same place of the same motion. This is eq. 4 of Lu, Shen and
+Zhuang, where the first of two alike cycles gives tau_d, applied to the observer's output. The model
+describes what differs between the two passes, the correction what repeats. An air pass does not
+show what contact itself changes: friction that grows with the load, and the torque of joints at
+rest, anywhere within their stiction.
 
-Friction without memory is evaluated at planned speeds on both passes, and the correction counts
+Friction without memory is evaluated at planned speeds on both passes, and the correction is valid
 while the feed is steady. A law with memory follows the measured motion instead: under contact
-forces a joint may stick where it slid through the air, and its friction is then not the lesson's.
-A second air pass shows the error that is left (`wrenchsight.analyses.methods.simulate.air_pass`).
+forces a joint may stick where it slid through the air, and its friction then differs from that of
+the air pass. A second air pass shows the remaining error
+(`wrenchsight.analyses.methods.simulate.air_pass`).
 
-A lesson is of the motion that the joints made in the air. Where the feed turns it changes within
-tenths of a second (a joint that reverses slowly has little friction yet), and under the contact's
-forces the joint reverses at another moment and speed. How far it then may be from what was taught
-is the lesson's own change nearby, as far as the joint's speed is not the planned one:
+The correction belongs to the motion that the joints made in the air. Where the feed turns, it
+changes within tenths of a second: a joint that reverses slowly has little friction yet. Under
+contact forces the joint reverses at another moment and speed. The sd of the correction is therefore
+its own change nearby, times the departure of the joint's speed from the planned one:
 
     sd = LP(spread departure),   spread^2 = mean of (tau(t') - tau(t))^2 over |t' - t| < NEARBY
     departure = |v - v_planned| / max(|v|, |v_planned|, STILL),   at most 1
 
-LP is the observer's low-pass. NEARBY was settled on grinding at 15 and 30 s one way in two worlds
-of `campaign`.
+LP is the observer's low-pass. NEARBY was chosen by grinding at 15 and 30 s one way in two worlds of
+`campaign`.
 """
 
 from dataclasses import dataclass
@@ -48,12 +49,12 @@ STILL = 2e-3  # rad/s: below it a speed that differs from the planned one hardly
 
 
 @dataclass(frozen=True, eq=False)
-class TaughtTorque:
-    """The observer's output along a motion without contact.
+class AirPassCorrection:
+    """The correction learnt on an air pass: the observer's output along a motion without contact.
 
     Attributes:
         t: (T,) s, even, from 0, where the feed starts.
-        tau_ext: (T, n) N m, what the observer read: the model's error in our sign.
+        tau_ext: (T, n) N m, the observer's output: the model's error, positive along the motion.
         steady: (T,) 1 where the feed is steady, or friction known through its turns, so that the
             correction is valid, else 0; None: 1 everywhere.
 
@@ -70,17 +71,19 @@ class TaughtTorque:
         t = np.ascontiguousarray(self.t, dtype=np.float64)
         tau_ext = np.ascontiguousarray(self.tau_ext, dtype=np.float64)
         if t.ndim != 1 or len(t) < 2 or tau_ext.ndim != 2 or len(tau_ext) != len(t):
-            raise ValueError("taught torque: expected t (T,) and tau_ext (T, n) with T above 1")
+            raise ValueError(
+                "air-pass correction: expected t (T,) and tau_ext (T, n) with T above 1"
+            )
         if not (np.all(np.isfinite(t)) and np.all(np.isfinite(tau_ext))):
-            raise ValueError("taught torque: a number is not finite")
+            raise ValueError("air-pass correction: a number is not finite")
         steps = np.diff(t)
         if t[0] != 0.0 or steps.min() <= 0.0 or np.ptp(steps) > 1e-6 * steps.mean():
-            raise ValueError("taught torque: t must rise evenly from 0")
+            raise ValueError("air-pass correction: t must rise evenly from 0")
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "tau_ext", tau_ext)
         steady = np.ones_like(t) if self.steady is None else np.array(self.steady, np.float64)
         if steady.shape != t.shape:
-            raise ValueError("taught torque: steady must be (T,) like t")
+            raise ValueError("air-pass correction: steady must be (T,) like t")
         object.__setattr__(self, "steady", steady)
 
     @property
@@ -90,7 +93,7 @@ class TaughtTorque:
 
     @cached_property
     def spread(self) -> Array:
-        """(T, n) N m, by how much what was taught differs from that of less than NEARBY s apart."""
+        """(T, n) N m: RMS difference of the correction from itself less than NEARBY s apart."""
         samples = 2 * int(NEARBY / self.t[1]) + 1
         centred = self.tau_ext - self.tau_ext.mean(axis=0)  # squares of it lose fewer digits
         mean, square = (
@@ -127,8 +130,8 @@ class TaughtTorque:
         return bool(0.0 <= x <= len(self.t) - 1.0 and self.steady[round(x)] == 1.0)
 
 
-class Lesson(NamedTuple):
-    """A TaughtTorque as kernels read it.
+class CorrectionTable(NamedTuple):
+    """An AirPassCorrection as kernels read it.
 
     Attributes:
         tau_ext, spread: (T, n) N m.
@@ -142,19 +145,24 @@ class Lesson(NamedTuple):
     period: float
 
     @classmethod
-    def of(cls, taught: TaughtTorque) -> "Lesson":
-        """Of what an air pass taught."""
-        assert taught.steady is not None
-        return cls(taught.tau_ext, taught.spread, taught.steady, float(taught.t[1]))
+    def of(cls, correction: AirPassCorrection) -> "CorrectionTable":
+        """Returns the table of a correction."""
+        assert correction.steady is not None
+        return cls(
+            tau_ext=correction.tau_ext,
+            spread=correction.spread,
+            steady=correction.steady,
+            period=float(correction.t[1]),
+        )
 
 
-class LessonTick(NamedTuple):
-    """What a Lesson says at one time.
+class CorrectionSample(NamedTuple):
+    """An air-pass correction at one time.
 
     Attributes:
-        correction: (n,) N m, to be added to what the observer reads.
-        spread: (n,) N m, of a TaughtTorque.
-        counts: (1,) 1 where a reading that is so corrected may be used, else 0.
+        correction: (n,) N m, to be added to the observer's output.
+        spread: (n,) N m, of the AirPassCorrection.
+        counts: (1,) 1 where the corrected reading may be used, else 0.
     """
 
     correction: Array
@@ -162,18 +170,22 @@ class LessonTick(NamedTuple):
     counts: Array
 
     @classmethod
-    def zeros(cls, num_joints: int) -> "LessonTick":
-        """Before anything is taught."""
+    def zeros(cls, num_joints: int) -> "CorrectionSample":
+        """Returns no correction, not valid."""
         return cls(np.zeros(num_joints), np.zeros(num_joints), np.zeros(1))
 
 
 @kernel
-def taught_tick(lesson: Lesson, feed_time: float, out: LessonTick) -> None:
-    """Writes -at(feed_time), spread and counts_at(feed_time) of a TaughtTorque: one tick's, sooner.
+def sample_correction(table: CorrectionTable, feed_time: float, out: CorrectionSample) -> None:
+    """Single-sample kernel: -at(feed_time), spread and counts_at(feed_time) of AirPassCorrection.
 
-    All are 0 before the feed has started, after the motion's end and for NaN.
+    All are 0 before the feed starts, after the motion's end and for NaN.
+
+    Args:
+        feed_time: s since the feed started.
+        out: written.
     """
-    tau_ext, spread, steady, period = lesson
+    tau_ext, spread, steady, period = table
     last, n = len(steady) - 1, tau_ext.shape[1]
     out.correction[:] = 0.0
     out.spread[:] = 0.0
@@ -225,12 +237,12 @@ def raised_motion(robot: Robot, motion: JointTrajectory, height: float) -> Joint
     v = _joint_speeds(robot, motion, q, height)
     vdot = np.gradient(v, motion.t, axis=0)
     vdot[[0, -1]] = 0.0
-    rest = np.zeros((1, robot.num_joints))
+    standstill = np.zeros((1, robot.num_joints))
     return JointTrajectory(
         np.concatenate([[0.0], motion.t - motion.t[0] + LEAD]),
         np.vstack([q[:1], q]),
-        np.vstack([rest, v]),
-        np.vstack([rest, vdot]),
+        np.vstack([standstill, v]),
+        np.vstack([standstill, vdot]),
     )
 
 

@@ -7,6 +7,7 @@ succeed is refused before anything moves, with one line.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,42 +61,79 @@ class MachiningPath:
     q_start: Array
 
 
+@dataclass(frozen=True)
+class PassSettings:
+    """The feed, the forces and the tool of a pass.
+
+    Attributes:
+        one_way: s from one end of the path to the other, at constant speed but for the ramps.
+        passes: 1 there, 2 there and back, ...
+        ramp: s in which the feed comes up to its speed, and down again at the other end; half of
+            one_way at most. Short ones keep the joints from creeping, where friction is unknown.
+        force: set-point of the normal force.
+        phases: distances, speeds and forces of approach and lift.
+        tool_radius: m, of the tool's tip.
+    """
+
+    one_way: float
+    passes: int
+    ramp: float
+    force: NormalForceConfig
+    phases: PhasesConfig
+    tool_radius: float
+
+
 def plan_machining(
-    robot: Robot,
-    path: SurfacePath,
-    q: Array,
-    one_way: float,
-    passes: int,
-    force: NormalForceConfig,
-    phases: PhasesConfig,
-    tool_radius: float,
-    ramp: float,
-    source: str = "machining",
+    robot: Robot, path: SurfacePath, q: Array, settings: PassSettings, source: str = "machining"
 ) -> MachiningPath:
     """Plans a pass.
 
     Args:
         path: N points with normals in W.
         q: (N, n) postures there.
-        one_way: s from one end of the path to the other, at constant speed but for the ramps.
-        passes: 1 there, 2 there and back, ...
-        tool_radius: m, of the tool's tip.
-        ramp: s in which the feed comes up to its speed, and down again at the other end; half of
-            one_way at most. Short ones keep the joints from creeping, where friction is unknown.
-        source: what an error names.
+        settings: of the pass.
+        source: named in messages.
 
     Raises:
         InputError: a duration that is not positive, a set-point that is not positive or too large
             for phases.max_force, an edge sharper than the tool, a set-point beyond the drives'
             torque, a motion too fast for a joint, an approach out of reach.
     """
+    force = settings.force
+    _check_settings(settings, source)
+    check_curvature(path, settings.tool_radius)
+    s = path.distance / path.distance[-1]
+    _check_torque(robot, path, q, force.at(s), source)
+    feed = _time_law(settings)
+    spline = make_interp_spline(s, q, k=5 if len(s) > 5 else 1)
+    ds, d2s = feed.ds[:, np.newaxis], feed.d2s[:, np.newaxis]
+    slope, bend = spline.derivative(1)(feed.s), spline.derivative(2)(feed.s)
+    trajectory = JointTrajectory(feed.t, spline(feed.s), slope * ds, bend * ds**2 + slope * d2s)
+    speed = np.abs(trajectory.v).max(axis=0)
+    if np.any(speed > robot.velocity_limit):
+        joint = robot.joint_names[int(np.argmax(speed / robot.velocity_limit))]
+        raise InputError(source, "one_way", f"{settings.one_way:g} s is too fast for {joint}")
+    feed_speed = np.abs(feed.ds)
+    steady = _held_for(feed_speed > 0.999 * feed_speed.max(), feed.t, _SETTLED)
+    q_start = _start_above(robot, path, q[0], settings.phases.standoff, source)
+    return MachiningPath(path, trajectory, feed.s, force.at(feed.s), steady, q_start)
+
+
+def _check_settings(settings: PassSettings, source: str) -> None:
+    """Raises InputError, naming `source`, for a number out of range."""
+    one_way, ramp, force, phases = (
+        settings.one_way,
+        settings.ramp,
+        settings.force,
+        settings.phases,
+    )
     check_phases(phases, source)
     if not (math.isfinite(one_way) and one_way > 0.0):
         raise InputError(source, "one_way", f"{one_way:g} s, expected more than 0")
     if not (math.isfinite(ramp) and ramp > 0.0):
         raise InputError(source, "ramp", f"{ramp:g} s, expected more than 0")
-    if passes < 1:
-        raise InputError(source, "passes", f"{passes}, expected 1 or more")
+    if settings.passes < 1:
+        raise InputError(source, "passes", f"{settings.passes}, expected 1 or more")
     least = force.value - abs(force.amplitude)
     if not (math.isfinite(least) and least > 0.0):
         raise InputError(
@@ -109,15 +147,31 @@ def plan_machining(
             f"rises to {most:g} N, at or above phases.max_force = {phases.max_force:g} N",
             "lower the set-point, or raise max_force",
         )
-    check_curvature(path, tool_radius)
-    s = path.distance / path.distance[-1]
-    _check_torque(robot, path, q, force.at(s), source)
-    spline = make_interp_spline(s, q, k=5 if len(s) > 5 else 1)
+
+
+class _Feed(NamedTuple):
+    """The place on the path over time.
+
+    Attributes:
+        t: (T,) s, from the start of the feed.
+        s: (T,) 0 to 1.
+        ds, d2s: (T,) 1/s and 1/s^2, its derivatives.
+    """
+
+    t: Array
+    s: Array
+    ds: Array
+    d2s: Array
+
+
+def _time_law(settings: PassSettings) -> _Feed:
+    """The feed along the path, there and back `passes` times."""
+    one_way = settings.one_way
     count = max(2, round(one_way / _STEP))
     u = np.arange(count + 1) / count
-    law = steady_speed(min(0.5, ramp / one_way))(u)
+    law = steady_speed(min(0.5, settings.ramp / one_way))(u)
     parts = []
-    for k in range(passes):
+    for k in range(settings.passes):
         back = k % 2 == 1
         place = 1.0 - law.s if back else law.s
         sign = -1.0 if back else 1.0
@@ -127,27 +181,30 @@ def plan_machining(
                 [k * one_way + u * one_way, place, sign * law.ds_du, sign * law.d2s_du2], axis=1
             )[start:]
         )
-    t, place, ds, d2s = np.concatenate(parts).T
-    ds, d2s = ds[:, np.newaxis] / one_way, d2s[:, np.newaxis] / one_way**2
-    slope, bend = spline.derivative(1)(place), spline.derivative(2)(place)
-    trajectory = JointTrajectory(t, spline(place), slope * ds, bend * ds**2 + slope * d2s)
-    speed = np.abs(trajectory.v).max(axis=0)
-    if np.any(speed > robot.velocity_limit):
-        joint = robot.joint_names[int(np.argmax(speed / robot.velocity_limit))]
-        raise InputError(source, "one_way", f"{one_way:g} s is too fast for {joint}")
-    R_WE, _ = robot.chain.pose(q[0])
-    above = path.p_WS[0] + np.outer([0.0, phases.standoff], path.n_W[0])
+    t, s, ds_du, d2s_du2 = np.concatenate(parts).T
+    return _Feed(t, s, ds_du / one_way, d2s_du2 / one_way**2)
+
+
+def _start_above(robot: Robot, path: SurfacePath, q: Array, standoff: float, source: str) -> Array:
+    """The posture (n,) above the path's first point, where the posture is q.
+
+    Args:
+        standoff: m, along the normal.
+
+    Raises:
+        InputError: out of reach.
+    """
+    R_WE, _ = robot.chain.pose(q)
+    above = path.p_WS[0] + np.outer([0.0, standoff], path.n_W[0])
     try:
-        q_start = follow_path(robot, R_WE, above, q[0])[-1]
+        return np.asarray(follow_path(robot, R_WE, above, q)[-1])
     except InputError as error:
         raise InputError(
             source,
             "phases.standoff",
-            f"{robot.name} cannot start {phases.standoff:g} m above the path's first point",
+            f"{robot.name} cannot start {standoff:g} m above the path's first point",
             "move the workpiece, or start elsewhere",
         ) from error
-    steady = _held_for(np.abs(ds[:, 0]) > 0.999 * np.abs(ds[:, 0]).max(), t, _SETTLED)
-    return MachiningPath(path, trajectory, place, force.at(place), steady, q_start)
 
 
 def _held_for(holds: NDArray[np.bool_], t: Array, duration: float) -> Array:

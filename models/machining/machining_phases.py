@@ -15,6 +15,7 @@ is that of its force feedback, positive out of the surface.
 
 from dataclasses import astuple, dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -212,31 +213,39 @@ def setpoint(
     return 0.0
 
 
+class PhaseInputs(NamedTuple):
+    """The quantities of one tick that decide on the next phase.
+
+    Attributes:
+        time_step: s.
+        t: s, the end of the tick.
+        force: N, of the feedback, out of the surface.
+        setpoint: N, of this force.
+        work_duration: s, along the path and back.
+        joint_room: smallest distance of a joint from its limits, rad or m.
+        is_trusted: whether the feedback can be used now. Else it never reports a lost contact, and
+            only a force of _UNTRUSTED times the limit is too high.
+    """
+
+    time_step: float
+    t: float
+    force: float
+    setpoint: float
+    work_duration: float
+    joint_room: float
+    is_trusted: bool
+
+
 @kernel
-def advance(
-    table: Array,
-    state: Array,
-    time_step: float,
-    t: float,
-    force: float,
-    setpoint_now: float,
-    work_duration: float,
-    joint_room: float,
-    trusted: bool,
-) -> bool:
+def advance(table: Array, inputs: PhaseInputs, state: Array) -> bool:
     """Takes one tick, changing `state` in place; returns whether the phase has changed.
 
     Args:
         table: of PhasesConfig.
-        time_step: s.
-        t: s, the end of the tick.
-        force: N, of the feedback, out of the surface.
-        setpoint_now: N, that this force should be.
-        work_duration: s, along the path and back.
-        joint_room: smallest distance of a joint from its limits, rad or m.
-        trusted: whether the feedback can be used now; else it does not say that contact is lost,
-            and only a force of _UNTRUSTED times the limit is too high.
+        inputs: of the tick.
+        state: changed.
     """
+    time_step, t, force, setpoint_now, work_duration, joint_room, is_trusted = inputs
     phase = int(state[PHASE])
     since = t - state[SINCE]
     if phase == Phase.DONE:
@@ -246,7 +255,7 @@ def advance(
         if since < travel_time(speed, table[_LIFT]):
             return False
         return _enter(state, Phase.DONE.value, t)
-    bound = table[_MAX_FORCE] * (1.0 if trusted else _UNTRUSTED)
+    bound = table[_MAX_FORCE] * (1.0 if is_trusted else _UNTRUSTED)
     if not force <= bound:  # true for NaN as well
         return _retreat(state, Fault.OVER_FORCE.value, t)
     if joint_room < table[_JOINT_MARGIN]:
@@ -269,7 +278,7 @@ def advance(
             return _retreat(state, Fault.NOTHING_TOUCHED.value, t)
         return False
     ready = phase == Phase.WORK or (phase == Phase.TOUCH and since > table[_RISE])
-    lost = ready and trusted and force < table[_LOST_SHARE] * setpoint_now
+    lost = ready and is_trusted and force < table[_LOST_SHARE] * setpoint_now
     state[LOST] = state[LOST] + time_step if lost else 0.0
     if state[LOST] >= table[_LOST_TIME]:
         return _retreat(state, Fault.CONTACT_LOST.value, t)

@@ -27,13 +27,16 @@ That is a steady process. `wrenchsight.models.machining.process_variations` says
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.process_variations import (
+    CuttingSample,
     ProcessVariations,
     VariationsConfig,
+    VariationTables,
     WorkpieceContact,
     check_variations,
     vary,
@@ -129,6 +132,24 @@ class MachiningProcess:
         return np.zeros(PROCESS_STATE_SIZE + memory)
 
 
+class ProcessTick(NamedTuple):
+    """A tick of the simulation, as a varying process reads it.
+
+    Attributes:
+        t: s, at the tick's start; the force acts from its end.
+        time_step: s.
+        contact: (4,) normal force, N, and normal of the surface, zero without contact.
+        V_WE: (6,) of the tool, rotation first.
+        p_WE: (3,) m, place of the tool.
+    """
+
+    t: float
+    time_step: float
+    contact: Array
+    V_WE: Array
+    p_WE: Array
+
+
 @kernel
 def cutting_force(table: Array, normal_force: float, feed: Array, force: Array) -> None:
     """Writes the force (3,) N of the workpiece on the tool, against the feed.
@@ -184,43 +205,21 @@ def advance_process(
 
 @kernel
 def advance_varying_process(
-    table: Array,
-    variations: Array,
-    waviness: Array,
-    patches: Array,
-    pose: Array,
-    ends: Array,
-    time_step: float,
-    t: float,
-    contact: Array,
-    V_WE: Array,
-    p_WE: Array,
-    state: Array,
+    table: Array, variations: VariationTables, tick: ProcessTick, state: Array
 ) -> None:
-    """As `advance_process`, of a process that varies.
+    """Moves the state of a varying process on by a tick, as `advance_process`.
 
     Args:
-        variations, waviness, patches, pose, ends: of ProcessVariations.
-        t: s, at the tick's start; the force acts from its end.
-        p_WE: (3,) m, where the tool is.
+        variations: of ProcessVariations.
+        state: changed.
     """
-    advance_process(table, time_step, contact, V_WE, state)
+    advance_process(table, tick.time_step, tick.contact, tick.V_WE, state)
     feed = state[FEED]
     speed = math.sqrt(feed[0] ** 2 + feed[1] ** 2 + feed[2] ** 2 + _REST * _REST)
-    vary(
-        variations,
-        waviness,
-        patches,
-        pose,
-        ends,
-        t + time_step,
-        state[NORMAL_FORCE],
-        state[NORMAL],
-        feed / speed,
-        p_WE,
-        state[PROCESS_STATE_SIZE:],
-        state[FORCE],
+    sample = CuttingSample(
+        tick.t + tick.time_step, state[NORMAL_FORCE], state[NORMAL], feed / speed, tick.p_WE
     )
+    vary(variations, sample, state[PROCESS_STATE_SIZE:], state[FORCE])
 
 
 @kernel

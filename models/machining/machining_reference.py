@@ -14,6 +14,7 @@ from wrenchsight.models.machining.machining_phases import (
     FAULT,
     PHASE,
     Phase,
+    PhaseInputs,
     PhasesConfig,
     advance,
     force_controlled,
@@ -61,6 +62,31 @@ class Plan(NamedTuple):
     force: Array
     trusted: Array
     numbers: Array
+
+
+class PassMemory(NamedTuple):
+    """The memory of a pass, changed in place from tick to tick.
+
+    Attributes:
+        state: (7,) of wrenchsight.models.machining.machining_phases.
+        anchor: (15,) as the module describes it.
+    """
+
+    state: Array
+    anchor: Array
+
+
+class ArmPosture(NamedTuple):
+    """The joints of the arm and the pose of E at one time.
+
+    Attributes:
+        q: (n,) rad.
+        R_WE, p_WE: (3, 3) and (3,) m.
+    """
+
+    q: Array
+    R_WE: Array
+    p_WE: Array
 
 
 @kernel(inline="always")
@@ -143,8 +169,7 @@ class MachiningReference:
 def machining_reference(
     plan: Plan,
     t: float,
-    state: Array,
-    anchor: Array,
+    memory: PassMemory,
     q: Array,
     J: Array,
     scratch: Array,
@@ -155,12 +180,13 @@ def machining_reference(
     Args:
         plan: constants of the pass.
         t: s.
-        state: (7,) of wrenchsight.models.machining.machining_phases.
-        anchor: (15,).
-        q: (n,) rad, where the joints are.
-        J: (6, n) there.
-        scratch: (n, SCRATCH_COLUMNS) to work in.
+        memory: of the pass.
+        q: (n,) rad, positions of the joints.
+        J: (6, n) at q.
+        scratch: (n, SCRATCH_COLUMNS), overwritten.
+        out: written.
     """
+    state, anchor = memory
     n, pushes_on = q.shape[0], plan.numbers[0]
     phase = int(state[PHASE])
     is_force_controlled = force_controlled(phase)
@@ -195,38 +221,39 @@ def machining_reference(
     out[-5], out[-4] = state[PHASE], state[FAULT]
     out[-3] = _on_path(plan.t, plan.place, time)
     out[-2] = time if phase == Phase.WORK else -1.0
-    out[-1] = 1.0 if _trusts(plan, state, t) else 0.0
+    out[-1] = 1.0 if _is_trusted(plan, state, t) else 0.0
 
 
 @kernel
 def advance_reference(
-    plan: Plan,
-    t: float,
-    q: Array,
-    R_WE: Array,
-    p_WE: Array,
-    wrench: Array,
-    state: Array,
-    anchor: Array,
+    plan: Plan, t: float, posture: ArmPosture, wrench: Array, memory: PassMemory
 ) -> None:
-    """Takes one tick: changes `state` and `anchor` in place.
+    """Advances the memory of a pass by one tick, in place.
 
     Args:
         t: s, the beginning of the tick.
-        q, R_WE, p_WE: joints and pose of E now.
+        posture: of the arm at t.
         wrench: (6,) F_E_W of the force feedback, environment on robot, rotation first.
         others: as in `machining_reference`.
     """
+    (q, R_WE, p_WE), (state, anchor) = posture, memory
     room = np.inf
     for j in range(q.shape[0]):
         room = min(room, q[j] - plan.limits[0, j], plan.limits[1, j] - q[j])
     push = 0.0
     for i in range(3):
         push -= R_WE[i, 2] * wrench[3 + i]
-    wanted, trusts = _setpoint_now(plan, state, t), _trusts(plan, state, t)
-    duration, time_step = plan.t[-1] - plan.t[0], plan.numbers[1]
-    then = t + time_step
-    changed = advance(plan.phases, state, time_step, then, push, wanted, duration, room, trusts)
+    time_step = plan.numbers[1]
+    inputs = PhaseInputs(
+        time_step,
+        t + time_step,
+        push,
+        _setpoint_now(plan, state, t),
+        plan.t[-1] - plan.t[0],
+        room,
+        _is_trusted(plan, state, t),
+    )
+    changed = advance(plan.phases, inputs, state)
     phase = int(state[PHASE])
     if changed and phase in (Phase.LIFT, Phase.RETREAT):
         anchor[:9] = R_WE.ravel()
@@ -235,7 +262,7 @@ def advance_reference(
 
 
 @kernel
-def _trusts(plan: Plan, state: Array, t: float) -> bool:
+def _is_trusted(plan: Plan, state: Array, t: float) -> bool:
     """Whether the force feedback can be used now."""
     if plan.numbers[0] <= 0.0:
         return True

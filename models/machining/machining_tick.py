@@ -1,7 +1,11 @@
 """Machining tick: model terms and reference of a pass, with its plan and memory in few arrays."""
 
+from typing import Any, NamedTuple
+
 from wrenchsight.models.machining.machining_phases import STATE_SIZE
 from wrenchsight.models.machining.machining_reference import (
+    ArmPosture,
+    PassMemory,
     advance_reference,
     machining_reference,
     plan_of,
@@ -12,42 +16,60 @@ from wrenchsight.models.numerics.views import Layout, plain
 from wrenchsight.models.rigid_body.chain_kernels import all_terms
 
 
+class PassConstants(NamedTuple):
+    """The arrays of a pass that stay the same from tick to tick.
+
+    Attributes:
+        values, layout: a Plan, `joined`.
+        model: table of the SerialChain whose terms are written.
+        scratch: (n, SCRATCH_COLUMNS), overwritten by `lead_tick`.
+    """
+
+    values: Array
+    layout: Layout
+    model: Array
+    scratch: Array
+
+
 @kernel
 def lead_tick(
-    values: Array,
-    layout: Layout,
-    model: Array,
+    packed_constants: tuple[Any, ...],
     t: float,
     memory: Array,
     q: Array,
     v: Array,
-    scratch: Array,
     terms: Record,
     out: Array,
 ) -> None:
     """Writes the terms of the model at q and v, and the reference at t.
 
     Args:
-        values, layout: a Plan, `joined`.
-        model: table of the SerialChain whose terms are written.
-        memory: (7 + 15,) state and anchor.
-        v: (n,) rad/s.
+        packed_constants: PassConstants.
+        t: s.
+        memory: (7 + 15,) state and anchor of the pass.
+        q, v: (n,) rad, rad/s.
         terms: (1,) of `terms_type`, written.
-        others: as in `machining_reference`.
+        out: as in `machining_reference`, written.
     """
+    constants = PassConstants(*packed_constants)
     sample = terms[0]
     sample.q[:] = q
     sample.v[:] = v
-    all_terms(model, terms, scratch)
-    state, anchor = memory[:STATE_SIZE], memory[STATE_SIZE:]
-    J = plain(sample.J)
-    machining_reference(plan_of(values, layout), t, state, anchor, q, J, scratch, out)
+    all_terms(constants.model, terms, constants.scratch)
+    machining_reference(
+        plan_of(constants.values, constants.layout),
+        t,
+        PassMemory(memory[:STATE_SIZE], memory[STATE_SIZE:]),
+        q,
+        plain(sample.J),
+        constants.scratch,
+        out,
+    )
 
 
 @kernel
 def follow_tick(
-    values: Array,
-    layout: Layout,
+    packed_constants: tuple[Any, ...],
     t: float,
     q: Array,
     pose: Array,
@@ -57,11 +79,16 @@ def follow_tick(
     """Advances the memory of the reference by a tick.
 
     Args:
-        values, layout: a Plan, `joined`.
+        packed_constants: PassConstants.
         pose: (12,) of E: R_WE row by row, and p_WE.
-        memory: (7 + 15,) state and anchor, changed.
+        memory: (7 + 15,) state and anchor of the pass, changed.
         others: as in `advance_reference`.
     """
-    state, anchor = memory[:STATE_SIZE], memory[STATE_SIZE : STATE_SIZE + 15]
-    R_WE = pose[:9].reshape(3, 3)
-    advance_reference(plan_of(values, layout), t, q, R_WE, pose[9:], wrench, state, anchor)
+    constants = PassConstants(*packed_constants)
+    advance_reference(
+        plan_of(constants.values, constants.layout),
+        t,
+        ArmPosture(q, pose[:9].reshape(3, 3), pose[9:]),
+        wrench,
+        PassMemory(memory[:STATE_SIZE], memory[STATE_SIZE : STATE_SIZE + 15]),
+    )

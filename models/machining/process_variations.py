@@ -44,6 +44,7 @@ F' is not negative (J. Tlusty and F. Ismail, CIRP Annals 30 (1), 1981).
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -147,6 +148,39 @@ class WorkpieceContact:
     ends: Array
 
 
+class VariationTables(NamedTuple):
+    """The constants of a ProcessVariations, as the kernels read them.
+
+    Attributes:
+        constants: ProcessVariations.table.
+        waviness, patches, pose, ends: of ProcessVariations.
+    """
+
+    constants: Array
+    waviness: Array
+    patches: Array
+    pose: Array
+    ends: Array
+
+
+class CuttingSample(NamedTuple):
+    """The tool on the surface at one time.
+
+    Attributes:
+        t: s, when the force acts.
+        normal_force: N, of the simulator's contact.
+        normal: (3,) unit normal out of the surface.
+        direction: (3,) of the feed, shorter than 1 where it hardly moves.
+        p_WE: (3,) m, place of the tool.
+    """
+
+    t: float
+    normal_force: float
+    normal: Array
+    direction: Array
+    p_WE: Array
+
+
 class ProcessVariations:
     """The law of this module for one workpiece.
 
@@ -202,6 +236,11 @@ class ProcessVariations:
         self.pose = np.vstack([contact.R_WP, contact.p_WP])
         self.ends = np.ascontiguousarray(contact.ends, dtype=np.float64)
         self.memory_size = _TRACE + math.ceil(turn) + _REACH if chatter.ratio > 0.0 else 0
+
+    @property
+    def tables(self) -> VariationTables:
+        """The constants for `vary`."""
+        return VariationTables(self.table, self.waviness, self.patches, self.pose, self.ends)
 
 
 def check_variations(
@@ -352,33 +391,18 @@ def regenerated(table: Array, place: float, memory: Array) -> float:
 
 
 @kernel
-def vary(
-    table: Array,
-    waviness: Array,
-    patches: Array,
-    pose: Array,
-    ends: Array,
-    t: float,
-    normal_force: float,
-    n: Array,
-    direction: Array,
-    p: Array,
-    memory: Array,
-    force: Array,
-) -> None:
+def vary(tables: VariationTables, sample: CuttingSample, memory: Array, force: Array) -> None:
     """Turns the cutting force of a steady process into that of this place and time, in place.
 
     Args:
-        table, waviness, patches, pose, ends: of ProcessVariations.
-        t: s, when the force acts.
-        normal_force: N, of the simulator's contact.
-        n: (3,) normal out of the surface.
-        direction: (3,) of the feed, shorter than 1 where it hardly moves.
-        p: (3,) m, where the tool is, in W.
+        tables: of the process.
+        sample: of the tool.
         memory: (memory_size,), changed.
         force: (3,) N, steady cutting force in W; becomes all that acts besides the simulator's
             contact.
     """
+    table, waviness, patches, pose, ends = tables
+    t, normal_force, n, direction, p = sample
     if normal_force <= 0.0:
         memory[:] = 0.0
         force[:] = 0.0

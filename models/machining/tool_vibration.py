@@ -17,25 +17,24 @@ amplitudes p
     tau_p = tau_ext - LP(tau_dry (1 - 2 / pi asin(min(1, |v| / (shares p)))))
 
 is as likely as N(0, Sigma_tau + D_p^2 + J^T P J) says, LP being the observer's low-pass, P a wide
-prior of forces, Sigma_tau the torque error and D_p what the shares' own sd makes of the second
+prior of forces, Sigma_tau the torque error and D_p what the shares' sd makes of the second
 term; log-likelihoods are summed with one independent sample in CORRELATION seconds and forgotten in
-MEMORY seconds. They count while the tool is led along its path, at the first start too, where what
-an air pass taught does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band
+MEMORY seconds. They count while the tool is led along its path, at the first start too, where an
+air-pass correction does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band
 counts that, from the touch on, but the torques of the touch are no evidence: joints creep under a
 load that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
 itself, and half of the readings of a start lay outside the band). Before, p = 0 is as likely as all
-others together. What is taken off tau_ext is the mean over the grid. What an air pass taught of
-friction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose own
+others together. What is taken off tau_ext is the mean over the grid. Friction in the air-pass
+correction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose
 amplitude is GRID_STEPS off, whatever M is. That many are left where the joint moves as it was
 planned to, so that the torques have shown what is freed at its speed. Where it does not, at a turn
 for instance, the law extrapolates to another speed, by a joint's amplitude that may be
-DEPARTED_STEPS off (`wrenchsight.models.machining.air_pass.departure` tells in between), and so
-it may before the first steady feed and after the last one. The sd of
-what was taught itself is added.
+DEPARTED_STEPS off (`wrenchsight.models.machining.air_pass.departure` grades in between). So it may
+before the first steady feed and after the last one. The sd of the correction itself is added.
 
 An identified M is the weak part: its error may be as large as the inertia of a wrist's joint, and
 M^-1 then shakes joints that hardly move. So an entry beside the diagonal that is not well above
-its own sd is taken for less, the diagonal for more, and what is still open widens D_p
+its sd is taken for less, the diagonal for more, and what is still open widens D_p
 (`expected_shares`).
 
 CORRELATION, INERTIA and SHRINKAGE were settled on grinding at 15 s one way, in worlds 0 to 9 of
@@ -56,7 +55,7 @@ from wrenchsight.models.estimation.estimator_arrays import tick_of
 from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.air_pass import LessonTick, departure
+from wrenchsight.models.machining.air_pass import CorrectionSample, departure
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import (
@@ -71,7 +70,7 @@ AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
 CORRELATION, MEMORY = 0.3, 5.0  # s
 FORCES = 3.0  # of `live_prior`'s force sd: a tool presses harder than the rated payload weighs
 INERTIA = 0.3  # of a torque over an acceleration: an identification averages its residuals
-GRID_STEPS = 1  # by which a joint's own amplitude may be off: none is a free mass alone
+GRID_STEPS = 1  # by which a joint's amplitude may be off: none is a free mass alone
 DEPARTED_STEPS = 3  # the same of a joint that does not move as planned
 SHRINKAGE = 2.0  # sd, below which an entry of M beside the diagonal counts as none
 _REACH = math.sqrt(3.0)  # sd: where two of three points stand that are a normal distribution
@@ -106,9 +105,9 @@ class VibrationTracker:
         constants: VibrationConstants.
         initial_state: (m + 2 m n + 2 n,) log-evidence of each amplitude, what it takes off each
             joint and that torque's sd, low-passed, N m; then of each joint, low-passed as well, its
-            departure from the plan and the sd of what was taught, N m.
+            departure from the plan and the sd of the correction, N m.
         sizes: of what `freed_friction` writes, and of the shares, by name: freed_torque (n,) N m,
-            freed_sd (n,) N m of it and of what was taught, tool_vibration m/s, joint_shares (2n,)
+            freed_sd (n,) N m of it and of the correction, tool_vibration m/s, joint_shares (2n,)
             rad/m with their sd.
 
     Args:
@@ -241,21 +240,21 @@ class _Tracked(NamedTuple):
         evidence: (m,).
         freed, sd: (m, n) N m.
         departed: (n,) 0 to 1.
-        lesson_sd: (n,) N m.
+        correction_sd: (n,) N m.
     """
 
     evidence: Array
     freed: Array
     sd: Array
     departed: Array
-    lesson_sd: Array
+    correction_sd: Array
 
 
 @kernel
 def _tracked(state: Array, m: int, n: int) -> _Tracked:
     freed, sd = state[m : m + 2 * m * n].reshape(2, m, n)
-    departed, lesson_sd = state[m + 2 * m * n :].reshape(2, n)
-    return _Tracked(state[:m], freed, sd, departed, lesson_sd)
+    departed, correction_sd = state[m + 2 * m * n :].reshape(2, n)
+    return _Tracked(state[:m], freed, sd, departed, correction_sd)
 
 
 @kernel
@@ -277,7 +276,7 @@ def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
     """
     m = amplitudes.shape[0]
     n = (out.shape[0] - 1) // 2
-    evidence, freed, sd, departed, lesson_sd = _tracked(state, m, n)
+    evidence, freed, sd, departed, correction_sd = _tracked(state, m, n)
     weights, total = np.empty(m), 0.0
     best = evidence.max()
     for k in range(m):
@@ -290,7 +289,7 @@ def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
         for i in range(n):
             out[i] += weights[k] * freed[k, i]
     for i in range(n):
-        variance = lesson_sd[i] ** 2
+        variance = correction_sd[i] ** 2
         for k in range(m):
             near = _half_step(freed, k, i, GRID_STEPS)
             step = near + departed[i] * (_half_step(freed, k, i, DEPARTED_STEPS) - near)
@@ -319,17 +318,17 @@ def loose_share(v: float, share: float, sd: float, amplitude: float) -> tuple[fl
 
 
 class WorkTick(NamedTuple):
-    """What is known of the work at a tick, beside what is read.
+    """The state of the work at a tick, beside the reading.
 
     Attributes:
-        lesson: of an air pass: friction without the process, that the law does not have.
+        correction: of an air pass: friction without the process that the law does not describe.
         v_planned: (n,) rad/s.
         shares: (2n,) of `expected_shares`.
         touches: whether the tool touches the workpiece; else nothing is freed.
         works: whether it is led along its path; else a reading is no evidence.
     """
 
-    lesson: LessonTick
+    correction: CorrectionSample
     v_planned: Array
     shares: Array
     touches: bool
@@ -342,8 +341,8 @@ def track_vibration(
 ) -> None:
     """Takes a tick's reading into the state of a VibrationTracker.
 
-    A sample that cannot be, and a reading that does not count though what was taught does, are no
-    evidence.
+    An impossible sample is no evidence, nor is a reading that does not count though the correction
+    does.
 
     Args:
         reading: memory of a Tick, whose tau_ext and sd hold what `freed_friction` wrote.
@@ -352,27 +351,31 @@ def track_vibration(
         state: changed.
     """
     amplitudes, viscous, poles, prior, _, rates = constants
-    lesson, v_planned, shares, touches, works = work
+    correction, v_planned, shares, touches, works = work
     m, n = amplitudes.shape[0], viscous.shape[0]
     tick = tick_of(reading, n)
-    evidence, freed, sd, departed, lesson_sd = _tracked(state, m, n)
+    evidence, freed, sd, departed, correction_sd = _tracked(state, m, n)
     J, signals = tick.J, tick.signals
-    own = np.empty(n)
+    error_variance = np.empty(n)
     for i in range(n):
-        # The sd of what was taught stays in: it says how much the torque tells.
-        own[i] = max(tick.error.sd[i] ** 2 - taken[n + i] ** 2, 0.0) + lesson_sd[i] ** 2
+        # The correction's sd stays in: it limits what the torque can show.
+        error_variance[i] = (
+            max(tick.error.sd[i] ** 2 - taken[n + i] ** 2, 0.0) + correction_sd[i] ** 2
+        )
         v = signals[V, i]
-        dry = signals[TAU_F, i] - viscous[i] * v + lesson.correction[i]
+        dry = signals[TAU_F, i] - viscous[i] * v + correction.correction[i]
         for k in range(m):
             loose, off = 0.0, 0.0
             if touches:
                 loose, off = loose_share(v, shares[i], shares[n + i], amplitudes[k])
             freed[k, i] = poles[i] * freed[k, i] + (1.0 - poles[i]) * dry * loose
             sd[k, i] = poles[i] * sd[k, i] + (1.0 - poles[i]) * dry * off
-        apart = departure(v, v_planned[i]) if lesson.counts[0] == 1.0 else 1.0
+        apart = departure(v, v_planned[i]) if correction.counts[0] == 1.0 else 1.0
         departed[i] = poles[i] * departed[i] + (1.0 - poles[i]) * apart
-        lesson_sd[i] = poles[i] * lesson_sd[i] + (1.0 - poles[i]) * apart * lesson.spread[i]
-    counts = tick.flags[COUNTS] == 1.0 or lesson.counts[0] != 1.0
+        correction_sd[i] = (
+            poles[i] * correction_sd[i] + (1.0 - poles[i]) * apart * correction.spread[i]
+        )
+    counts = tick.flags[COUNTS] == 1.0 or correction.counts[0] != 1.0
     if not (works and counts and tick.flags[FAULT] == 0.0):
         return
     covariance, factor, y = np.empty((n, n)), np.empty((n, n)), np.empty(n)
@@ -381,7 +384,7 @@ def track_vibration(
             covariance[i, j] = 0.0
             for r in range(6):
                 covariance[i, j] += J[r, i] * prior[r] * J[r, j]
-        covariance[i, i] += own[i]
+        covariance[i, i] += error_variance[i]
     likelihood = np.empty(m)
     for k in range(m):
         for i in range(n):

@@ -142,14 +142,27 @@ class ToolSensor(NamedTuple):
     noise_sd: Array
 
 
+class ToolMotion(NamedTuple):
+    """The motion of E and of the joints at one time.
+
+    Attributes:
+        J: (6, n) at E, axes of W, rotation first.
+        R_WE: (3, 3).
+        V_WE: (6,) rad/s and m/s.
+        v, vdot: (n,) rad/s, rad/s^2.
+    """
+
+    J: Array
+    R_WE: Array
+    V_WE: Array
+    v: Array
+    vdot: Array
+
+
 @kernel
 def measure_contact_wrench(
     sensor: ToolSensor,
-    J: Array,
-    R_WE: Array,
-    V_WE: Array,
-    v: Array,
-    vdot: Array,
+    motion: ToolMotion,
     reaction: Array,
     noise: Array,
     wrench: Array,
@@ -159,15 +172,14 @@ def measure_contact_wrench(
 
     Args:
         reaction: as in `contact_wrench`.
-        J, R_WE, V_WE, v: (6, n), (3, 3), (6,) rad/s and m/s, (n,) rad/s: of E and the joints.
-        vdot: (n,) rad/s^2.
+        motion: of the tool.
         noise: (6,) unit Gaussian draws.
         wrench: (6,) N m, N, at E in axes of W, rotation first; written.
         state: (6 order,) of the filter, changed.
     """
     A_WE = np.empty(6)
-    tool_acceleration(J, v, vdot, A_WE)
-    contact_wrench(sensor.table, R_WE, V_WE[:3], A_WE, reaction, wrench)
+    tool_acceleration(motion.J, motion.v, motion.vdot, A_WE)
+    contact_wrench(sensor.table, motion.R_WE, motion.V_WE[:3], A_WE, reaction, wrench)
     for i in range(6):
         wrench[i] += sensor.noise_sd[i] * noise[i]
     low_pass_update(sensor.A, sensor.B, sensor.C, wrench, state)

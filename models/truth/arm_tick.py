@@ -8,7 +8,8 @@ A simulation calls four kernels, in their order and around the plant's own solut
     arm_memory   state of joints, sensors and process after the tick
 
 The mathematics is that of `joint_kernels`, `current_measurement`, `tool_contact`, `tool_wrench`,
-`machining_process` and `chain_kernels`. Constants come as tuples, in the order of the classes here.
+`machining_process` and `chain_kernels`. Constants come as plain tuples, in the order of the
+classes here.
 """
 
 from typing import Any, NamedTuple
@@ -20,11 +21,13 @@ from wrenchsight.models.machining.machining_process import (
     FORCE,
     NORMAL,
     NORMAL_FORCE,
+    ProcessTick,
     add_unbalance_force,
     advance_process,
     advance_varying_process,
     joint_vibration,
 )
+from wrenchsight.models.machining.process_variations import VariationTables
 from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import copy_to, plain
@@ -33,12 +36,19 @@ from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 from wrenchsight.models.signals.tool_contact import CONTACT_SIZE, add_contact, sum_with_contact
-from wrenchsight.models.signals.tool_wrench import ToolSensor, measure_contact_wrench
+from wrenchsight.models.signals.tool_wrench import (
+    ToolMotion,
+    ToolSensor,
+    measure_contact_wrench,
+)
 from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     MOTOR_CURRENT,
     SIGNALS,
     VIBRATION,
+    EncoderSample,
+    JointInputs,
+    JointMemory,
     Links,
     encoder_reading,
     joint_tick,
@@ -66,6 +76,8 @@ class MotionConstants(NamedTuple):
     """The constants of `arm_motion`.
 
     Attributes:
+        layout: ArmLayout, as a plain tuple.
+        scratch: (n, SCRATCH_COLUMNS), overwritten.
         chain: SerialChain.table of the true robot.
         joints: table of TrueJoints.
         on_motor: whether the encoders sit on the motors.
@@ -74,6 +86,8 @@ class MotionConstants(NamedTuple):
         process: table of MachiningProcess.
     """
 
+    layout: tuple[float, ...]
+    scratch: Array
     chain: Array
     joints: Array
     on_motor: bool
@@ -87,6 +101,8 @@ class DriveConstants(NamedTuple):
     """The constants of `arm_drives`.
 
     Attributes:
+        layout: as in MotionConstants.
+        work: of `tick_work`, overwritten.
         joints: table of TrueJoints.
         motors: of TrueJoints.
         current: (3, n) table of `measure_current`; (0, n): the true current is reported.
@@ -95,6 +111,8 @@ class DriveConstants(NamedTuple):
             counts for friction.
     """
 
+    layout: tuple[float, ...]
+    work: Array
     joints: Array
     motors: Array
     current: Array
@@ -107,6 +125,7 @@ class MemoryConstants(NamedTuple):
     """The constants of `arm_memory`.
 
     Attributes:
+        layout: as in MotionConstants.
         current: as in DriveConstants.
         tool, A, B, C, noise_sd: of `measure_contact_wrench`; without rows of `tool` there is no
             force/torque sensor.
@@ -116,6 +135,7 @@ class MemoryConstants(NamedTuple):
             `variations` the process is steady.
     """
 
+    layout: tuple[float, ...]
     current: Array
     tool: Array
     A: Array
@@ -129,6 +149,24 @@ class MemoryConstants(NamedTuple):
     patches: Array
     pose: Array
     ends: Array
+
+
+class TickSignals(NamedTuple):
+    """The signals of a tick, which `arm_memory` takes into the state.
+
+    Attributes:
+        motion: of `arm_motion`.
+        drives: of `arm_drives`.
+        truth: (6 + n + 4,) of `arm_truth`; without entries where there is no contact.
+        vdot: (n,) rad/s^2.
+        reaction: (6,) on the tool at its mount, N m, N.
+    """
+
+    motion: Record
+    drives: Array
+    truth: Array
+    vdot: Array
+    reaction: Array
 
 
 def motion_type(num_joints: int) -> np.dtype[np.void]:
@@ -161,45 +199,44 @@ def _tick_of(t: float, time_step: float) -> int:
     return int(t / time_step + 1e-3)
 
 
+@kernel(inline="always")
+def _links(motion: Record) -> Links:
+    """The rigid bodies of a record of `motion_type`."""
+    sample = motion[0]
+    M, Cv, G = plain(sample.M), plain(sample.Cv), plain(sample.G)
+    return Links(M, Cv, G, plain(sample.q), plain(sample.v))
+
+
 @kernel
 def arm_motion(
     packed_constants: tuple[Any, ...],
-    layout: tuple[float, ...],
     t: float,
     x: Array,
     state: Array,
-    scratch: Array,
     motion: Record,
 ) -> None:
     """Writes the terms, encoder readings and wrench of a sample, before anything is commanded.
 
     Args:
-        packed_constants: MotionConstants.
-        layout: ArmLayout.
+        packed_constants: MotionConstants, as a plain tuple.
         t: s.
         x: (2n,) q and v of the links, rad, rad/s.
         state: see ArmLayout.
-        scratch: (n, SCRATCH_COLUMNS), overwritten.
         motion: (1,) of `motion_type`, written.
     """
     constants = MotionConstants(*packed_constants)
-    joints_size, process_size, time_step = layout
+    joints_size, process_size, time_step = constants.layout
     n = constants.joints.shape[0]
     sample = motion[0]
     copy_to(sample.q, x[:n])
     copy_to(sample.v, x[n:])
-    all_terms(constants.chain, motion, scratch)
+    all_terms(constants.chain, motion, constants.scratch)
     rows = state[:joints_size].reshape(joints_size // n, n)
-    tick = _tick_of(t, time_step)
     encoder_reading(
         constants.joints,
         rows,
-        plain(sample.G),
-        plain(sample.q),
-        plain(sample.v),
-        constants.on_motor,
-        constants.seed,
-        tick,
+        _links(motion),
+        EncoderSample(constants.on_motor, constants.seed, _tick_of(t, time_step)),
         plain(sample.q_read),
         plain(sample.v_read),
     )
@@ -223,27 +260,24 @@ def arm_motion(
 @kernel
 def arm_drives(
     packed_constants: tuple[Any, ...],
-    layout: tuple[float, ...],
     t: float,
     motion: Record,
     command: Array,
     state: Array,
-    work: Array,
     drives: Array,
 ) -> None:
     """Writes the joints' response to a command.
 
     Args:
-        packed_constants: DriveConstants.
-        layout, t, state: as in `arm_motion`.
+        packed_constants: DriveConstants, as a plain tuple.
+        t, state: as in `arm_motion`.
         motion: of `arm_motion`.
         command: (n,) A, of the motors, within the drives' limits.
-        work: of `tick_work`, overwritten.
         drives: ((SIGNALS + 1) n + joints' state,), written: the signals of `joint_tick`, the
             current as it is reported, A, and the joints' state at the tick's end.
     """
     constants = DriveConstants(*packed_constants)
-    joints_size, _, time_step = layout
+    joints_size, _, time_step = constants.layout
     n, tick = constants.joints.shape[0], _tick_of(t, time_step)
     noise = np.empty(2 * n)
     gaussian_noise(constants.seed, tick, noise)
@@ -258,14 +292,18 @@ def arm_drives(
     joint_tick(
         constants.joints,
         time_step,
-        Links(plain(sample.M), plain(sample.Cv), plain(sample.G), plain(sample.q), plain(sample.v)),
-        joint_command,
-        rows[EXTERNAL] if constants.in_contact else plain(sample.torque),
-        noise,
-        rows,
-        drives[(SIGNALS + 1) * n :].reshape(joints_size // n, n),
-        signals,
-        work,
+        _links(motion),
+        JointInputs(
+            joint_command,
+            rows[EXTERNAL] if constants.in_contact else plain(sample.torque),
+            noise,
+        ),
+        JointMemory(
+            rows,
+            drives[(SIGNALS + 1) * n :].reshape(joints_size // n, n),
+            signals,
+            constants.work,
+        ),
     )
     if constants.motors.shape[0] > 0:
         copy_to(joint_command, signals[MOTOR_CURRENT])
@@ -308,33 +346,20 @@ def arm_truth(
 
 @kernel
 def arm_memory(
-    packed_constants: tuple[Any, ...],
-    layout: tuple[float, ...],
-    t: float,
-    motion: Record,
-    drives: Array,
-    truth: Array,
-    vdot: Array,
-    reaction: Array,
-    state: Array,
+    packed_constants: tuple[Any, ...], t: float, packed_signals: tuple[Any, ...], state: Array
 ) -> None:
     """Takes a tick into the state of joints, sensors and process.
 
     Args:
-        packed_constants: MemoryConstants.
-        layout, t: as in `arm_motion`.
-        motion, drives: of the tick.
-        truth: (6 + n + 4,) of `arm_truth`; without entries where there is no contact.
-        vdot: (n,) rad/s^2.
-        reaction: (6,) on the tool at its mount, N m, N.
+        packed_constants: MemoryConstants, as a plain tuple.
+        t: as in `arm_motion`.
+        packed_signals: TickSignals, as a plain tuple.
         state: see ArmLayout, changed.
     """
-    constants = MemoryConstants(*packed_constants)
-    joints_size, process_size, time_step = layout
-    n = vdot.shape[0]
-    wrench_start = joints_size + n + process_size
-    sample = motion[0]
-    R_WE, p_WE, V_WE = plain(sample.R_WE), plain(sample.p_WE), plain(sample.V_WE)
+    constants, signals = MemoryConstants(*packed_constants), TickSignals(*packed_signals)
+    joints_size, process_size, time_step = constants.layout
+    drives, truth = signals.drives, signals.truth
+    n = signals.vdot.shape[0]
     state[:joints_size] = drives[(SIGNALS + 1) * n :]
     if truth.shape[0] > 0:
         state[EXTERNAL * n : (EXTERNAL + 1) * n] = truth[6 : 6 + n]
@@ -342,47 +367,65 @@ def arm_memory(
         current = drives[MOTOR_CURRENT * n : (MOTOR_CURRENT + 1) * n]
         update_lag(constants.current[0], time_step, current, state[joints_size : joints_size + n])
     if process_size > 0:
-        process_state, contact = state[joints_size + n : wrench_start], truth[6 + n :]
-        if constants.variations.shape[0] == 0:
-            advance_process(constants.process, time_step, contact, V_WE, process_state)
-        else:
-            advance_varying_process(
-                constants.process,
-                constants.variations,
-                constants.waviness,
-                constants.patches,
-                constants.pose,
-                constants.ends,
-                time_step,
-                t,
-                contact,
-                V_WE,
-                p_WE,
-                process_state,
-            )
-        state[wrench_start + 3 : wrench_start + 6] = process_state[FORCE]
-        vibration = state[VIBRATION * n : (VIBRATION + 1) * n]
-        joint_vibration(
-            constants.process,
-            plain(sample.M),
-            plain(sample.J),
-            process_state[NORMAL_FORCE],
-            process_state[NORMAL],
-            vibration,
-        )
+        _take_process(constants, t, signals, state)
     if constants.tool.shape[0] > 0:
-        noise = np.zeros(6)
-        if constants.noise_seed >= 0:
-            gaussian_noise(constants.noise_seed, _tick_of(t, time_step), noise)
-        measure_contact_wrench(
-            ToolSensor(constants.tool, constants.A, constants.B, constants.C, constants.noise_sd),
-            plain(sample.J),
-            R_WE,
-            V_WE,
-            plain(sample.v),
-            vdot,
-            reaction,
-            noise,
-            state[wrench_start + 6 : wrench_start + 12],
-            state[wrench_start + 12 :],
+        _take_tool_wrench(constants, t, signals, state[joints_size + n + process_size + 6 :])
+
+
+@kernel
+def _take_process(constants: MemoryConstants, t: float, signals: TickSignals, state: Array) -> None:
+    """Advances the process, its force on the tool and the vibration of the joints by a tick."""
+    joints_size, process_size, time_step = constants.layout
+    n = signals.vdot.shape[0]
+    wrench_start = joints_size + n + process_size
+    sample, contact = signals.motion[0], signals.truth[6 + n :]
+    V_WE, process = plain(sample.V_WE), state[joints_size + n : wrench_start]
+    if constants.variations.shape[0] == 0:
+        advance_process(constants.process, time_step, contact, V_WE, process)
+    else:
+        tables = VariationTables(
+            constants.variations,
+            constants.waviness,
+            constants.patches,
+            constants.pose,
+            constants.ends,
         )
+        tick = ProcessTick(t, time_step, contact, V_WE, plain(sample.p_WE))
+        advance_varying_process(constants.process, tables, tick, process)
+    state[wrench_start + 3 : wrench_start + 6] = process[FORCE]
+    joint_vibration(
+        constants.process,
+        plain(sample.M),
+        plain(sample.J),
+        process[NORMAL_FORCE],
+        process[NORMAL],
+        state[VIBRATION * n : (VIBRATION + 1) * n],
+    )
+
+
+@kernel
+def _take_tool_wrench(
+    constants: MemoryConstants, t: float, signals: TickSignals, state: Array
+) -> None:
+    """Takes a tick into the force/torque sensor.
+
+    Args:
+        state: the sensor's part of that of ArmLayout, changed.
+    """
+    sample, noise = signals.motion[0], np.zeros(6)
+    if constants.noise_seed >= 0:
+        gaussian_noise(constants.noise_seed, _tick_of(t, constants.layout[2]), noise)
+    measure_contact_wrench(
+        ToolSensor(constants.tool, constants.A, constants.B, constants.C, constants.noise_sd),
+        ToolMotion(
+            plain(sample.J),
+            plain(sample.R_WE),
+            plain(sample.V_WE),
+            plain(sample.v),
+            signals.vdot,
+        ),
+        signals.reaction,
+        noise,
+        state[:6],
+        state[6:],
+    )

@@ -45,6 +45,9 @@ from wrenchsight.models.truth.joint_kernels import (
     TAU_F,
     TAU_J,
     TORQUE,
+    EncoderSample,
+    JointInputs,
+    JointMemory,
     Links,
     encoder_reading,
     joint_tick,
@@ -287,9 +290,9 @@ def _run(
                 tau_ext[i] = 0.0
                 for axis in range(6):
                     tau_ext[i] += J[axis, i] * wrench[axis]
-        encoder_reading(
-            table, state_view, G, q, v, on_motor, seed + VELOCITY_STREAM, tick, q_read, v_read
-        )
+        links = Links(M, Cv, G, q, v)
+        encoders = EncoderSample(on_motor, seed + VELOCITY_STREAM, tick)
+        encoder_reading(table, state_view, links, encoders, q_read, v_read)
         dynamics_terms(model, q_read, v_read, Cv_m, G_m, M_m, scratch)
         tracking_torque(
             law, M_m, Cv_m, G_m, q_read, v_read, reference_row, read_only(integral), tau
@@ -297,18 +300,12 @@ def _run(
         for i in range(n):
             command[i] = tau[i] / gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, wander_noise)
-        links = Links(M, Cv, G, q, v)
         joint_tick(
             table,
             time_step,
             links,
-            command,
-            tau_ext_view,
-            wander_noise,
-            state_view,
-            next_state,
-            signals,
-            work,
+            JointInputs(command, tau_ext_view, wander_noise),
+            JointMemory(state_view, next_state, signals, work),
         )
         if motors.shape[0] > 0:
             copy_to(current, motor_current)

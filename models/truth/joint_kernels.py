@@ -75,7 +75,7 @@ from wrenchsight.models.machining.tool_vibration import held_share
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
-from wrenchsight.models.numerics.views import read_only
+from wrenchsight.models.numerics.views import borrowed, read_only
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
 RIGID = 1e5
@@ -124,6 +124,51 @@ class Links(NamedTuple):
     v: Array
 
 
+class JointInputs(NamedTuple):
+    """The inputs of a tick.
+
+    Attributes:
+        command: (n,) A, commanded current.
+        tau_ext: (n,) N m, of the environment during the tick.
+        noise: (2n,) unit Gaussian draws of the tick: of friction's wander, and of the currents.
+    """
+
+    command: Array
+    tau_ext: Array
+    noise: Array
+
+
+class JointMemory(NamedTuple):
+    """The arrays that a tick reads and writes.
+
+    Attributes:
+        state: (SLIPS + 3 K, n) at the beginning; NaN currents and deflections start settled.
+        next_state: (SLIPS + 3 K, n), written: at the end.
+        signals: (SIGNALS, n), written: motor torque, all other generalized force on the links
+            (friction, ripple, cogging), true friction (minus the former), N m; motor current with
+            the noise of its motion, A.
+        work: of `tick_work`, overwritten.
+    """
+
+    state: Array
+    next_state: Array
+    signals: Array
+    work: Array
+
+
+class EncoderSample(NamedTuple):
+    """The encoders at one sample.
+
+    Attributes:
+        on_motor: whether the gear's deflection lies between encoder and link.
+        seed, tick: of the velocity's noise.
+    """
+
+    on_motor: bool
+    seed: int
+    tick: int
+
+
 @kernel
 def tick_work(state: Array) -> Array:
     """Working memory that `joint_tick` overwrites: made once, as each allocation takes time."""
@@ -134,16 +179,7 @@ def tick_work(state: Array) -> Array:
 
 @kernel
 def joint_tick(
-    table: Array,
-    time_step: float,
-    links: Links,
-    command: Array,
-    tau_ext: Array,
-    noise: Array,
-    state: Array,
-    next_state: Array,
-    signals: Array,
-    work: Array,
+    table: Array, time_step: float, links: Links, inputs: JointInputs, memory: JointMemory
 ) -> None:
     """Single-sample kernel: one tick of all joints.
 
@@ -151,32 +187,37 @@ def joint_tick(
         table: (n, ELEMENTS + 3 K + 3 H), see the columns above; H stands in HARMONICS.
         time_step: h, s.
         links: at the tick's beginning.
-        command: (n,) A, commanded current.
-        tau_ext: (n,) N m, of the environment during the tick.
-        noise: (2n,) unit Gaussian draws of the tick: of friction's wander, and of the currents.
-        state: (SLIPS + 3 K, n) at the beginning; NaN currents and deflections start settled.
-        next_state: (SLIPS + 3 K, n), written: at the end.
-        signals: (SIGNALS, n), written: motor torque, all other generalized force on the links
-            (friction, ripple, cogging), true friction (minus the former), N m; motor current with
-            the noise of its motion, A.
-        work: of `tick_work`, overwritten.
+        inputs: of the tick.
+        memory: its state at the beginning is read, the other arrays are written.
     """
-    n = state.shape[1]
-    K = (state.shape[0] - SLIPS) // 3
-    state, tau_ext = read_only(state), read_only(tau_ext)
+    n = memory.state.shape[1]
+    K = (memory.state.shape[0] - SLIPS) // 3
+    # The steps below hand these on: counting the references would cost more than the arithmetic.
+    table = borrowed(table)
+    links = Links(
+        borrowed(links.M),
+        borrowed(links.Cv),
+        borrowed(links.G),
+        borrowed(links.q),
+        borrowed(links.v),
+    )
+    inputs = JointInputs(
+        borrowed(inputs.command), borrowed(read_only(inputs.tau_ext)), borrowed(inputs.noise)
+    )
+    memory = JointMemory(
+        borrowed(read_only(memory.state)),
+        borrowed(memory.next_state),
+        borrowed(memory.signals),
+        borrowed(memory.work),
+    )
     # The usual arm: loops over numbers that the compiler knows take less time, with equal bits.
     if n == 6 and K == 3:
-        _tick(
-            6, 3, table, time_step, links, command, tau_ext, noise, state, next_state, signals, work
-        )
+        _tick(6, 3, table, time_step, links, inputs, memory)
     else:
-        _tick(
-            n, K, table, time_step, links, command, tau_ext, noise, state, next_state, signals, work
-        )
+        _tick(n, K, table, time_step, links, inputs, memory)
 
 
-# Above 100 lines: inlined twice, for six joints and for any number. Separate steps would hand a
-# dozen numbers of a joint from one to the next.
+# The steps are inlined: twice, for six joints with three elements and for any number.
 @kernel(forceinline=True)
 def _tick(
     n: int,
@@ -184,125 +225,233 @@ def _tick(
     table: Array,
     time_step: float,
     links: Links,
-    command: Array,
-    tau_ext: Array,
-    noise: Array,
-    state: Array,
-    next_state: Array,
-    signals: Array,
-    work: Array,
+    inputs: JointInputs,
+    memory: JointMemory,
 ) -> None:
     """`joint_tick` of n joints with K slip elements each."""
-    M, Cv, G, q, v = links
-    stiffness_row = MATRIX + 2 * n
-    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
     for i in range(n):
-        pole = table[i, POLE]
-        current = state[CURRENT, i]
-        current = command[i] if math.isnan(current) else pole * current + (1 - pole) * command[i]
-        tau_J = table[i, GAIN] * current
-        load = state[TRANSMITTED, i]
+        motor_velocity = links.v[i] + memory.state[RATE, i]
+        load = memory.state[TRANSMITTED, i]
         if math.isnan(load):
-            load = G[i]
-        next_state[CURRENT, i] = current
-        rate = state[RATE, i]
-        motor_velocity = v[i] + rate
-        current_noise = (
-            table[i, MOVING_NOISE] * math.tanh(abs(motor_velocity) / MOVING) * noise[n + i]
+            load = links.G[i]
+        _drive(n, i, table, motor_velocity, inputs, memory)
+        wander = _wander(i, table, inputs.noise, memory)
+        limits = _dry_limits(i, table, motor_velocity, load, wander, memory)
+        dry_damper = _set_elements(K, i, table, time_step, links.v[i], limits, memory)
+        _set_damper(i, table, motor_velocity, wander, dry_damper, memory)
+        position_torque = _position_torque(K, i, table, links, load, memory.state)
+        memory.signals[TAU_F, i] = position_torque
+        memory.work[FORCE, i] = (
+            memory.signals[TAU_J, i]
+            + inputs.tau_ext[i]
+            - links.Cv[i]
+            - links.G[i]
+            - position_torque
+            - memory.work[DAMPER, i] * memory.state[RATE, i]
         )
-        signals[TAU_J, i], signals[MOTOR_CURRENT, i] = tau_J, current + current_noise
-
-        x = motor_velocity / table[i, SPEED]
-        decay = table[i, WANDER_DECAY]
-        wander = table[i, WANDER_SD] * noise[i]  # from the first tick on as far as ever
-        if not math.isnan(state[WANDER, i]):
-            wander = decay * state[WANDER, i] + math.sqrt(1.0 - decay * decay) * wander
-        next_state[WANDER, i] = wander
-        wander = max(1.0 + wander, LEAST_WANDER)
-        level = table[i, COULOMB] + (table[i, STICTION] - table[i, COULOMB]) * math.exp(-x * x)
-        level *= wander
-        load_forwards, load_backwards = table[i, MOTORING], table[i, GENERATING]
-        if load < 0.0:
-            load_forwards, load_backwards = load_backwards, load_forwards
-        forwards = level * table[i, FORWARDS] + load_forwards * abs(load)
-        backwards = level * table[i, BACKWARDS] + load_backwards * abs(load)
-        next_state[VIBRATION, i] = state[VIBRATION, i]
-        if state[VIBRATION, i] > 0.0:
-            dither_share = held_share(motor_velocity, state[VIBRATION, i])
-            forwards, backwards = dither_share * forwards, dither_share * backwards
-        element_share, dry_damper = 1.0, 0.0
-        if table[i, TRANSITION] > 0.0:
-            element_share = 0.0
-            dry_damper = (forwards if motor_velocity > 0.0 else backwards) * _even_slope(
-                motor_velocity, table[i, TRANSITION]
-            )
-        for k in range(K):
-            weight = element_share * table[i, ELEMENTS + 3 * k]
-            work[stiffness_row + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
-            decay = table[i, ELEMENTS + 3 * k + 2]
-            work[spring_row + k, i] = decay * spring_torque(table, time_step, state, i, k, v[i])
-            if decay > 0.0:
-                work[spring_row + k, i] += work[stiffness_row + k, i] * rate
-            work[high_row + k, i], work[low_row + k, i] = weight * forwards, -weight * backwards
-        work[DAMPER, i] = (
-            table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * state[RISE, i])
-        )
-        work[DAMPER, i] /= 1.0 + abs(motor_velocity) * table[i, INVERSE_SATURATION]
-        work[DAMPER, i] += dry_damper
-
-        position_torque = 0.0
-        for k in range(RIPPLES, RIPPLES + 12, 4):
-            amplitude = table[i, k] + table[i, k + 1] * abs(load)
-            position_torque += amplitude * math.sin(table[i, k + 2] * q[i] + table[i, k + 3])
-        if table[i, ERROR] > 0.0:
-            share = (motor_velocity * table[i, ERROR + 3]) ** 2
-            share /= 1.0 + share
-            wave = math.sin(table[i, ERROR + 1] * q[i] + table[i, ERROR + 2])
-            position_torque += table[i, ERROR] * share * wave
-        count = int(table[i, HARMONICS])
-        if count > 0:
-            motor_position = q[i] + deflection(table, i, state[DEFLECTION, i], G[i])
-            first = ELEMENTS + 3 * K
-            for k in range(first, first + 3 * count, 3):
-                position_torque += table[i, k] * math.sin(
-                    table[i, k + 1] * motor_position + table[i, k + 2]
-                )
-        signals[TAU_F, i] = position_torque
-        work[FORCE, i] = (
-            tau_J + tau_ext[i] - Cv[i] - G[i] - position_torque - work[DAMPER, i] * rate
-        )
-
-    velocity_after(n, K, M, time_step, v, work)
+    velocity_after(n, K, links.M, time_step, links.v, memory.work)
     for i in range(n):
-        slip = 0.0
-        for k in range(K):
-            s = min(
-                max(
-                    work[spring_row + k, i] + work[stiffness_row + k, i] * work[END, i],
-                    work[low_row + k, i],
-                ),
-                work[high_row + k, i],
+        dissipative = _friction_after(K, i, memory)
+        _set_rise(i, table, time_step, dissipative, memory)
+        _set_deflection(i, table, time_step, links.G[i], memory)
+        memory.next_state[EXTERNAL, i] = inputs.tau_ext[i]
+
+
+class _Limits(NamedTuple):
+    """Dry friction at most, N m, of a joint that moves forwards or backwards."""
+
+    forwards: float
+    backwards: float
+    velocity: float  # rad/s, of the motor
+
+
+@kernel(forceinline=True)
+def _drive(
+    n: int,
+    i: int,
+    table: Array,
+    motor_velocity: float,
+    inputs: JointInputs,
+    memory: JointMemory,
+) -> None:
+    """Writes joint i's current loop into the next state, its torque and current to the signals."""
+    pole, command = table[i, POLE], inputs.command[i]
+    current = memory.state[CURRENT, i]
+    current = command if math.isnan(current) else pole * current + (1 - pole) * command
+    memory.next_state[CURRENT, i] = current
+    current_noise = (
+        table[i, MOVING_NOISE] * math.tanh(abs(motor_velocity) / MOVING) * inputs.noise[n + i]
+    )
+    memory.signals[TAU_J, i] = table[i, GAIN] * current
+    memory.signals[MOTOR_CURRENT, i] = current + current_noise
+
+
+@kernel(forceinline=True)
+def _wander(i: int, table: Array, noise: Array, memory: JointMemory) -> float:
+    """Writes joint i's wander into the next state; returns the factor of its friction."""
+    decay = table[i, WANDER_DECAY]
+    wander = table[i, WANDER_SD] * noise[i]  # from the first tick on as far as ever
+    if not math.isnan(memory.state[WANDER, i]):
+        wander = decay * memory.state[WANDER, i] + math.sqrt(1.0 - decay * decay) * wander
+    memory.next_state[WANDER, i] = wander
+    return float(max(1.0 + wander, LEAST_WANDER))
+
+
+@kernel(forceinline=True)
+def _dry_limits(
+    i: int,
+    table: Array,
+    motor_velocity: float,
+    load: float,
+    wander: float,
+    memory: JointMemory,
+) -> _Limits:
+    """Limits of joint i's dry friction under the load (N m), less where a tool shakes the joint."""
+    x = motor_velocity / table[i, SPEED]
+    level = table[i, COULOMB] + (table[i, STICTION] - table[i, COULOMB]) * math.exp(-x * x)
+    level *= wander
+    load_forwards, load_backwards = table[i, MOTORING], table[i, GENERATING]
+    if load < 0.0:
+        load_forwards, load_backwards = load_backwards, load_forwards
+    forwards = level * table[i, FORWARDS] + load_forwards * abs(load)
+    backwards = level * table[i, BACKWARDS] + load_backwards * abs(load)
+    memory.next_state[VIBRATION, i] = memory.state[VIBRATION, i]
+    if memory.state[VIBRATION, i] > 0.0:
+        dither_share = held_share(motor_velocity, memory.state[VIBRATION, i])
+        forwards, backwards = dither_share * forwards, dither_share * backwards
+    return _Limits(forwards, backwards, motor_velocity)
+
+
+@kernel(forceinline=True)
+def _set_elements(
+    K: int,
+    i: int,
+    table: Array,
+    time_step: float,
+    v: float,
+    limits: _Limits,
+    memory: JointMemory,
+) -> float:
+    """Writes joint i's slip elements into the work; returns the damper of grease, N m s/rad.
+
+    Where dry friction is a function of velocity, as in grease, it is that damper and no element
+    slides.
+    """
+    forwards, backwards, motor_velocity = limits
+    work, rate = memory.work, memory.state[RATE, i]
+    stiffness_row = MATRIX + 2 * work.shape[1]
+    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
+    element_share, dry_damper = 1.0, 0.0
+    if table[i, TRANSITION] > 0.0:
+        element_share = 0.0
+        dry_damper = (forwards if motor_velocity > 0.0 else backwards) * _even_slope(
+            motor_velocity, table[i, TRANSITION]
+        )
+    for k in range(K):
+        weight = element_share * table[i, ELEMENTS + 3 * k]
+        work[stiffness_row + k, i] = table[i, ELEMENTS + 3 * k + 1] * time_step
+        decay = table[i, ELEMENTS + 3 * k + 2]
+        work[spring_row + k, i] = decay * spring_torque(table, time_step, memory.state, i, k, v)
+        if decay > 0.0:
+            work[spring_row + k, i] += work[stiffness_row + k, i] * rate
+        work[high_row + k, i], work[low_row + k, i] = weight * forwards, -weight * backwards
+    return dry_damper
+
+
+@kernel(forceinline=True)
+def _set_damper(
+    i: int,
+    table: Array,
+    motor_velocity: float,
+    wander: float,
+    dry_damper: float,
+    memory: JointMemory,
+) -> None:
+    """Writes joint i's damper into the work: viscous friction, less when warm, and grease."""
+    damper = (
+        table[i, VISCOUS] * wander * math.exp(-table[i, TEMPERATURE_SHARE] * memory.state[RISE, i])
+    )
+    damper /= 1.0 + abs(motor_velocity) * table[i, INVERSE_SATURATION]
+    memory.work[DAMPER, i] = damper + dry_damper
+
+
+@kernel(forceinline=True)
+def _position_torque(
+    K: int, i: int, table: Array, links: Links, load: float, state: Array
+) -> float:
+    """Ripple, transmission error and harmonics of joint i at its position, N m."""
+    q, position_torque = links.q[i], 0.0
+    for k in range(RIPPLES, RIPPLES + 12, 4):
+        amplitude = table[i, k] + table[i, k + 1] * abs(load)
+        position_torque += amplitude * math.sin(table[i, k + 2] * q + table[i, k + 3])
+    if table[i, ERROR] > 0.0:
+        motor_velocity = links.v[i] + state[RATE, i]
+        share = (motor_velocity * table[i, ERROR + 3]) ** 2
+        share /= 1.0 + share
+        wave = math.sin(table[i, ERROR + 1] * q + table[i, ERROR + 2])
+        position_torque += table[i, ERROR] * share * wave
+    count = int(table[i, HARMONICS])
+    if count > 0:
+        motor_position = q + deflection(table, i, state[DEFLECTION, i], links.G[i])
+        first = ELEMENTS + 3 * K
+        for k in range(first, first + 3 * count, 3):
+            position_torque += table[i, k] * math.sin(
+                table[i, k + 1] * motor_position + table[i, k + 2]
             )
-            next_state[SLIPS + 3 * k, i] = work[spring_row + k, i]
-            next_state[SLIPS + 3 * k + 1, i] = work[low_row + k, i]
-            next_state[SLIPS + 3 * k + 2, i] = work[high_row + k, i]
-            slip += s
-        motor_velocity = work[END, i] + state[RATE, i]
-        dissipative = slip + work[DAMPER, i] * motor_velocity
-        signals[TAU_F, i] += dissipative
-        signals[TORQUE, i] = -signals[TAU_F, i]
-        transmitted = signals[TAU_J, i] - signals[TAU_F, i]
-        next_state[TRANSMITTED, i] = transmitted
-        heat = table[i, HEATING] * dissipative * motor_velocity
-        rise = state[RISE, i]
-        next_state[RISE, i] = rise + time_step * table[i, INVERSE_TIME] * (heat - rise)
-        next_state[EXTERNAL, i] = tau_ext[i]
-        # Implicit in its own rate: stable at any step.
-        w = table[i, FREQUENCY] * time_step
-        d = deflection(table, i, state[DEFLECTION, i], G[i])
-        push = w * table[i, FREQUENCY] * (transmitted * table[i, COMPLIANCE] - d)
-        rate = (state[RATE, i] + push) / (1.0 + 2.0 * DAMPING * w + w * w)
-        next_state[RATE, i], next_state[DEFLECTION, i] = rate, d + time_step * rate
+    return position_torque
+
+
+@kernel(forceinline=True)
+def _friction_after(K: int, i: int, memory: JointMemory) -> float:
+    """Writes joint i's friction at the velocity after the tick into signals and next state.
+
+    Returns:
+        The part that dissipates, N m: of elements and damper.
+    """
+    state, next_state, signals, work = memory
+    stiffness_row = MATRIX + 2 * work.shape[1]
+    spring_row, low_row, high_row = stiffness_row + K, stiffness_row + 2 * K, stiffness_row + 3 * K
+    slip = 0.0
+    for k in range(K):
+        s = min(
+            max(
+                work[spring_row + k, i] + work[stiffness_row + k, i] * work[END, i],
+                work[low_row + k, i],
+            ),
+            work[high_row + k, i],
+        )
+        next_state[SLIPS + 3 * k, i] = work[spring_row + k, i]
+        next_state[SLIPS + 3 * k + 1, i] = work[low_row + k, i]
+        next_state[SLIPS + 3 * k + 2, i] = work[high_row + k, i]
+        slip += s
+    dissipative = slip + work[DAMPER, i] * (work[END, i] + state[RATE, i])
+    signals[TAU_F, i] += dissipative
+    signals[TORQUE, i] = -signals[TAU_F, i]
+    next_state[TRANSMITTED, i] = signals[TAU_J, i] - signals[TAU_F, i]
+    return float(dissipative)
+
+
+@kernel(forceinline=True)
+def _set_rise(
+    i: int, table: Array, time_step: float, dissipative: float, memory: JointMemory
+) -> None:
+    """Writes joint i's rise of temperature, K, by the heat of its friction (N m)."""
+    motor_velocity = memory.work[END, i] + memory.state[RATE, i]
+    heat = table[i, HEATING] * dissipative * motor_velocity
+    rise = memory.state[RISE, i]
+    memory.next_state[RISE, i] = rise + time_step * table[i, INVERSE_TIME] * (heat - rise)
+
+
+@kernel(forceinline=True)
+def _set_deflection(i: int, table: Array, time_step: float, G: float, memory: JointMemory) -> None:
+    """Writes the deflection of joint i's gear, and its rate, under the load of this tick."""
+    # Implicit in its own rate: stable at any step.
+    w = table[i, FREQUENCY] * time_step
+    d = deflection(table, i, memory.state[DEFLECTION, i], G)
+    transmitted = memory.next_state[TRANSMITTED, i]
+    push = w * table[i, FREQUENCY] * (transmitted * table[i, COMPLIANCE] - d)
+    rate = (memory.state[RATE, i] + push) / (1.0 + 2.0 * DAMPING * w + w * w)
+    memory.next_state[RATE, i], memory.next_state[DEFLECTION, i] = rate, d + time_step * rate
 
 
 @kernel
@@ -343,23 +492,22 @@ def deflection(table: Array, i: int, state: float, G: float) -> float:
 def encoder_reading(
     table: Array,
     state: Array,
-    G: Array,
-    q: Array,
-    v: Array,
-    on_motor: bool,
-    seed: int,
-    tick: int,
+    links: Links,
+    sample: EncoderSample,
     q_read: Array,
     v_read: Array,
 ) -> None:
     """Single-sample kernel: writes q and v (n,) as the encoders read them.
 
     Args:
-        table, state: as in `joint_tick`.
-        G: (n,) N m; counts before the first tick only.
-        on_motor: whether the gear's deflection lies between encoder and link.
-        seed, tick: of the velocity's noise.
+        table: as in `joint_tick`.
+        state: of JointMemory.
+        links: of which q and v are read; G counts before the first tick only.
+        sample: of the encoders.
+        q_read, v_read: (n,) rad, rad/s, written.
     """
+    G, q, v = links.G, links.q, links.v
+    on_motor, seed, tick = sample
     n = q.shape[0]
     noise = np.zeros(n)
     has_noise = False

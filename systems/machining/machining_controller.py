@@ -1,5 +1,7 @@
 """Reference, estimator and controller of a machining pass in one block."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -7,10 +9,15 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.estimator import Taught
 from wrenchsight.models.estimation.tick import TickSample, tick_update
-from wrenchsight.models.machining.air_pass import Lesson, LessonTick, TaughtTorque, taught_tick
+from wrenchsight.models.machining.air_pass import (
+    AirPassCorrection,
+    CorrectionSample,
+    CorrectionTable,
+    sample_correction,
+)
 from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.machining_reference import MachiningReference
-from wrenchsight.models.machining.machining_tick import follow_tick, lead_tick
+from wrenchsight.models.machining.machining_tick import PassConstants, follow_tick, lead_tick
 from wrenchsight.models.machining.tool_vibration import (
     VibrationTracker,
     WorkTick,
@@ -34,7 +41,8 @@ class MachiningController(LeafSystem):
 
     A tick runs the kernels of `MachiningReference`, of `WrenchEstimatorSystem` and of
     `ImpedanceController` one after the other. After an air pass it also corrects the estimator by
-    what that taught and by `VibrationTracker`. Parameters cannot be changed: the blocks' are taken.
+    the learnt correction and by `VibrationTracker`. The parameters are those of the blocks, and
+    fixed.
 
                     +---------------------+ --> action
       q        -->  |                     |
@@ -47,7 +55,7 @@ class MachiningController(LeafSystem):
              current  (n,) A, as the drives report it
              wrench   (6,) F_E_W of a sensor, environment on robot, rotation first; with
                       reads_sensor only: else the estimate is fed back
-    Outputs: action   tau_command (n,), N m, and all that is known with it, one after another, in
+    Outputs: action   tau_command (n,), N m, and the other signals of the tick, joined in
                       one port; Drake's Demultiplexer splits it with `sizes`
              terms    RigidBodyTerms (abstract) of the model, for pictures
 
@@ -60,7 +68,7 @@ class MachiningController(LeafSystem):
         reference: of the pass.
         estimator, controller: blocks that stand in no diagram.
         chain: the estimator's model.
-        taught: of an air pass along the reference's path.
+        air_pass: correction learnt along the reference's path; None: no correction.
         time_step: s.
         reads_sensor: whether force control feeds back a sensor's wrench.
 
@@ -73,7 +81,7 @@ class MachiningController(LeafSystem):
         reference: MachiningReference,
         estimator: WrenchEstimatorSystem,
         controller: ImpedanceController,
-        taught: TaughtTorque | None,
+        air_pass: AirPassCorrection | None,
         time_step: float,
         reads_sensor: bool,
     ) -> None:
@@ -84,10 +92,10 @@ class MachiningController(LeafSystem):
         self._chain: SerialChain = estimator.estimator.chain
         self._n = n = self._chain.num_joints
         self._packed = estimator.default_packed
-        self._taught: Lesson | None = None
+        self._correction_table: CorrectionTable | None = None
         self._tracker: VibrationTracker | None = None
-        if taught is not None:
-            self._taught = Lesson.of(taught)
+        if air_pass is not None:
+            self._correction_table = CorrectionTable.of(air_pass)
             self._tracker = VibrationTracker(estimator.estimator)
         self._q = self.DeclareVectorInputPort("q", n)
         self._v = self.DeclareVectorInputPort("v", n)
@@ -125,14 +133,21 @@ class MachiningController(LeafSystem):
         self.DeclareAbstractOutputPort(
             "terms", lambda: AbstractValue.Make(object()), self._calc_terms, motion
         )
-        self._plan_values, self._plan_layout = reference.plan
-        self._chain_table = np.ascontiguousarray(self._chain.table)
         self._impedance = controller.law
         self._tick_arguments = estimator.tick_arguments
         # Memory that is settled once; nothing in it outlives a call.
         self._model_terms = RigidBodyTerms.zeros(n).record
-        self._scratch = np.empty((n, SCRATCH_COLUMNS))
-        self._lesson = LessonTick.zeros(n)
+        # A plain tuple: numba takes it in less time than a named one.
+        values, layout = reference.plan
+        self._pass_constants: tuple[Any, ...] = tuple(
+            PassConstants(
+                values=values,
+                layout=layout,
+                model=np.ascontiguousarray(self._chain.table),
+                scratch=np.empty((n, SCRATCH_COLUMNS)),
+            )
+        )
+        self._correction = CorrectionSample.zeros(n)
         self._unread = np.zeros(n)
 
     @property
@@ -165,21 +180,20 @@ class MachiningController(LeafSystem):
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
         end, terms, integral = self._estimator_end, self._model_terms, self._integral
         lead_tick(
-            self._plan_values,
-            self._plan_layout,
-            self._chain_table,
+            self._pass_constants,
             context.get_time(),
             state[end:integral],
             q,
             v,
-            self._scratch,
             terms,
             plan,
         )
-        taught = None
-        if self._taught is not None and self._tracker is not None:
-            taught = self._taught_sample(self._taught, self._tracker, state[integral + 1 :], out)
-        self._estimator.read(self._packed, state[:end], q, v, self._unread, taught, reading)
+        correction = None
+        if self._correction_table is not None and self._tracker is not None:
+            correction = self._correct(
+                self._correction_table, self._tracker, state[integral + 1 :], out
+            )
+        self._estimator.read(self._packed, state[:end], q, v, self._unread, correction, reading)
         impedance_tick(
             self._impedance,
             terms,
@@ -190,20 +204,20 @@ class MachiningController(LeafSystem):
             out[self._pose_at],
         )
 
-    def _taught_sample(
-        self, lesson: Lesson, tracker: VibrationTracker, tracked: Array, out: Array
+    def _correct(
+        self, table: CorrectionTable, tracker: VibrationTracker, tracked: Array, out: Array
     ) -> Taught:
         """The correction of the estimator for the sample whose plan and terms are known.
 
         Args:
-            lesson: what the air pass taught.
+            table: of the air pass.
             tracker, tracked: of the tool's vibration, and its state.
             out: `action`, whose entries of the freed friction and the joints' shares are written.
         """
         n, terms = self._n, self._model_terms[0]
         reference = out[self._reference_from : self._reference_to]
         feed_time = out[self._plan_to - 2]
-        taught_tick(lesson, feed_time, self._lesson)
+        sample_correction(table, feed_time, self._correction)
         freed = out[self._freed_at]
         freed_friction(tracker.constants.amplitudes, tracked, freed)
         normal = out[self._reference_from - _POSE : self._reference_from][2:9:3]
@@ -211,9 +225,9 @@ class MachiningController(LeafSystem):
             terms["M"], tracker.constants.inertia_sd, terms["J"], normal, out[self._shares_at]
         )
         return Taught(
-            tau_correction=self._lesson.correction - freed[:n],
+            tau_correction=self._correction.correction - freed[:n],
             v_planned=reference[n : 2 * n],
-            counts=self._lesson.counts.item(),
+            counts=self._correction.counts.item(),
             sd=freed[n : 2 * n],
         )
 
@@ -224,12 +238,12 @@ class MachiningController(LeafSystem):
         choice, packed, overrides, scratch = self._tick_arguments
         sample = TickSample(q, self._v.Eval(context), self._current.Eval(context), overrides)
         tick_update(choice, packed, state[:end], sample, action[self._reading_at], scratch)
-        if self._taught is not None and self._tracker is not None:
+        if self._correction_table is not None and self._tracker is not None:
             n, reference = self._n, action[self._reference_from : self._reference_to]
             feed_time = action.item(self._plan_to - 2)
-            taught_tick(self._taught, feed_time, self._lesson)
+            sample_correction(self._correction_table, feed_time, self._correction)
             work = WorkTick(
-                lesson=self._lesson,
+                correction=self._correction,
                 v_planned=reference[n : 2 * n],
                 shares=action[self._shares_at],
                 touches=Phase.TOUCH <= action.item(self._phase_at) <= Phase.RELEASE,
@@ -243,8 +257,7 @@ class MachiningController(LeafSystem):
                 state[integral + 1 :],
             )
         follow_tick(
-            self._plan_values,
-            self._plan_layout,
+            self._pass_constants,
             context.get_time(),
             q,
             action[self._pose_at],

@@ -110,12 +110,12 @@ class TrueArm(LeafSystem):
             raise ValueError("true arm: a machining process needs contact")
         self._n, self._contacts = n, parts.contacts
         self._motion_type = motion_type(n)
-        self._make_constants(parts)
         memory = np.zeros(0) if process is None else process.initial_state
         initial = joints.initial_state()
         filtered = 0 if sensor is None else sensor.memory_size
         layout = ArmLayout(initial.size, memory.size, joints.time_step)
         self._layout, self._joint_size = tuple(layout), layout.joints
+        self._make_constants(parts)
         self._x = self.DeclareVectorInputPort("state", 2 * n)
         self._command = self.DeclareVectorInputPort("current_command", n)
         state = self.DeclareDiscreteState(
@@ -164,8 +164,6 @@ class TrueArm(LeafSystem):
             self._process = process
             self.DeclareVectorOutputPort("wrench_unbalance", 6, self._calc_unbalance, prerequisites)
         # Memory that is settled once; nothing in it outlives a call.
-        self._scratch = np.empty((n, SCRATCH_COLUMNS))
-        self._work = tick_work(initial)
         self._no_truth, self._no_reaction, self._no_vdot = np.empty(0), np.zeros(6), np.zeros(n)
 
     def _make_constants(self, parts: ArmParts) -> None:
@@ -180,6 +178,8 @@ class TrueArm(LeafSystem):
         sensor = NO_SENSOR if parts.sensor is None else parts.sensor.constants
         self._motion_constants: tuple[Any, ...] = tuple(
             MotionConstants(
+                layout=self._layout,
+                scratch=np.empty((n, SCRATCH_COLUMNS)),
                 chain=np.ascontiguousarray(parts.chain.table),
                 joints=joints.table,
                 on_motor=joints.on_motor,
@@ -191,6 +191,8 @@ class TrueArm(LeafSystem):
         )
         self._drive_constants: tuple[Any, ...] = tuple(
             DriveConstants(
+                layout=self._layout,
+                work=tick_work(joints.initial_state()),
                 joints=joints.table,
                 motors=joints.motors,
                 current=current,
@@ -201,6 +203,7 @@ class TrueArm(LeafSystem):
         )
         self._memory_constants: tuple[Any, ...] = tuple(
             MemoryConstants(
+                layout=self._layout,
                 current=current,
                 tool=sensor.tool,
                 A=sensor.A,
@@ -243,11 +246,9 @@ class TrueArm(LeafSystem):
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
         arm_motion(
             self._motion_constants,
-            self._layout,
             context.get_time(),
             self._x.Eval(context),
             context.get_discrete_state_vector().value(),
-            self._scratch,
             np.frombuffer(output.get_mutable_value(), self._motion_type),
         )
 
@@ -258,12 +259,10 @@ class TrueArm(LeafSystem):
     def _calc_drives(self, context: Context, output: BasicVector) -> None:
         arm_drives(
             self._drive_constants,
-            self._layout,
             context.get_time(),
             self._motion_at(context),
             self._command.Eval(context),
             context.get_discrete_state_vector().value(),
-            self._work,
             output.get_mutable_value(),
         )
 
@@ -297,12 +296,7 @@ class TrueArm(LeafSystem):
             reaction = self._reactions.Eval(context)[self._weld].get_coeffs()
         arm_memory(
             self._memory_constants,
-            self._layout,
             context.get_time(),
-            self._motion_at(context),
-            self._drives.Eval(context),
-            truth,
-            vdot,
-            reaction,
+            (self._motion_at(context), self._drives.Eval(context), truth, vdot, reaction),
             discrete_state.get_mutable_value(),
         )

@@ -20,7 +20,7 @@ from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.tool_vibration import expected_shares, inertia_sd
 from wrenchsight.models.observers.kalman_observer import KalmanObserverConfig
@@ -65,10 +65,12 @@ def knowing(robot):
     return knowing_model(robot, robot.truth.stiction, robot.truth.viscous)
 
 
-def lesson(plan):
+def correction_along(plan):
     rng = np.random.default_rng(3)
     t = plan.trajectory.t
-    return TaughtTorque(t, rng.normal(size=(len(t), 6)), (rng.random(len(t)) < 0.8).astype(float))
+    return AirPassCorrection(
+        t, rng.normal(size=(len(t), 6)), (rng.random(len(t)) < 0.8).astype(float)
+    )
 
 
 def run(scenario, robot, duration=0.5, period=None, **options):
@@ -83,7 +85,7 @@ def run(scenario, robot, duration=0.5, period=None, **options):
     [
         ("Polishing", False, None),
         ("PolishingSensorless", True, None),
-        ("Grinding", "lesson", None),
+        ("Grinding", "law without memory", None),
         ("GrindingSensorless", False, KalmanObserverConfig()),
     ],
 )
@@ -92,8 +94,8 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
 ):
     """Against the batch estimator over the log, and against the controller's block by itself.
 
-    Taught by an air pass, friction with a memory is taken as it is and that without at planned
-    speeds ("lesson"); what a vibrating tool would free of it is taken off, and widens the band.
+    After an air pass, friction with a memory is taken as it is, and that of a law without memory at
+    planned speeds. What a vibrating tool would free of it is taken off, and widens the band.
     """
     scenario = short(name)
     if observer is not None:
@@ -106,14 +108,14 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         )
     plan = make_machining_path(scenario, hard)
     model = plain_model(hard)
-    taught = lesson(plan) if knows else None
+    taught = correction_along(plan) if knows else None
     reads = knowing(hard) if knows is True else model
     loop = make_closed_loop(
         scenario,
         hard,
         model,
         machining_path=plan,
-        taught=taught,
+        air_pass=taught,
         estimator_model=reads,
     )
     split, sizes = loop.diagram.GetSubsystemByName("action"), loop.controller.sizes
@@ -175,10 +177,10 @@ def test_the_estimate_is_fed_back_where_what_was_taught_counts(hard):
     plan = make_machining_path(scenario, hard)
     t = plan.trajectory.t
     first_half = (t < 0.5 * t[-1]).astype(float)
-    taught = TaughtTorque(t, np.zeros((len(t), 6)), first_half)
-    for lesson, counts in ((taught, first_half), (None, plan.steady)):
+    taught = AirPassCorrection(t, np.zeros((len(t), 6)), first_half)
+    for correction, counts in ((taught, first_half), (None, plan.steady)):
         loop = make_closed_loop(
-            scenario, hard, plain_model(hard), machining_path=plan, taught=lesson
+            scenario, hard, plain_model(hard), machining_path=plan, air_pass=correction
         )
         split = loop.diagram.GetSubsystemByName("action")
         valid = split.get_output_port(list(loop.controller.sizes).index("feedback_valid"))
@@ -264,7 +266,7 @@ def calls_of(simulator, until):
 def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, name, knows):
     scenario = short(name)
     plan = make_machining_path(scenario, hard)
-    more = {"taught": lesson(plan), "estimator_model": knowing(hard)} if knows else {}
+    more = {"air_pass": correction_along(plan), "estimator_model": knowing(hard)} if knows else {}
     loop = make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, **more)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(0.01)

@@ -105,17 +105,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
 
 
 def _metrics(loaded_pass: LoadedPass) -> dict[str, Any]:
-    plain, taught = loaded_pass.plain.metrics(), loaded_pass.taught.metrics()
-    sizes = [float(np.linalg.norm(part["rmse_f_n"])) for part in (plain, taught)]
+    plain, corrected = loaded_pass.plain.metrics(), loaded_pass.corrected.metrics()
+    sizes = [float(np.linalg.norm(part["rmse_f_n"])) for part in (plain, corrected)]
     return {
         "plain": plain,
-        "taught": taught,
+        "taught": corrected,
         "repeated_share": loaded_pass.repeated_share,
         "parts": loaded_pass.shares(),
         "correlation": loaded_pass.correlation,
         "taken_off": {
             "force_share": 1.0 - sizes[1] / sizes[0],
-            "torque_share": 1.0 - taught["torque_rmse_nm"] / plain["torque_rmse_nm"],
+            "torque_share": 1.0 - corrected["torque_rmse_nm"] / plain["torque_rmse_nm"],
         },
     }
 

@@ -70,8 +70,8 @@ class LoadedPass:
     """Both passes, read with one model.
 
     Attributes:
-        plain: as it is read.
-        taught: less the correction learnt on the pass without load.
+        plain: uncorrected.
+        corrected: less the correction learnt on the pass without load.
         first_pass: (M, n) N m, what that pass read.
         alignment: s that its log is ahead.
         load_growth: (M, n) N m, the increase of the drives' |torque| with the load.
@@ -79,7 +79,7 @@ class LoadedPass:
     """
 
     plain: PassErrors
-    taught: PassErrors
+    corrected: PassErrors
     first_pass: Array
     alignment: float
     load_growth: Array
@@ -88,7 +88,7 @@ class LoadedPass:
     @property
     def repeated_share(self) -> Array:
         """(n,) share of the torque error's mean square that the empty pass takes off."""
-        return np.asarray(1.0 - self.taught.mean_square / self.plain.mean_square)
+        return np.asarray(1.0 - self.corrected.mean_square / self.plain.mean_square)
 
     def shares(self) -> dict[str, Array]:
         """Parts of the torque error's mean square with the load, (n,) shares of it.
@@ -97,7 +97,7 @@ class LoadedPass:
         proportion to the load's growth, fitted in hindsight. `reversals`: of the remainder, within
         REVERSAL of a joint's turning. `other`: all else.
         """
-        error, whole = self.taught.torque_error, self.plain.mean_square
+        error, whole = self.corrected.torque_error, self.plain.mean_square
         pull = np.sign(self.v) * self.load_growth
         # Friction that is missing in the model reads as a torque against the motion.
         share = np.sum(pull * error, axis=0) / np.sum(pull**2, axis=0)
@@ -109,7 +109,7 @@ class LoadedPass:
         remaining = np.mean(without**2, axis=0)
         return {
             "repeated": self.repeated_share,
-            "grows_with_load": (self.taught.mean_square - remaining) / whole,
+            "grows_with_load": (self.corrected.mean_square - remaining) / whole,
             "reversals": reversal / whole,
             "other": (remaining - reversal) / whole,
         }
@@ -196,7 +196,7 @@ def loaded_pass(
 
     return LoadedPass(
         plain=errors(loaded.tau_ext),
-        taught=errors(loaded.tau_ext - first_pass),
+        corrected=errors(loaded.tau_ext - first_pass),
         first_pass=first_pass[rows],
         alignment=lead,
         load_growth=(np.abs(carried) - np.abs(carried_empty))[rows],

@@ -8,7 +8,7 @@
     link        the link that is touched
     wrench      force from such torque, against a sensor
 
-Methods: `arm` says what each is; `study --method` adds others (`entrants`). Metrics are
+Methods: `arm` states what each is; `study --method` adds others (`entrants`). Metrics are
 `<task>.<method>.<measure>`, with `<measure>_low` and `_high` for the least and the largest of logs,
 runs, pieces, recordings or configurations, `_mean` and `_count`; of a share that is counted, for
 the least and the largest that agree with the count at 95 %. A method that does not enter a task has

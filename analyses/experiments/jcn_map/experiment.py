@@ -1,6 +1,6 @@
 """Experiment `jcn-map`: the condition number over the workspace (section 4.2, Fig. 7).
 
-As many random configurations as the article draws; and a slice, which says where a table belongs.
+As many random configurations as the article draws; and a slice, which states where a table belongs.
 """
 
 from pathlib import Path

@@ -2,8 +2,8 @@
 
 The torque is compared with J^T of the sensor's wrench, joint by joint and row by row. So is the
 figure of the data's source: joint 3 over `joint3_sweep`, 6.483 N m by motor current and 2.671 N m
-by a neural network trained on that robot. Nothing is trained here: `lara8_reading` says where each
-number comes from. The sensor's delay and zero are removed, both as the data set states them;
+by a neural network trained on that robot. Nothing is trained here: `lara8_reading` states the
+source of each number. The sensor's delay and zero are removed, both as the data set states them;
 `source` repeats the comparison of the source, without.
 
 "moving" is each joint over the rows in which it moves, "rest" over those in which it stands, from
@@ -61,7 +61,7 @@ SWEEP: Final = "joint3_sweep"
 _JOINT: Final = 2  # joint 3, counted from 0
 _THESIS: Final = "thesis of the data's source"
 _BY_URDF: Final = "summary.joint3_urdf_rmse_nm"
-_LOADED = 20.0  # N m, from which a joint's friction tells its share of the load
+_LOADED = 20.0  # N m, from which a joint's friction shows its share of the load
 
 
 def run(context: ExperimentContext) -> ExperimentResult:

@@ -3,7 +3,7 @@
 A network learns the torque of contact-free motion from the last half second of q and v; the
 residual is read as contact (`recurrent_network`). It is compared with an identified model that has
 the friction law of `identify --friction best`, and put on top of it (`hybrid`).
-`torque_predictors` filters and reads all alike; `arms` says which log is fitted and which judged.
+`torque_predictors` filters and reads all alike; `arms` states which log is fitted and which judged.
 
 ur10e          fitted on the three runs, judged on every other contact-free motion and two loads
 ur10e_weeks    fitted on these and all free motion of the weeks before (the network alone also where

@@ -56,7 +56,7 @@ class LinearPath:
     swarms: list[PlacementResult]
     table: PlacementResult
     article_jcn: dict[str, Array]  # at the 21 points, by the side of the elbow
-    own_distance: dict[str, float]  # smallest, between links of the arm along each path, m
+    link_distance: dict[str, float]  # smallest, between links of the arm along each path, m
 
 
 def linear_path(context: ExperimentContext) -> LinearPath:
@@ -93,12 +93,12 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     article = {name: robot.chain.condition_number(q) for name, q in postures.items()}
     cell = PlacementCell(robot, ClearanceConfig(distance=0.0))
 
-    def own_distance(q: Array) -> float:
+    def link_distance(q: Array) -> float:
         placement = optimised.best.placement  # without a workpiece it does not matter
         return cell.closest(q, placement.n_W, placement.p_WM, placement.quaternion)[0]
 
-    distances = {name: own_distance(q) for name, q in postures.items()}
-    distances["optimised"] = own_distance(optimised.best.fine.q)
+    distances = {name: link_distance(q) for name, q in postures.items()}
+    distances["optimised"] = link_distance(optimised.best.fine.q)
     context.progress(1.0, "done")
     return LinearPath(optimised, from_seeds, swarms, table, article, distances)
 
@@ -132,9 +132,9 @@ def run(context: ExperimentContext) -> ExperimentResult:
     # Later optima are not met by every search; at a table only the best one is met by all.
     metrics["optima"] = metrics["optima"][:_OPTIMA]
     metrics["with_table"]["optima"] = metrics["with_table"]["optima"][:1]
-    metrics["optimised"]["smallest_own_distance_m"] = outcome.own_distance["optimised"]
+    metrics["optimised"]["smallest_own_distance_m"] = outcome.link_distance["optimised"]
     metrics["article"]["smallest_own_distance_m"] = {
-        name: outcome.own_distance[name] for name in ("one_elbow", "other_elbow")
+        name: outcome.link_distance[name] for name in ("one_elbow", "other_elbow")
     }
     metrics["reduction_pct"] = {
         key: 100.0 * (1.0 - metrics["optimised"][key] / metrics["initial"][key])

@@ -2,7 +2,7 @@
 
 A Staubli TX40 moves for nine seconds at up to its speed limits. Motor 6 turns with joints 5 and 6,
 so that joint 5 moves against the friction of two motors: `coupling` of robot.yaml
-(`wrenchsight.models.robot.coupling`) says it, and friction and rotors belong to the motors.
+(`wrenchsight.models.robot.coupling`) states it, and friction and rotors belong to the motors.
 
 There is one recording. It is cut into stretches; each is predicted by a fit of the others, from
 which EDGE seconds beside it are left out as well, so that the low-pass carries nothing over. All
@@ -10,7 +10,7 @@ figures are over the stretches together. `validation` is in fifths; thirds, whic
 to learn from, stand beside it.
 
 From 7.5 s on the arm stands still, while joint 1's torque creeps from -2 to -0.2 N m and nothing
-moves: at rest friction takes up anything within its stiction, and no law tells how much. Predicted
+moves: at rest friction takes up anything within its stiction, and no law states how much. Predicted
 from the first six seconds alone, joint 1's last three miss by 3 N m, and by 1 N m where it moves.
 """
 

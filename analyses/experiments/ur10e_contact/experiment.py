@@ -3,7 +3,7 @@
 The arm presses a roller on a workpiece that stands on a force/torque sensor, holds still, rolls
 along it and holds still again, at several forces and speeds, with two force controllers. It is
 another specimen than the one identified in `ur10e-identification`; its friction is found from its
-motion in the air. `contact_reading` says what each method may use. `command` and `no_sensor` are
+motion in the air. `contact_reading` states what each method may use. `command` and `no_sensor` are
 what a user gets: `identify --refresh MODEL --other-specimen` on the motion in the air, then
 `estimate --tool --contact-axis tool_z`. `calibrated` adds `--reference` on the other runs of the
 same controller; `carried_over` takes the friction of the other specimen as it is.

@@ -29,7 +29,7 @@ from wrenchsight.models.numerics.arrays import Array, Flags
 
 BEFORE, GUARD = 0.3, 0.05  # s before a contact, between which its baseline is read
 SAMPLES = 5  # of a contact, evenly spread over those of at least half of its largest size
-LONGEST = 2.0  # s, of a contact's piece: its error says little about that of the next piece
+LONGEST = 2.0  # s, of a contact's piece: its error shows little about that of the next piece
 MOST_PIECES = 20
 
 

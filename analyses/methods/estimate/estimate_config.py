@@ -27,9 +27,9 @@ from wrenchsight.models.robot.robot import Robot
 LARGEST_DRIFT = 10.0  # of the viscous torque
 TORQUES = ("found", "currents", "external")
 SIGNS = ("found", ROBOT, ENVIRONMENT)
-LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a prior of less says that nothing acts
+LEAST_SD, LARGEST_SD = 1e-3, 1e9  # N or N m; a smaller prior means that nothing acts
 LEAST_TORQUE_SD = 1e-6  # N m
-LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat what a log says
+LEAST_STEP, LONGEST = 1e-4, 10.0  # s; finer grids only repeat the log
 PRIORS = ("live", "log")
 FLOOR_SHARE = 1.0 / 3.0
 _POSITIVE = ("force_rate", "across_sd", "standing_across_sd", "moment_sd", "error_time", "block")
@@ -45,7 +45,7 @@ class EstimateConfig:
 
     `estimator` is the estimator's own configuration, but for what may be left to the log: a time
     step of zero is the log's median step, a position resolution of None the step of its encoders,
-    and a prior of None what `prior` says.
+    and a prior of None what `prior` states.
     """
 
     prior: str = "log"
@@ -74,7 +74,7 @@ class EstimateConfig:
     check: bool = True  # hold the log against the robot's limits and gravity
     accept_signs: bool = False
     # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
-    # contradict them; the result says so
+    # contradict them; the result states so
     mcap: bool = False  # write the wrenches as ROS 2 messages too (wrench.mcap)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)  # a force sensor in the log
     detection: ContactDetectionConfig = field(default_factory=ContactDetectionConfig)
@@ -87,8 +87,7 @@ class EstimateConfig:
     # the tool in robot.yaml is on the arm and known: put it on a model that was identified with
     # another one, or without
     other_robot: bool = False
-    # read even where robot.yaml says otherwise than when the model was identified; the result says
-    # so
+    # read even where robot.yaml differs from that of the identification; the result reports it
 
 
 @dataclass

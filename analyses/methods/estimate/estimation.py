@@ -29,7 +29,7 @@ from wrenchsight.analyses.methods.estimate.estimate_data_set import (
     write_data_set,
 )
 from wrenchsight.analyses.methods.estimate.first_pass import FirstPassResult, first_pass
-from wrenchsight.analyses.methods.estimate.log_readings import LogReadings, ReadingDoubts
+from wrenchsight.analyses.methods.estimate.log_readings import LogReadings, ReadingWarnings
 from wrenchsight.analyses.methods.estimate.model_checks import (
     is_fitted_on,
     model_warnings,
@@ -98,7 +98,7 @@ def estimate_log(
     out: Path,
     log_format: str | Path | None = None,
     config: EstimateConfig | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, action: None,
 ) -> EstimateResult:
     """Streams a log and writes the wrench at the tool into `out`.
 
@@ -160,7 +160,7 @@ def estimate(
     model: IdentifiedModel,
     out: OutputFolder,
     settings: EstimateSettings,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, action: None,
 ) -> EstimateResult:
     """As `estimate_log`, with robot and model loaded.
 
@@ -183,7 +183,7 @@ def estimate(
         first_pass_result=first_pass_result,
         second_pass=second_pass,
         comparison=second_pass.readings.comparison(),
-        doubts=second_pass.readings.doubts(first_pass_result.model_with_drift),
+        reading_warnings=second_pass.readings.warnings(first_pass_result.model_with_drift),
         load=first_pass_result.load(),
     )
     metrics = _metrics(outcome, robot, config)
@@ -289,7 +289,7 @@ class _Outcome:
     Attributes:
         model: that read the log.
         comparison: with the log's force sensor; None: none is named.
-        doubts: about the readings.
+        reading_warnings: about the readings.
         load: weighed against friction drift; None: not looked for, or too few samples.
     """
 
@@ -297,7 +297,7 @@ class _Outcome:
     first_pass_result: FirstPassResult
     second_pass: _SecondPass
     comparison: SensorComparison | None
-    doubts: ReadingDoubts
+    reading_warnings: ReadingWarnings
     load: LoadOrDrift | None
 
     @property
@@ -322,7 +322,7 @@ class _Outcome:
 
     def warnings(self, settings: EstimateSettings) -> list[str]:
         """What makes the readings doubtful, one sentence each."""
-        warnings = [*self.first_pass_result.warnings, *self.doubts.sentences]
+        warnings = [*self.first_pass_result.warnings, *self.reading_warnings.sentences]
         if self.second_pass.tracked is not None:
             warnings += self.second_pass.tracked.tracker.advice(self.model.joint_names)
         monitor = self.first_pass_result.friction_monitor
@@ -352,8 +352,8 @@ def _metrics(outcome: _Outcome, robot: Robot, config: EstimateConfig) -> dict[st
     metrics["contact"] = readings.episodes.metrics(config.detection.false_alarms_per_hour)
     if comparison is not None:
         metrics["reference"] = comparison.metrics()
-    if outcome.doubts.gravity is not None:
-        metrics["gravity"] = outcome.doubts.gravity
+    if outcome.reading_warnings.gravity is not None:
+        metrics["gravity"] = outcome.reading_warnings.gravity
     metrics["drift_shown"] = first_pass_result.drift_shown
     metrics["load"] = None if load is None else load.metrics()
     if tracked is not None:

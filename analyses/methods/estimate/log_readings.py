@@ -47,7 +47,7 @@ from wrenchsight.models.robot.robot import Robot
 _UNSURE_SAMPLES = 1 << 9  # readings that are not valid, from which the warning finds the reason
 
 
-class ReadingDoubts(NamedTuple):
+class ReadingWarnings(NamedTuple):
     """What makes the readings of a log doubtful.
 
     Attributes:
@@ -209,7 +209,7 @@ class LogReadings:
             raise InputError("estimate", "--reference", problem, "record a longer log")
         return compare_with_sensor(log, self._settings.estimate.reference)
 
-    def doubts(self, model_with_drift: IdentifiedModel) -> ReadingDoubts:
+    def warnings(self, model_with_drift: IdentifiedModel) -> ReadingWarnings:
         """Doubts about the readings.
 
         Args:
@@ -233,9 +233,9 @@ class LogReadings:
                 sentences.append(uncertain_force.sentence(valid_share))
         tilt = self._gravity_watch.disagreement()
         if tilt is None:
-            return ReadingDoubts(sentences, None)
+            return ReadingWarnings(sentences, None)
         gravity = {"tilt_deg": math.degrees(tilt.tilt), "m_per_s2": list(tilt.gravity)}
-        return ReadingDoubts([*sentences, tilt.sentence()], gravity)
+        return ReadingWarnings([*sentences, tilt.sentence()], gravity)
 
 
 def _invalidated(part: LogPart, rows: Flags) -> LogPart:

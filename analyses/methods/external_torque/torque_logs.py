@@ -131,7 +131,7 @@ def estimate_torque_logs(
     out: Path,
     log_format: str | Path | None = None,
     config: EstimateConfig | None = None,
-    progress: ProgressCallback = lambda fraction, what: None,
+    progress: ProgressCallback = lambda fraction, action: None,
 ) -> TorqueLogsResult:
     """The command `estimate` for logs of external torque: wrenches and their uncertainty.
 

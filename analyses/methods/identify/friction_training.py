@@ -8,7 +8,7 @@ The rule for v_crit, joint by joint: the samples' deviation from the law, counte
 the motion, is averaged over `BINS` ranges of |v| with as many samples each. v_crit is the speed at
 which the average first changes its sign: below it the law is off to one side, there it meets the
 data. Slower than `REST` of the highest speed is rest: a joint that rests carries any torque up to
-its stiction, which says nothing of the law. v_crit lies between `LEAST` and `MOST` of that speed,
+its stiction, which shows nothing of the law. v_crit lies between `LEAST` and `MOST` of that speed,
 and reaches as far within them as the fewest samples that training needs.
 """
 

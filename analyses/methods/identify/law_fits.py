@@ -104,7 +104,7 @@ class LawFits:
         self._linear: dict[str, _LinearFit] = {}
 
     def candidate(self, law: str) -> LawFit:
-        """Fits one of LAWS, and cross-validates it where the configuration says so.
+        """Fits one of LAWS, and cross-validates it where the configuration states so.
 
         Its `extrapolated` holds the RMSE (n,) in N m of each joint's fastest and slowest samples,
         beyond EXTREME and 1 - EXTREME of them. Fits without these samples predict them. It is empty

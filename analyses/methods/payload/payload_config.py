@@ -27,5 +27,5 @@ class PayloadSettings:
     check: bool = True  # hold the log against the robot's limits and gravity
     accept_signs: bool = False
     # take the drives' signs as robot.yaml has them, also where gravity, inertia and friction
-    # contradict them; the result says so
+    # contradict them; the result states so
     payload: PayloadConfig = field(default_factory=PayloadConfig)  # how

@@ -59,7 +59,7 @@ SCATTER = 2.0  # times what the model states; more is not caused by a load
 
 def com_determined(load: LoadEstimate) -> NDArray[np.bool_]:
     """(3,) whether the motion determines the centre of mass along each axis of the flange."""
-    return np.asarray(load.is_there & (load.standard_deviation[1:4] < LARGEST_COM_SD))
+    return np.asarray(load.is_present & (load.standard_deviation[1:4] < LARGEST_COM_SD))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class PayloadResult:
     def inertia_observable(self) -> NDArray[np.bool_]:
         """(6,) whether the motion determines Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
         return np.asarray(
-            self.load.is_there & (self.load.inertia_determined_share > LEAST_INERTIA_SHARE)
+            self.load.is_present & (self.load.inertia_determined_share > LEAST_INERTIA_SHARE)
         )
 
     def metrics(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class PayloadResult:
         gain = np.sqrt(np.diag(load.gain_covariance))
         unexplained = self.rows.residual - self.torque
         return {
-            "load_found": load.is_there,
+            "load_found": load.is_present,
             "mass_kg": load.mass,
             "mass_sd_kg": sd[0],
             "mass_sd_of_gains_kg": gain[0],
@@ -164,7 +164,7 @@ class PayloadResult:
         out.write_figure("load", load_figure(self))
         out.write_json("metrics.json", self.metrics())
         out.write_settings("config.yaml", replace(settings, payload=self.config))
-        if self.load.is_there:
+        if self.load.is_present:
             out.write_text("tool.yaml", self.tool_block())
             self.model.save(out / "model.yaml")
 
@@ -315,7 +315,7 @@ def _checked(config: PayloadConfig) -> PayloadConfig:
 
 def _warnings(result: PayloadResult, robot: Robot) -> list[str]:
     load, sd = result.load, result.load.standard_deviation
-    if not load.is_there:
+    if not load.is_present:
         return [
             f"the log shows no load: {load.mass:.3f} +- {sd[0]:.3f} kg; nothing is written for "
             "robot.yaml"

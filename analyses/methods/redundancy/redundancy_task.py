@@ -32,7 +32,7 @@ class RedundancyClearance:
     """Distance of the arm from itself, the floor and, but for the tool, the workpiece."""
 
     distance: float = 0.005  # m
-    floor: float | None = None  # m, height of the floor in W; None: what robot.yaml says
+    floor: float | None = None  # m, height of the floor in W; None: what robot.yaml states
     approach: float = 0.05  # m, that E comes and goes along the normal at both ends
 
 

@@ -91,16 +91,16 @@ def force_metrics(force: Array, sd: Array, reference: Array) -> dict[str, Any]:
     return out
 
 
-def reductions(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, float]:
+def reductions(base: Mapping[str, Any], improved: Mapping[str, Any]) -> dict[str, float]:
     """Reduction of RMSE and of the largest error by axis, %, positive where the error falls.
 
     Args:
-        before, after: of `force_metrics`.
+        base, improved: of `force_metrics`, without the improvement and with it.
     """
     out = {}
     for axis in AXES:
         for key, name in (("rmse", "rmse"), ("max_error", "max")):
-            ratio = after[f"{key}_{axis}_n"] / before[f"{key}_{axis}_n"]
+            ratio = improved[f"{key}_{axis}_n"] / base[f"{key}_{axis}_n"]
             out[f"reduction_{name}_{axis}_pct"] = 100.0 * (1.0 - ratio)
     return out
 

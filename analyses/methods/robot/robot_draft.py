@@ -222,7 +222,7 @@ def _end_of_arm(joints: list[_Joint], base: str, urdf: Path) -> str:
         depths = sorted((joint.moves + depth(joint.child) for joint in ways), reverse=True)
         if len(depths) > 1 and depths[1] > 0:
             if length >= _LEAST_ARM and depths[0] < _LEAST_ARM:
-                break  # fingers of a hand that no name tells
+                break  # fingers of a hand that no name reveals
             if depths[1] >= _LEAST_ARM:
                 ends = [joint.child for joint in ways if joint.moves + depth(joint.child) > 1]
                 problem = f"carries several arms or legs ({', '.join(ends)})"

@@ -26,7 +26,7 @@ from wrenchsight.models.estimation.estimator import (
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.identification.torque_error_fit import HeldOutReading, fit_torque_error
 from wrenchsight.models.identification.torque_error_model import BEYOND_LOAD, Rest, TorqueErrorModel
-from wrenchsight.models.machining.air_pass import LEAD, TaughtTorque, raised_motion
+from wrenchsight.models.machining.air_pass import LEAD, AirPassCorrection, raised_motion
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.paths import JointTrajectory
@@ -65,7 +65,7 @@ class LearntCorrection(NamedTuple):
         model: with the torque error of readings that are corrected by it.
     """
 
-    correction: TaughtTorque
+    correction: AirPassCorrection
     model: IdentifiedModel
 
 
@@ -147,19 +147,21 @@ def learn_air_passes(
         motion = raised_motion(robot, plan.trajectory, (1 + k) * height)
         log = record_air_pass(scenario, robot, motion, seed + k * _SECOND_SEED, progress)
         passes.append(AirPass(motion, log))
-    correction = teach(passes[0].log, passes[0].motion, plan, robot, model, scenario.estimator)
+    correction = learn_correction(
+        passes[0].log, passes[0].motion, plan, robot, model, scenario.estimator
+    )
     error = learn_error(passes[0], passes[1], robot, model, scenario.estimator)
     return LearntCorrection(correction, replace(model, torque_error=error))
 
 
-def teach(
+def learn_correction(
     recording: Recording,
     motion: JointTrajectory,
     plan: MachiningPath,
     robot: Robot,
     model: IdentifiedModel,
     config: WrenchEstimatorConfig,
-) -> TaughtTorque:
+) -> AirPassCorrection:
     """The observer's output along an air pass, with friction computed as in the work.
 
     A friction law without memory is right while the feed is steady. A law with memory follows the
@@ -180,7 +182,7 @@ def teach(
     steady = np.flatnonzero(counts)
     if reading.estimator.friction.state_rows > 0 and len(steady):
         counts[steady[0] : steady[-1]] = True
-    return TaughtTorque(t, reading.batch.tau_ext[start:], counts.astype(np.float64))
+    return AirPassCorrection(t, reading.batch.tau_ext[start:], counts.astype(np.float64))
 
 
 def learn_error(
@@ -199,7 +201,7 @@ def learn_error(
     Args:
         reference: the pass whose reading is subtracted.
         held_out: another one of the same plan.
-        model, config: as `teach`.
+        model, config: as `learn_correction`.
 
     Returns:
         The error; None for an observer whose lag is not that of a gain K_0.

@@ -280,7 +280,7 @@ def simulate(
         meshcat,
         trajectory=trajectory,
         machining_path=plan,
-        taught=correction,
+        air_pass=correction,
         fused=graph is None,  # a drawing shows the stages
         estimator_model=estimator_model,
     )

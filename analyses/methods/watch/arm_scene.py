@@ -33,7 +33,7 @@ class ArmScene:
     """An arm whose links are moved.
 
     Attributes:
-        shapes: what its links look like; where its files do not say, what they collide with.
+        shapes: what its links look like; where its files do not state, what they collide with.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -43,7 +43,7 @@ class ArmScene:
         self._plant.Finalize()
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
-        self._own = self._plant.GetMyMutableContextFromRoot(self._context)
+        self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._instance, self._frame_E = parts.model_instance, parts.frame_E
         self._bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
         inspector = scene_graph.model_inspector()
@@ -66,8 +66,9 @@ class ArmScene:
 
     def placed(self, q: Array) -> tuple[dict[str, RigidTransform], Array]:
         """The poses of the links in W by name, and E's position p_WE (3,), at q (n,)."""
-        self._plant.SetPositions(self._own, self._instance, q)
+        self._plant.SetPositions(self._plant_context, self._instance, q)
         poses = {
-            body.name(): self._plant.EvalBodyPoseInWorld(self._own, body) for body in self._bodies
+            body.name(): self._plant.EvalBodyPoseInWorld(self._plant_context, body)
+            for body in self._bodies
         }
-        return poses, self._frame_E.CalcPoseInWorld(self._own).translation()
+        return poses, self._frame_E.CalcPoseInWorld(self._plant_context).translation()

@@ -32,7 +32,7 @@ _ALARMS = (
 
 @dataclass
 class StartUp:
-    """Readings of samples that waited for the estimator to start; they say nothing of latency.
+    """Readings of samples that waited for the estimator to start; they show nothing of latency.
 
     Until the step of a stream is known its samples are held; those that come while the held ones
     are read queue up behind them. Start-up is over with the first sample that comes when none is

@@ -47,7 +47,7 @@ def read_stream(
     checks: StartChecks | None = None,
     go_on: Callable[[], bool] = lambda: True,
 ) -> None:
-    """Reads a source until it ends, or `go_on` says no.
+    """Reads a source until it ends, or `go_on` returns False.
 
     Args:
         live: that reads it.
@@ -120,7 +120,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         with suppress(BlockingIOError, BrokenPipeError):  # nobody waits
             os.write(wake, b".")
 
-    def starter_is_there() -> bool:
+    def starter_is_alive() -> bool:
         ready, _, _ = select.select([sys.stdin], [], [], 0.0)
         return not ready
 
@@ -136,7 +136,7 @@ def main(readings: Ring, events: Ring, wake: int) -> int:
         live = make_live(settings, robot, model, source)
         gc.collect()
         gc.freeze()
-        read_stream(source, live, emit, checks, starter_is_there)
+        read_stream(source, live, emit, checks, starter_is_alive)
     except InputError as error:
         emit(StreamEvent(EventKind.ENDED, str(error), time.monotonic()))
         return 2

@@ -4,7 +4,7 @@ A topic NAME is `rt/NAME` in DDS, and a type `sensor_msgs/msg/JointState`
 `sensor_msgs::msg::dds_::JointState_`. The types are made from the definitions that rosbags has;
 rosbags also reads and writes the bytes, as those of a bag.
 
-What is opened keeps to this computer's loopback unless an address says otherwise (`network`), or
+What is opened keeps to this computer's loopback unless an address states otherwise (`network`), or
 the environment does (CYCLONEDDS_URI).
 """
 
@@ -56,7 +56,7 @@ class Raw:
 
     Attributes:
         data: its bytes.
-        sample_info: what DDS says of it.
+        sample_info: its state in DDS.
     """
 
     sample_info: Any = None
@@ -82,13 +82,13 @@ def dds_type(kind: str) -> Any:
 
 def _dds_field(node: Any) -> Any:
     """The type of a field, as rosbags notes it: (1, base), (2, message) or (4, sequence)."""
-    which, what = int(node[0]), node[1]
-    if which == 2:
-        return dds_type(what)
-    if which == 4:
-        return idl.sequence[_dds_field(what[0])]
-    assert which == 1, f"no array is needed, found {node}"
-    return str if what[0] == "string" else getattr(idl, what[0])
+    kind, argument = int(node[0]), node[1]
+    if kind == 2:
+        return dds_type(argument)
+    if kind == 4:
+        return idl.sequence[_dds_field(argument[0])]
+    assert kind == 1, f"no array is needed, found {node}"
+    return str if argument[0] == "string" else getattr(idl, argument[0])
 
 
 def topic_name(address: SourceAddress) -> str:
@@ -201,8 +201,8 @@ class TopicReader:
         if not self._condition.triggered:
             self._set.wait(duration(nanoseconds=max(0, round(1e9 * timeout))))
         messages = self._reader.take(_KEPT_TO_READ)
-        found = [message.data for message in messages if message.sample_info.valid_data]
-        # One that is read after its publisher went says so itself.
+        samples = [message.data for message in messages if message.sample_info.valid_data]
+        # A sample that is read after its publisher left carries that state itself.
         if messages and messages[-1].sample_info.instance_state != InstanceState.Alive:
-            found.append(None)
-        return found
+            samples.append(None)
+        return samples

@@ -52,7 +52,7 @@ class Ros2Source:
         self._unit_time = UNIT_TIME if telling_joints(robot).any() else 0.0
         self._names: list[str] = []
         self._places: list[int] | None = None
-        self._is_there = self._closed = False
+        self._is_publishing = self._closed = False
         self._counts: Counter[str] = Counter()
         self._event_times: dict[str, float] = {}
         self._begin = 0.0
@@ -81,11 +81,11 @@ class Ros2Source:
         now = time.monotonic()
         for data in received:
             if data is None:
-                self._is_there, self._begin = False, now
+                self._is_publishing, self._begin = False, now
                 self._say(items, EventKind.LOST, "no publisher any more; waiting for one")
             else:
                 self._take(data, now, items)
-        if not self._is_there and now - self._begin > WAIT_TIME:
+        if not self._is_publishing and now - self._begin > WAIT_TIME:
             self._begin = now
             text = "no publisher of JointStates: check topic, domain and network; waiting for one"
             self._say(items, EventKind.REFUSED, text)
@@ -116,8 +116,8 @@ class Ros2Source:
             return
         if sample is None:  # of a gripper, or another arm
             return
-        if not self._is_there:
-            self._is_there = True
+        if not self._is_publishing:
+            self._is_publishing = True
             text = f"{self._topic}: {len(sample.q)} of {len(self._names)} joints"
             items.append(StreamEvent(EventKind.CONNECTED, text, now))
         if self._is_torque is not None:

@@ -1,7 +1,7 @@
 """RTDE controller: plays a log, or a simulated arm, to whoever connects.
 
 It stands in for a robot: `simulate --realtime --publish rtde` and the tests use it. It listens on
-this computer alone unless told otherwise, and takes no input.
+this computer alone unless configured otherwise, and takes no input.
 """
 
 import socket
@@ -221,7 +221,7 @@ class _Client:
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(  # sends alone may time out: the client need not say anything
+        connection.setsockopt(  # sends alone may time out: the client need not send anything
             socket.SOL_SOCKET,
             socket.SO_SNDTIMEO,
             int(LONGEST_SEND).to_bytes(8, "little")

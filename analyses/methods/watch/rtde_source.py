@@ -54,7 +54,7 @@ _MORE = (
 
 
 class RtdeSource:
-    """Reads a controller's stream, connects again where it is lost, and says what happens.
+    """Reads a controller's stream, connects again where it is lost, and reports what happens.
 
     Args:
         host, port: of the controller.

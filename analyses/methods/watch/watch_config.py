@@ -33,7 +33,7 @@ class WatchConfig:
     # the tool in robot.yaml is on the arm and known: put it on a model that was identified with
     # another one, or without
     other_robot: bool = False
-    # read even where robot.yaml says otherwise than when the model was identified
+    # read even where robot.yaml differs from that of the identification
 
 
 @dataclass

@@ -19,6 +19,7 @@ without acceleration.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,15 +130,27 @@ def reversal_motion(
     return JointTrajectory(np.asarray(t, dtype=np.float64), q, v, vdot)
 
 
+class FilteredMotion(NamedTuple):
+    """A log of motion and torque, low-passed.
+
+    Attributes:
+        t: (T,) s.
+        q, v, vdot: (T, n) rad, rad/s, rad/s^2.
+        tau: (T, n) N m, motor torque on the joint side.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    vdot: Array
+    tau: Array
+
+
 def separate(
     chain: SerialChain,
-    t: Array,
-    q: Array,
-    v: Array,
-    vdot: Array,
-    tau: Array,
+    motion: FilteredMotion,
     joint: int,
-    rest: float = 1e-3,
+    rest_speed: float = 1e-3,
     settle: float = 0.0,
     spacing: float = 0.002,
 ) -> ReversalSamples:
@@ -145,13 +158,9 @@ def separate(
 
     Args:
         chain: of the identified model; its gravity enters the asymmetric part only.
-        t: (T,) s.
-        q: (T, n) filtered, as all signals.
-        v: (T, n).
-        vdot: (T, n).
-        tau: (T, n) N m, motor torque on the joint side.
+        motion: with passes of the joint in both directions.
         joint: index.
-        rest: rad/s, below which the joint rests and belongs to no pass.
+        rest_speed: rad/s, below which the joint rests and belongs to no pass.
         settle: s, left out at both ends of a pass: there a low-pass mixes the friction of both
             directions. About one over its cutoff.
         spacing: rad, between the positions at which two passes are compared.
@@ -159,9 +168,9 @@ def separate(
     Returns:
         The samples of all pairs; none where no two passes meet.
     """
-    passes = _passes(t, v[:, joint], rest, settle)
-    n = q.shape[1]
-    signals = np.hstack([q, v, vdot, tau])
+    passes = _passes(motion.t, motion.v[:, joint], rest_speed, settle)
+    n = motion.q.shape[1]
+    signals = np.hstack([motion.q, motion.v, motion.vdot, motion.tau])
     rows: list[Array] = []
     for first, second in pairwise(passes):
         rows += _pair(signals, n, joint, first, second, spacing)
@@ -194,9 +203,9 @@ def separate(
     )
 
 
-def _passes(t: Array, v: Array, rest: float, settle: float) -> list[slice]:
+def _passes(t: Array, v: Array, rest_speed: float, settle: float) -> list[slice]:
     """Stretches in which a joint moves one way, less `settle` at both ends."""
-    direction = np.where(np.abs(v) > rest, np.sign(v), 0.0)
+    direction = np.where(np.abs(v) > rest_speed, np.sign(v), 0.0)
     edges = np.flatnonzero(np.diff(direction)) + 1
     bounds = [0, *edges.tolist(), len(v)]
     passes = []

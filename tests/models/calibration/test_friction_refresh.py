@@ -105,7 +105,7 @@ def test_before_and_after_are_the_laws_coefficients():
     rows = quiet_rows(duration=20.0)
     change = np.array([[0.5, 4.0, 0.1], [-0.1, -0.4, 0.02]])
     refresh = refresh_friction(noisy(rows, change, np.random.default_rng(7)), LAW)
-    assert refresh.before is LAW
+    assert refresh.model_law is LAW
     coefficients_after = np.stack(
         [refresh.after.coulomb, refresh.after.viscous, refresh.after.offset], axis=1
     )

@@ -127,7 +127,7 @@ def test_parameters_state_the_same_body(ur10e):
     )
     expected_parameters = body_parameters(estimate.mass, estimate.com, estimate.inertia)
     np.testing.assert_allclose(estimate.parameters, expected_parameters, atol=1e-9)
-    assert estimate.is_there
+    assert estimate.is_present
     assert estimate.standard_deviation[0] < 0.1
 
 
@@ -135,7 +135,7 @@ def test_no_load_is_found_in_a_log_without_one(ur10e):
     estimate = estimate_load(
         measured(quiet(ur10e, 5), np.zeros(10), np.random.default_rng(5)), LAW, EXACT
     )
-    assert not estimate.is_there
+    assert not estimate.is_present
     assert abs(estimate.mass) < 3.0 * estimate.standard_deviation[0]
 
 

@@ -40,7 +40,7 @@ def test_what_one_joint_shows_alone_is_no_load(ur10e, joint):
     # An error of the one joint that moves has the shape of a load; the others rest in stiction.
     log = log_of(ur10e, 1, 3.0, joints=[joint], duration=20.0, moving=[joint])
     weighed = weigh(log, LAW, PRIOR)
-    assert weighed.load.is_there
+    assert weighed.load.is_present
     assert weighed.is_steady
     assert weighed.probability["load"] + weighed.probability["both"] > 1.0 - UNLIKELY
     assert not weighed.is_shown

@@ -115,9 +115,9 @@ def test_null_space_damping_does_not_reach_the_tool():
 
 
 @pytest.mark.parametrize("valid", [False, True])
-@pytest.mark.parametrize("presses", [False, True])
+@pytest.mark.parametrize("is_active", [False, True])
 @pytest.mark.parametrize("in_E", [False, True])
-def test_an_action_is_torque_error_and_integral(presses, in_E, valid):
+def test_an_action_is_torque_error_and_integral(is_active, in_E, valid):
     rng, n, T = np.random.default_rng(3), 6, 1e-3
     A, B, M = (x @ x.T for x in rng.normal(size=(3, 6, 6)))
     Cv, G, v, wrench = rng.normal(size=(4, n))
@@ -144,14 +144,14 @@ def test_an_action_is_torque_error_and_integral(presses, in_E, valid):
     pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
     action = np.empty(n + 7)
     impedance_action(
-        controller, arm, pose, reference, presses, valid, setpoint, wrench, integral, action
+        controller, arm, pose, reference, (is_active, valid, setpoint, wrench, integral), action
     )
     d_W = R_WE @ direction
     free, blind = np.empty(6), np.empty(6)
     for out, along in ((free, np.zeros(3)), (blind, d_W)):
         impedance_wrench(controller, arm, R_WD, p_WD, V_WD, along, out)
     error = setpoint - d_W @ wrench[3:] if valid else 0.0
-    if presses:
+    if is_active:
         blind[3:] -= (setpoint + 0.6 * error + 60.0 * integral) * d_W
         total, after = blind, integral + T * error
     else:

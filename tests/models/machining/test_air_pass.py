@@ -9,12 +9,12 @@ from wrenchsight.models.machining.air_pass import (
     LEAD,
     NEARBY,
     STILL,
-    Lesson,
-    LessonTick,
-    TaughtTorque,
+    AirPassCorrection,
+    CorrectionSample,
+    CorrectionTable,
     departure,
     raised_motion,
-    taught_tick,
+    sample_correction,
 )
 
 HEIGHT = 0.005
@@ -28,7 +28,7 @@ def motion(request, sts):
 
 def taught(num_samples=50, step=1e-3):
     tau_ext = np.random.default_rng(5).normal(size=(num_samples, 6))
-    return TaughtTorque(step * np.arange(num_samples), tau_ext)
+    return AirPassCorrection(step * np.arange(num_samples), tau_ext)
 
 
 def test_between_two_samples_it_is_the_line():
@@ -54,7 +54,7 @@ def test_the_last_sample_counts(num_samples):
     """Also where the times are differences of a log's, which are not even to the last digit."""
     t = 1e-3 * np.arange(500 + num_samples)
     t = t[500:] - t[500]
-    known = TaughtTorque(t, np.ones((num_samples, 6)))
+    known = AirPassCorrection(t, np.ones((num_samples, 6)))
     np.testing.assert_allclose(known.at(t[-1]), 1.0)
 
 
@@ -74,7 +74,7 @@ def test_the_last_sample_counts(num_samples):
 )
 def test_what_is_no_taught_torque_is_refused(t, tau_ext, words):
     with pytest.raises(ValueError, match=words):
-        TaughtTorque(np.array(t), tau_ext)
+        AirPassCorrection(np.array(t), tau_ext)
 
 
 def test_the_tool_is_led_alike_but_higher(sts, motion):
@@ -127,19 +127,21 @@ def test_a_height_that_is_none_is_one_line(sts, motion, height):
 def test_steady_must_be_one_number_a_sample():
     t, tau_ext = np.array([0.0, 1.0]), np.zeros((2, 6))
     with pytest.raises(ValueError, match="steady"):
-        TaughtTorque(t, tau_ext, np.ones(3))
-    assert TaughtTorque(t, tau_ext).counts_at(0.7)
-    assert not TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).counts_at(0.7)
-    steady = TaughtTorque(t, tau_ext, np.array([1.0, 0.0])).steady_at([-3.0, 0.3, 0.7, 9.0])
+        AirPassCorrection(t, tau_ext, np.ones(3))
+    assert AirPassCorrection(t, tau_ext).counts_at(0.7)
+    assert not AirPassCorrection(t, tau_ext, np.array([1.0, 0.0])).counts_at(0.7)
+    steady = AirPassCorrection(t, tau_ext, np.array([1.0, 0.0])).steady_at([-3.0, 0.3, 0.7, 9.0])
     np.testing.assert_array_equal(steady, [1.0, 1.0, 0.0, 0.0])
 
 
 def test_a_tick_takes_off_what_the_record_says():
     rng = np.random.default_rng(0)
-    known = TaughtTorque(0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40))
-    found = LessonTick.zeros(6)
+    known = AirPassCorrection(
+        0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40)
+    )
+    found = CorrectionSample.zeros(6)
     for feed_time in (*rng.uniform(-0.05, 0.45, 60), 0.0, 0.39, 0.385, 0.005, np.nan):
-        taught_tick(Lesson.of(known), feed_time, found)
+        sample_correction(CorrectionTable.of(known), feed_time, found)
         np.testing.assert_array_equal(found.correction, -known.at(feed_time))
         inside = 0.0 <= feed_time <= known.t[-1]
         spread = known.spread[round(feed_time / 0.01)] if inside else np.zeros(6)
@@ -147,12 +149,12 @@ def test_a_tick_takes_off_what_the_record_says():
         assert found.counts[0] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
 
 
-def test_a_lesson_spreads_where_it_changes_nearby():
+def test_a_correction_spreads_where_it_changes_nearby():
     """Against its definition, sample by sample; where it is even, it is what it is."""
     rng = np.random.default_rng(2)
     t = 0.01 * np.arange(400)
     tau_ext = np.where(t < 2.0, 3.0, -12.0)[:, np.newaxis] + 1e-3 * rng.normal(size=(400, 6))
-    spread = TaughtTorque(t, tau_ext).spread
+    spread = AirPassCorrection(t, tau_ext).spread
     for k in (60, 150, 185, 199, 200, 215, 300):
         near = np.abs(np.arange(400) - k) <= round(NEARBY / 0.01)
         expected = np.sqrt(np.mean((tau_ext[near] - tau_ext[k]) ** 2, axis=0))

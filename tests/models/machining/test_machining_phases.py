@@ -10,6 +10,7 @@ from wrenchsight.models.machining.machining_phases import (
     PHASE,
     Fault,
     Phase,
+    PhaseInputs,
     PhasesConfig,
     advance,
     check_phases,
@@ -33,7 +34,8 @@ def play(force_of, config=CONFIG, work=0.5, room=lambda t: 1.0, end=12.0, truste
         force = force_of(t, Phase(int(state[PHASE])), target)
         t += STEP
         trusts = trusted(Phase(int(state[PHASE])))
-        if advance(config.table, state, STEP, t, force, target, work, room(t), trusts):
+        inputs = PhaseInputs(STEP, t, force, target, work, room(t), trusts)
+        if advance(config.table, inputs, state):
             met.append(Phase(int(state[PHASE])))
     return met, Fault(int(state[FAULT]))
 
@@ -141,7 +143,7 @@ def test_loss_counts_anew_after_what_cannot_be_trusted():
     state[PHASE] = Phase.WORK
     gap = round(0.6 * CONFIG.lost_time / STEP)
     for k in range(2 * gap):
-        advance(TABLE, state, STEP, k * STEP, 0.0, 40.0, 99.0, 1.0, k != gap)
+        advance(TABLE, PhaseInputs(STEP, k * STEP, 0.0, 40.0, 99.0, 1.0, k != gap), state)
         met.append(int(state[PHASE]))
     assert set(met) == {Phase.WORK}
 
@@ -154,7 +156,7 @@ def test_in_the_approach_the_setpoint_is_the_force_beyond_that_of_free_motion(bi
         said.append(setpoint(TABLE, state, t, 40.0, 40.0, 40.0))
         force = bias + wall(t, Phase.APPROACH, 0.0)
         t += STEP
-        advance(TABLE, state, STEP, t, force, said[-1], 1.0, 1.0, True)
+        advance(TABLE, PhaseInputs(STEP, t, force, said[-1], 1.0, 1.0, True), state)
     assert state[PHASE] == Phase.TOUCH
     free = round((CONTACT - 0.02) / STEP)
     # The baseline has met the bias by e^-10 and less; a positive one is a force at first.

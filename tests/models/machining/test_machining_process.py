@@ -7,6 +7,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.machining_process import (
     MachiningProcess,
     ProcessConfig,
+    ProcessTick,
     add_unbalance_force,
     advance_feed,
     advance_process,
@@ -16,6 +17,7 @@ from wrenchsight.models.machining.machining_process import (
 )
 from wrenchsight.models.machining.process_variations import (
     ChatterConfig,
+    CuttingSample,
     VariationsConfig,
     WorkpieceContact,
     vary,
@@ -88,23 +90,18 @@ def test_a_varying_process_is_the_steady_one_varied():
     """At the tick's end, at the tool's place, with the feed's own direction."""
     process, T, t = varying(), 1e-3, 0.1234
     variations = process.variations
-    parts = (
-        variations.table,
-        variations.waviness,
-        variations.patches,
-        variations.pose,
-        variations.ends,
-    )
     contact, p_WE = np.array([31.0, 0.0, 0.6, 0.8]), np.array([0.2, 0.1, 0.0])
     V_WE = np.array([0.0, 0.0, 0.0, 0.03, 0.0, 0.0])
     state, steady = process.initial_state, np.zeros(10)
+    tick = ProcessTick(t, T, contact, V_WE, p_WE)
     for _ in range(30):
-        advance_varying_process(process.table, *parts, T, t, contact, V_WE, p_WE, state)
+        advance_varying_process(process.table, variations.tables, tick, state)
         advance_process(process.table, T, contact, V_WE, steady)
     np.testing.assert_array_equal(state[:7], steady[:7])
     expected, feed = steady[7:].copy(), steady[4:7]
     direction = feed / math.sqrt(feed @ feed + 2e-3**2)
-    vary(*parts, t + T, 31.0, contact[1:], direction, p_WE, np.zeros(0), expected)
+    sample = CuttingSample(t + T, 31.0, contact[1:], direction, p_WE)
+    vary(variations.tables, sample, np.zeros(0), expected)
     np.testing.assert_allclose(state[7:], expected, rtol=1e-12)
     assert np.linalg.norm(expected - steady[7:]) > 0.1
 

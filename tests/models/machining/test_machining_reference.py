@@ -13,6 +13,8 @@ from wrenchsight.models.machining.machining_phases import (
     initial_state,
 )
 from wrenchsight.models.machining.machining_reference import (
+    ArmPosture,
+    PassMemory,
     Plan,
     advance_reference,
     machining_reference,
@@ -56,8 +58,7 @@ def reference(robot, path, t, state, anchor, pushes_on=0.0):
     machining_reference(
         plan(robot, path, pushes_on),
         t,
-        state,
-        anchor,
+        PassMemory(state, anchor),
         terms.q,
         terms.J,
         np.empty((6, SCRATCH_COLUMNS)),
@@ -116,12 +117,9 @@ def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
     advance_reference(
         plan(robot, path, pushes_on),
         t,
-        terms.q,
-        terms.R_WE,
-        terms.p_WE,
+        ArmPosture(terms.q, terms.R_WE, terms.p_WE),
         wrench,
-        state,
-        anchor,
+        PassMemory(state, anchor),
     )
     return terms
 

@@ -9,6 +9,7 @@ from scipy.special import erf
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.machining.process_variations import (
     ChatterConfig,
+    CuttingSample,
     EngagementConfig,
     PatchesConfig,
     ProcessVariations,
@@ -49,8 +50,8 @@ def law(config=NOTHING, ends=FAR, R_WP=None, p_WP=(0.0, 0.0, 0.0), friction=0.2,
 def varied(of, p, steady, t=0.0, normal_force=40.0, direction=(1.0, 0.0, 0.0), n=UP, memory=None):
     force = np.array(steady, float)
     memory = np.zeros(of.memory_size) if memory is None else memory
-    parts = (of.table, of.waviness, of.patches, of.pose, of.ends)
-    vary(*parts, t, normal_force, n, np.array(direction), np.array(p, float), memory, force)
+    sample = CuttingSample(t, normal_force, n, np.array(direction), np.array(p, float))
+    vary(of.tables, sample, memory, force)
     return force
 
 

@@ -11,7 +11,7 @@ from wrenchsight.models.estimation.estimator_arrays import tick_of, tick_sizes
 from wrenchsight.models.estimation.tick import COUNTS, FAULT
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
-from wrenchsight.models.machining.air_pass import LessonTick
+from wrenchsight.models.machining.air_pass import CorrectionSample
 from wrenchsight.models.machining.tool_vibration import (
     AMPLITUDES,
     CORRELATION,
@@ -42,11 +42,13 @@ POSTURE = np.array([0.1, -0.95, -0.2, 3.1, 1.3, 1.3])  # rad, of work on the bla
 NOTHING = np.zeros(N)
 
 
-def work_of(shares, sd=NOTHING, touches=True, works=True, counts=1.0, v_planned=SPEED, **lesson):
-    """What is known of the work: shares with their sd, and what an air pass taught."""
+def work_of(shares, sd=NOTHING, touches=True, works=True, counts=1.0, v_planned=SPEED, **parts):
+    """What is known of the work: shares with their sd, and the correction of an air pass."""
     nothing = {"correction": NOTHING, "spread": NOTHING, "counts": np.array([counts])}
     shares = np.concatenate([shares, sd])
-    return WorkTick(LessonTick(**nothing | lesson), v_planned, shares, touches, works and touches)
+    return WorkTick(
+        CorrectionSample(**nothing | parts), v_planned, shares, touches, works and touches
+    )
 
 
 @pytest.fixture(scope="module")

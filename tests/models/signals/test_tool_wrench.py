@@ -4,6 +4,7 @@ import pytest
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.low_pass import LowPass, low_pass_update
 from wrenchsight.models.signals.tool_wrench import (
+    ToolMotion,
     ToolSensor,
     contact_wrench,
     measure_contact_wrench,
@@ -74,7 +75,12 @@ def test_a_measurement_is_the_wrench_with_noise_through_the_filter():
     A, B, C = low_pass.A, low_pass.B, low_pass.C
     low_pass_update(A, B, C, sample, expected_state)
     measure_contact_wrench(
-        ToolSensor(table, A, B, C, sd), J, R_WE, V_WE, v, vdot, reaction, noise, wrench, state
+        ToolSensor(table, A, B, C, sd),
+        ToolMotion(J, R_WE, V_WE, v, vdot),
+        reaction,
+        noise,
+        wrench,
+        state,
     )
     np.testing.assert_allclose(wrench, sample, atol=1e-13)
     np.testing.assert_allclose(state, expected_state, atol=1e-13)

@@ -28,6 +28,9 @@ from wrenchsight.models.truth.joint_kernels import (
     VIBRATION,
     WANDER_DECAY,
     WANDER_SD,
+    EncoderSample,
+    JointInputs,
+    JointMemory,
     Links,
     encoder_reading,
     joint_tick,
@@ -92,8 +95,8 @@ class Bench:
         zero = np.zeros(1)
         joint_tick(
             self.joints.table, H, Links(self.M, zero, self.G, self.q, self.v),
-            np.array([float(command)]), np.array([float(tau_ext)]), self.noise(),
-            self.state, after, self.signals, tick_work(self.state),
+            JointInputs(np.array([float(command)]), np.array([float(tau_ext)]), self.noise()),
+            JointMemory(self.state, after, self.signals, tick_work(self.state)),
         )  # fmt: skip
         force = self.signals[TAU_J] + self.signals[TORQUE] + tau_ext - self.G
         self.v = self.v + H * force / self.M[0] if v is None else np.array([float(v)])
@@ -374,10 +377,12 @@ def test_the_gear_bends_like_a_damped_oscillator():
     np.testing.assert_allclose(d, 10.0 / stiffness * exact, atol=0.05 * 10.0 / stiffness)  # h w
     assert d[-1] == pytest.approx(10.0 / stiffness, rel=1e-4)
     q, v = np.empty(1), np.empty(1)
-    encoder_reading(joints.table, bench.state, bench.G, bench.q, bench.v, True, 0, 0, q, v)
+    zero = np.zeros(1)
+    links = Links(bench.M, zero, bench.G, bench.q, bench.v)
+    encoder_reading(joints.table, bench.state, links, EncoderSample(True, 0, 0), q, v)
     assert q[0] == bench.q[0] + bench.state[DEFLECTION, 0]
     assert v[0] == bench.v[0] + bench.state[RATE, 0]
-    encoder_reading(joints.table, bench.state, bench.G, bench.q, bench.v, False, 0, 0, q, v)
+    encoder_reading(joints.table, bench.state, links, EncoderSample(False, 0, 0), q, v)
     assert q[0] == bench.q[0]
 
 
@@ -423,21 +428,22 @@ def test_before_its_first_tick_a_gear_is_bent_by_the_weight():
     joints = one_joint(drive=(1.0, 0.0, 1e-4, 50.0))
     q, v = np.empty(1), np.empty(1)
     state, zero = joints.initial_state(), np.zeros(1)
-    encoder_reading(joints.table, state, np.array([30.0]), zero, zero, True, 0, 0, q, v)
+    links = Links(np.eye(1), zero, np.array([30.0]), zero, zero)
+    encoder_reading(joints.table, state, links, EncoderSample(True, 0, 0), q, v)
     assert q[0] == pytest.approx(3e-3)
 
 
 def test_encoders_step_and_velocities_are_noisy_by_the_seed():
     joints = one_joint(drive=(1.0, 0.0, 0.0, 50.0, 1e-4, 0.02, 0.0))
     q, v, zero = np.empty(1), np.empty(1), np.zeros(1)
+    links = Links(np.eye(1), zero, zero, np.array([0.12344]), zero)
     read = {}
     for seed in (1, 2, 1):
         values = []
         for tick in range(4000):
             encoder_reading(
-                joints.table, joints.initial_state(), zero, np.array([0.12344]), zero, True,
-                seed, tick, q, v,
-            )  # fmt: skip
+                joints.table, joints.initial_state(), links, EncoderSample(True, seed, tick), q, v
+            )
             values.append(v[0])
         if seed in read:
             np.testing.assert_array_equal(values, read[seed])

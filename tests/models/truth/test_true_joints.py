@@ -30,6 +30,9 @@ from wrenchsight.models.truth.joint_kernels import (
     TAU_J,
     TORQUE,
     VISCOUS,
+    EncoderSample,
+    JointInputs,
+    JointMemory,
     Links,
     encoder_reading,
     joint_tick,
@@ -126,17 +129,13 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
             joints.table,
             1e-3,
             Links(M, zero, zero, q, v),
-            zero,
-            tau_ext,
-            np.zeros(2 * n),
-            state,
-            after,
-            signals,
-            tick_work(state),
+            JointInputs(zero, tau_ext, np.zeros(2 * n)),
+            JointMemory(state, after, signals, tick_work(state)),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after
-        encoder_reading(joints.table, state, zero, q, v, True, 0, k, q_read, v_read)
+        links = Links(M, zero, zero, q, v)
+        encoder_reading(joints.table, state, links, EncoderSample(True, 0, k), q_read, v_read)
         motor.append(q_read.copy())
     bent = 2.0 * push / 1e4  # to and fro, of the links
     given = 0.0 if slip is None else 2e-5  # half of the displacement, to and fro

@@ -28,6 +28,7 @@ from wrenchsight.models.control.wrench_script import WrenchScript, WrenchStep
 from wrenchsight.models.machining.machining_process import (
     MachiningProcess,
     ProcessConfig,
+    ProcessTick,
     advance_process,
     advance_varying_process,
     joint_vibration,
@@ -41,6 +42,9 @@ from wrenchsight.models.truth.joint_kernels import (
     EXTERNAL,
     SIGNALS,
     VIBRATION,
+    EncoderSample,
+    JointInputs,
+    JointMemory,
     Links,
     encoder_reading,
     joint_tick,
@@ -120,13 +124,8 @@ def by_kernel(joints, terms, state, tau_ext, tick=0):
         joints.table,
         T,
         Links(terms.M, terms.Cv, terms.G, terms.q, terms.v),
-        COMMAND,
-        tau_ext,
-        noise,
-        state,
-        after,
-        signals,
-        tick_work(state),
+        JointInputs(COMMAND, tau_ext, noise),
+        JointMemory(state, after, signals, tick_work(state)),
     )
     return after, signals
 
@@ -190,12 +189,8 @@ def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
         encoder_reading(
             joints.table,
             joints.initial_state(),
-            work.terms.G,
-            robot.home,
-            V,
-            True,
-            SEED + VELOCITY_STREAM,
-            tick,
+            Links(work.terms.M, work.terms.Cv, work.terms.G, robot.home, V),
+            EncoderSample(True, SEED + VELOCITY_STREAM, tick),
             q,
             v,
         )
@@ -267,7 +262,7 @@ def test_a_process_cuts_against_the_feed_once_contact_is_known(robot, joints):
     np.testing.assert_allclose(applied, wrench + unbalance, atol=1e-14)
 
 
-def test_a_varying_process_is_told_time_and_place(robot, joints):
+def test_a_varying_process_reads_time_and_place(robot, joints):
     ends = np.array([[-9.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
     contact = WorkpieceContact(2e5, 1.0, 0.2, np.eye(3), np.zeros(3), ends)
     process = MachiningProcess(PROCESS, contact=contact)
@@ -281,16 +276,8 @@ def test_a_varying_process_is_told_time_and_place(robot, joints):
     expected, varied = process.initial_state, process.variations
     advance_varying_process(
         process.table,
-        varied.table,
-        varied.waviness,
-        varied.patches,
-        varied.pose,
-        varied.ends,
-        T,
-        0.0123,
-        touch,
-        work.terms.V_WE,
-        work.terms.p_WE,
+        varied.tables,
+        ProcessTick(0.0123, T, touch, work.terms.V_WE, work.terms.p_WE),
         expected,
     )
     np.testing.assert_array_equal(work.after()[first : first + expected.size], expected)

@@ -35,7 +35,7 @@ from wrenchsight.diagrams.scenario import Scenario
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
-from wrenchsight.models.machining.air_pass import TaughtTorque
+from wrenchsight.models.machining.air_pass import AirPassCorrection
 from wrenchsight.models.machining.machining_path import MachiningPath
 from wrenchsight.models.machining.machining_phases import Fault, Phase
 from wrenchsight.models.numerics.arrays import Array, Flags
@@ -68,7 +68,7 @@ _LOGGED = (
     "feed_time",
     "force_setpoint",
 )
-_TAUGHT = (*_LOGGED, "tool_vibration")
+_LOGGED_CORRECTED = (*_LOGGED, "tool_vibration")
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def run_machining(
     scenario: Scenario,
     models: ArmModels,
     plan: MachiningPath,
-    taught: TaughtTorque | None = None,
+    air_pass: AirPassCorrection | None = None,
     reads: IdentifiedModel | None = None,
     page: Path | None = None,
     progress: ProgressCallback = lambda fraction, action: None,
@@ -187,7 +187,7 @@ def run_machining(
         scenario: with machining.
         models: those of controller and estimator; their robot has its simulated truth.
         plan: of the scenario.
-        taught: the correction learnt on an air pass along the plan; None: no correction.
+        air_pass: the correction learnt on an air pass along the plan; None: no correction.
         reads: the model of the estimator; None: that of OURS.
         page: where to write the arm in motion (HTML).
         progress: called with the share done.
@@ -209,8 +209,10 @@ def run_machining(
         models.models[LAW],
         meshcat,
         machining_path=plan,
-        log=LogRequest(also=("tau_f_true",), only=_LOGGED if taught is None else _TAUGHT),
-        taught=taught,
+        log=LogRequest(
+            also=("tau_f_true",), only=_LOGGED if air_pass is None else _LOGGED_CORRECTED
+        ),
+        air_pass=air_pass,
         estimator_model=reads or models.models[OURS],
     )
     simulator = Simulator(loop.diagram)

@@ -88,7 +88,13 @@ def study_machining(context: ExperimentContext, task: MachiningTask) -> Experime
                 )
             with_picture = context.draws and feedback == "estimate" and feed == FEEDS[0]
             runs[feedback] = run_machining(
-                entry, models, plan, *air_passes, picture if with_picture else None, report
+                entry,
+                models,
+                plan,
+                air_pass=air_passes.correction,
+                reads=air_passes.model,
+                page=picture if with_picture else None,
+                progress=report,
             )
             done += feed
             if not runs[feedback].steady.any():

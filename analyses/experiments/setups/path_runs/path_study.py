@@ -63,7 +63,7 @@ def path_result(
         metrics: with those of each variant.
         figures: besides that of all variants; not made where nobody looks at them.
         configuration: besides the variants.
-        page: what the report says of it.
+        page: its description in the report.
     """
     context.progress(0.93, "figures")
     pages = []

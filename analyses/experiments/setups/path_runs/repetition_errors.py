@@ -3,8 +3,8 @@
 A motion as slow as a task's joints, done twice, shows what does not repeat: the torque of one run
 less that of the other. (Two periods of an excitation would be too fast: drives are louder above .05
 rad/s. And 20 s are too short for friction that wanders over half a second.) Such runs do not show
-how a push changes friction. The Coulomb friction of the model identified from excitation 1 says how
-much may turn round (`wrenchsight.models.identification.repetition_error`).
+how a push changes friction. The Coulomb friction of the model identified from excitation 1
+bounds what may turn round (`wrenchsight.models.identification.repetition_error`).
 """
 
 from collections.abc import Sequence

@@ -25,6 +25,7 @@ from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.excitation.friction_reversal import (
+    FilteredMotion,
     ReversalSamples,
     reversal_motion,
     separate,
@@ -119,9 +120,9 @@ def separate_recordings(
         if tau is None:
             tau = robot.joint_torque(uniform.current)
         q, v, tau = low_pass(uniform.q), low_pass(uniform.v), low_pass(tau)
-        vdot = derivative(v, step)
+        motion = FilteredMotion(uniform.t, q, v, derivative(v, step), tau)
         for j in range(robot.num_joints) if joints is None else (joints[k],):
-            result[j].append(separate(chain, uniform.t, q, v, vdot, tau, j, REST, 1.0 / cutoff))
+            result[j].append(separate(chain, motion, j, REST, 1.0 / cutoff))
     return SeparatedFriction(tuple(_joined(j, s) for j, s in enumerate(result)))
 
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-LITTLE = 0.2  # share of the prior's variance; a log that removes less says little
+LITTLE = 0.2  # share of the prior's variance; a log that removes less shows little
 LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown
 MORE_THAN_FRICTION = 2.0  # of the residual's stated sd
 
@@ -94,7 +94,7 @@ class RefreshResult:
             },
             **{
                 term: {
-                    f"before_{unit}": getattr(result.before, term),
+                    f"before_{unit}": getattr(result.model_law, term),
                     f"after_{unit}": getattr(result.after, term),
                     f"change_{unit}": result.change[:, k],
                     f"change_sd_{unit}": result.standard_deviation[:, k],
@@ -289,6 +289,6 @@ def _warnings(result: RefreshResult, robot: Robot) -> list[str]:
         f"{names[j]}: negative {term} friction, {value[j]:.2g} {unit}; log more motion of that "
         "joint"
         for term, unit, value in zip(TERMS, UNITS, (law.coulomb, law.viscous), strict=False)
-        for j in np.flatnonzero((value < 0.0) & (getattr(refresh.before, term) >= 0.0))
+        for j in np.flatnonzero((value < 0.0) & (getattr(refresh.model_law, term) >= 0.0))
     ]
     return warnings

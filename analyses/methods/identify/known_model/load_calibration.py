@@ -241,7 +241,7 @@ def known_load(text: str) -> tuple[Path, KnownLoad]:
     """Parses LOG=MASS (kg) or LOG=MASS,X,Y,Z (centre of mass in the flange's frame, m).
 
     Raises:
-        InputError: the text says something else, or the mass is not positive.
+        InputError: the text states something else, or the mass is not positive.
     """
     path, equals, numbers = text.rpartition("=")
     problem = f"expected LOG=MASS or LOG=MASS,X,Y,Z in kg and m, found {text!r}"

@@ -13,9 +13,9 @@ level of joints that hardly move in the air, and by what share the torque consta
 They also give the law's residual along the paths of the logs (`models.friction.path_friction`). The
 torque constants are those of the robot.yaml that is then written. Masses, rotors and friction grow
 with them, so that free motion is read as before.
-That share is seen in sliding, where it cannot be told from friction that grows with the load. At
-rest the earlier torque constants hold: on a UR10e (44 runs) forces at rest err by 3.2 N with them,
-by 3.8 N with those of the slides.
+That share is seen in sliding, where it cannot be separated from friction that grows with the load.
+At rest the earlier torque constants hold: on a UR10e (44 runs) forces at rest err by 3.2 N with
+them, by 3.8 N with those of the slides.
 """
 
 from collections.abc import Callable, Sequence
@@ -262,32 +262,36 @@ class SpecimenRefit:
 
     Attributes:
         model: the new one.
-        before: the law that was carried over.
+        carried_law: the law of the other specimen, before its level is fitted.
         fit: of the friction to the logs.
         robot: with the torque constants that a force sensor gives; None: there was none.
     """
 
     model: IdentifiedModel
-    before: PreslidingFriction
+    carried_law: PreslidingFriction
     fit: SpecimenFit
     robot: Robot | None = None
 
     def metrics(self) -> dict[str, Any]:
         """All figures, as written to metrics.json; lists per joint."""
-        before, after = self.before.coulomb_viscous, self.fit.law.coulomb_viscous
+        carried, fitted = self.carried_law.coulomb_viscous, self.fit.law.coulomb_viscous
         deviation = self.fit.deviation
         return {
             "rows": self.fit.rows,
             "scatter_nm": [None if np.isnan(x) else float(x) for x in self.fit.scatter],
             **{
                 term: {
-                    f"before_{unit}": getattr(before, term),
-                    f"after_{unit}": getattr(after, term),
+                    f"before_{unit}": getattr(carried, term),
+                    f"after_{unit}": getattr(fitted, term),
                     f"sd_{unit}": deviation[:, k],
                 }
                 for term, unit, k in zip(TERMS, UNIT_KEYS, (0, 2, 3), strict=True)
             },
-            "load": {"before": self.before.load, "after": self.fit.law.load, "sd": deviation[:, 1]},
+            "load": {
+                "before": self.carried_law.load,
+                "after": self.fit.law.load,
+                "sd": deviation[:, 1],
+            },
         } | ({} if self.robot is None else self._sensor_metrics())
 
     def _sensor_metrics(self) -> dict[str, Any]:

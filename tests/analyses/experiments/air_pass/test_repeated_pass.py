@@ -50,10 +50,10 @@ def test_what_repeats_is_taken_off(ur10e: Robot) -> None:
     found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
     assert len(found.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
     # The reference holds the acceleration of the slow motion, 0.1 N, which is not in the torque.
-    assert np.all(found.taught.mean_square < 0.2**2)
+    assert np.all(found.corrected.mean_square < 0.2**2)
     assert np.all(found.repeated_share > 0.98)
     assert np.all(found.correlation > 0.98)
-    assert all(judged.rmse < 0.5 for judged in found.taught.judged)
+    assert all(judged.rmse < 0.5 for judged in found.corrected.judged)
     assert max(judged.rmse for judged in found.plain.judged) > 2.0
 
 

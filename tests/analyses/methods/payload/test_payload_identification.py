@@ -49,7 +49,7 @@ def test_the_model_with_the_load_explains_the_log(ur10e, model):
     body = body_parameters(result.load.mass, result.load.com, result.load.realisable)
     np.testing.assert_allclose(laden[-1], flange_map(ur10e) @ body, atol=1e-12)
     again = identify_payload(recording(ur10e, 2), ur10e, result.model)
-    assert not again.load.is_there
+    assert not again.load.is_present
 
 
 def settings(folder, log):
@@ -120,7 +120,7 @@ def test_an_undetermined_centre_of_mass_is_named_and_not_written(ur10e, model):
     tau = tau + load_columns(ur10e, q, v, vdot) @ BODY
     current = tau / (ur10e.torque_per_ampere * ur10e.current_sign)
     result = identify_payload(replace(log, q=q, v=v, current=current), ur10e, model)
-    assert result.load.is_there
+    assert result.load.is_present
     unknown = ~result.com_observable
     assert unknown.any()
     np.testing.assert_allclose(np.array(result.tool.com)[unknown], 0.0, atol=1e-9)

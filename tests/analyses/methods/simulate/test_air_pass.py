@@ -11,9 +11,9 @@ from wrenchsight.analyses.methods.simulate.air_pass import (
     REST,
     AirPass,
     learn_air_passes,
+    learn_correction,
     learn_error,
     record_air_pass,
-    teach,
 )
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
@@ -85,7 +85,7 @@ def test_a_first_pass_predicts_most_of_the_second_ones_reading(sts_reversed, mod
     """Another height, other noise: ripple, gravity and all that a place has to itself come back."""
     scenario, plan, flown = passes
     low, high = (
-        teach(recording, motion, plan, sts_reversed, model, scenario.estimator)
+        learn_correction(recording, motion, plan, sts_reversed, model, scenario.estimator)
         for motion, recording in flown.values()
     )
     assert low.t[-1] == pytest.approx(4.0)
@@ -168,7 +168,9 @@ def test_friction_with_memory_counts_through_the_turn(sts_reversed, model, passe
         viscous, law.coulomb, zero, item, zero, zero, np.ones((6, 1)), np.full((6, 1), 2e-5)
     )
     model_with_memory = replace(model, friction=remembers)
-    taught = teach(recording, motion, plan, sts_reversed, model_with_memory, scenario.estimator)
+    taught = learn_correction(
+        recording, motion, plan, sts_reversed, model_with_memory, scenario.estimator
+    )
     counts = np.array([taught.counts_at(t) for t in (0.5, 0.7, 1.7, 2.0, 2.5, 3.7, 3.8)])
     np.testing.assert_array_equal(counts, [0, 1, 1, 1, 1, 1, 0])
 
@@ -179,7 +181,7 @@ def test_the_correction_is_the_observers_output_with_friction_at_planned_speeds(
     """Fed by hand, tick by tick: a simulated estimator reads with just that friction."""
     scenario, plan, flown = passes
     motion, recording = flown[LOW]
-    taught = teach(recording, motion, plan, sts_reversed, model, scenario.estimator)
+    taught = learn_correction(recording, motion, plan, sts_reversed, model, scenario.estimator)
     chain = model.chain(sts_reversed)
     law = model.friction.velocity_law.coulomb_viscous
     config = replace(scenario.estimator.observer, time_step=recording.time_step)
@@ -196,9 +198,9 @@ def test_the_correction_is_the_observers_output_with_friction_at_planned_speeds(
         law.coulomb * np.sign(v_planned) + law.viscous * v_planned,
     )
     error = np.abs(expected[round(LEAD / recording.time_step) :] - taught.tau_ext)
-    # `teach` takes friction off the current, which is held over a tick; the observer takes the mean
-    # of both ends. Where a joint turns round, twice Coulomb's torque is there half a tick longer:
-    # 2 x 23 N m K_0 T / 2 = .46 N m, which dies away with K_0.
+    # `learn_correction` takes friction off the current, which is held over a tick; the observer
+    # takes the mean of both ends. Where a joint turns round, twice Coulomb's torque is there half a
+    # tick longer: 2 x 23 N m K_0 T / 2 = .46 N m, which dies away with K_0.
     jump = 2.0 * law.coulomb * 20.0 * 0.5e-3
     assert np.all(error.max(axis=0) < 1.1 * jump + 1e-3)
     assert rms(error) < 0.01 * rms(taught.tau_ext) + 0.03

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.planning.excitation.friction_reversal import reversal_motion, separate
+from wrenchsight.models.planning.excitation.friction_reversal import (
+    FilteredMotion,
+    reversal_motion,
+    separate,
+)
 
 
 def friction(v):
@@ -40,7 +44,9 @@ def test_friction_comes_back_from_planned_passes(sts):
     odd, offset = friction(v)
     tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
     for joint in range(6):
-        found = separate(sts.chain, t, q, v, vdot, tau, joint, rest=1e-3, settle=0.05)
+        found = separate(
+            sts.chain, FilteredMotion(t, q, v, vdot, tau), joint, rest_speed=1e-3, settle=0.05
+        )
         assert len(found.speed) > 100
         # The speeds of the two passes differ, most in the weaker stretches between the planned
         # passes, and friction is not linear.
@@ -59,7 +65,7 @@ def test_friction_comes_back_from_a_log(sts):
     vdot[:, 1] = -size * omega**2 * np.sin(omega * t)
     odd, offset = friction(v)
     tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
-    found = separate(sts.chain, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
+    found = separate(sts.chain, FilteredMotion(t, q, v, vdot, tau), 1, rest_speed=1e-3, settle=0.1)
     assert len(found.speed) > 500
     # Speeds of the two passes differ where the amplitude steps; friction is not linear.
     np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
@@ -67,7 +73,7 @@ def test_friction_comes_back_from_a_log(sts):
     heavier = sts.chain.with_inertial_parameters(
         1.3 * sts.chain.inertial_parameters, 1.3 * sts.chain.reflected_inertia
     )
-    wrong = separate(heavier, t, q, v, vdot, tau, 1, rest=1e-3, settle=0.1)
+    wrong = separate(heavier, FilteredMotion(t, q, v, vdot, tau), 1, rest_speed=1e-3, settle=0.1)
     np.testing.assert_allclose(wrong.symmetric, found.symmetric, atol=0.05)
     assert np.abs(wrong.asymmetric - offset).max() > 1.0
 
@@ -77,7 +83,7 @@ def test_a_log_that_never_turns_has_no_pairs(sts):
     q = sts.home + 0.2 * t[:, None]
     v = np.full_like(q, 0.2)
     tau = np.zeros_like(q)
-    assert len(separate(sts.chain, t, q, v, tau, tau, 0).speed) == 0
+    assert len(separate(sts.chain, FilteredMotion(t, q, v, tau, tau), 0).speed) == 0
 
 
 @pytest.mark.parametrize(

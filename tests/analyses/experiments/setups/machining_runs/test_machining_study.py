@@ -15,6 +15,7 @@ from wrenchsight.analyses.experiments.setups.machining_runs.machining import (
     READINGS,
     feed_key,
 )
+from wrenchsight.analyses.methods.simulate.air_pass import LearntCorrection
 from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.wording import filled
 from wrenchsight.diagrams.scenario import load_scenario
@@ -48,17 +49,17 @@ def studied(monkeypatch, tmp_path):
     """
 
     def study(experiment, steady=True, **given):
-        runs, lessons, shares = [], [], []
+        runs, corrections, shares = [], [], []
 
         def learnt(scenario, robot, model, plan, seed):
             assert model == "the model of ours" and plan == scenario.machining.one_way
-            lessons.append(seed)
-            return plan, plan
+            corrections.append(seed)
+            return LearntCorrection(plan, plan)
 
-        def ran(scenario, models, plan, taught, reads, page, progress):
+        def ran(scenario, models, plan, air_pass, reads, page, progress):
             progress(0.5, "half")
-            # Both feedbacks of a feed are given its plan and its lesson.
-            assert plan == taught == reads == scenario.machining.one_way
+            # Both feedbacks of a feed are given its plan and its correction.
+            assert plan == air_pass == reads == scenario.machining.one_way
             runs.append((scenario, page))
             return SimpleNamespace(steady=np.full(3, steady), fault=0, feed=plan)
 
@@ -89,7 +90,7 @@ def studied(monkeypatch, tmp_path):
         )
         told = {"progress": lambda share, what: shares.append(share)}
         result = experiment.run(ExperimentContext(tmp_path, tmp_path, **told | given))
-        assert len(lessons) == len(runs) / 2
+        assert len(corrections) == len(runs) / 2
         return result, runs, shares
 
     return study
