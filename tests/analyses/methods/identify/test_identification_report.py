@@ -40,7 +40,7 @@ def test_the_figure_that_decided_is_shown_where_all_joints_speak_against_the_cho
     assert [float(line.split()[-2]) for line in lines] == pytest.approx(
         [0.472, 0.805, 1.152], abs=6e-4
     )
-    assert "decides" in title
+    assert "score" in title
     assert "fastest and slowest" in last
 
 
