@@ -69,16 +69,16 @@ def kernel_stamp(file: Path, name: str) -> str:
         file: of the module; only what lies in this package is followed further.
         name: of a function, class or variable at the module's top level.
     """
-    found: dict[tuple[str, str], str] = {}
+    digests: dict[tuple[str, str], str] = {}
     ahead = [(str(file.resolve()), name)]
     while ahead:
         place = ahead.pop()
-        if place not in found:
-            found[place], used = _definitions(place[0]).get(place[1], ("", ()))
+        if place not in digests:
+            digests[place], used = _definitions(place[0]).get(place[1], ("", ()))
             for source in used:
                 path, _, other = source.rpartition(":")
                 ahead.append((path or place[0], other))
-    text = "\n".join(f"{Path(p[0]).name} {p[1]} {found[p]}" for p in sorted(found))
+    text = "\n".join(f"{Path(p[0]).name} {p[1]} {digests[p]}" for p in sorted(digests))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -168,9 +168,24 @@ class _Implementation(caching.CompileResultCacheImpl):
     )
 
 
+class _Index(caching.IndexDataCacheFile):
+    """The list of what is compiled of one kernel.
+
+    It names the records that the kernel takes. One that has been renamed or moved since makes the
+    list unreadable: then nothing is compiled yet.
+    """
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+
+
 class _Cache(caching.FunctionCache):
-    """Looks for its file when it is first asked: a program calls few of the kernels that it
-    imports, and the stamps of all take half a second.
+    """Looks for its file when it is first asked.
+
+    A program calls few of the kernels that it imports, and the stamps of all take half a second.
     """
 
     _impl_class = _Implementation
@@ -185,6 +200,11 @@ class _Cache(caching.FunctionCache):
         if "_function" not in self.__dict__ or "_impl" in self.__dict__:
             raise AttributeError(name)
         super().__init__(self._function)
+        self._cache_file = _Index(
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._cache_file._source_stamp,  # type: ignore[has-type]
+        )
         return getattr(self, name)
 
 

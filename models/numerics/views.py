@@ -55,8 +55,8 @@ def view_2d(context: Any, flat: Any, start: Any, rows: Any, columns: Any) -> Any
 @kernel(inline="always")
 def part(values: Array, layout: Layout, k: int) -> Array:
     """One of the arrays that were `joined`, (rows, columns)."""
-    own: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
-    return own
+    array: Array = view_2d(values, layout[k, 0], layout[k, 1], layout[k, 2])
+    return array
 
 
 @kernel(inline="always")

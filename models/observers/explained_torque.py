@@ -108,20 +108,20 @@ def _unexplained_rows(table: Array, J: Array, tau_ext: Array, sd: Array, D: Arra
 
 
 @kernel
-def is_explained(table: Array, doubt: float, D: float) -> tuple[bool, float]:
-    """Whether a reading may be valid, and the remaining time of doubt.
+def is_explained(table: Array, unexplained_time: float, D: float) -> tuple[bool, float]:
+    """Whether a reading may be valid, and for how long the next ones may not.
 
     Args:
         table: of `explained_table`.
-        doubt: s of doubt that remained after the sample before; NaN at the start.
-        D: of `unexplained`; one that is not finite says nothing.
+        unexplained_time: s that remained after the sample before; NaN at the start.
+        D: of `unexplained`; one that is not finite counts as small.
 
     Returns:
-        Whether it may be valid; s of doubt after it.
+        Whether it may be valid; s after this sample in which no reading may.
     """
-    doubt_left, bound_squared = 0.0, table[_BEYOND2]
-    if np.isfinite(doubt):
-        doubt_left = max(doubt - table[_PERIOD], 0.0)
-    if bound_squared < D or (doubt_left > 0.0 and not D < WITHIN * WITHIN):
-        doubt_left = QUIET
-    return doubt_left <= 0.0, doubt_left
+    remaining_time, bound_squared = 0.0, table[_BEYOND2]
+    if np.isfinite(unexplained_time):
+        remaining_time = max(unexplained_time - table[_PERIOD], 0.0)
+    if bound_squared < D or (remaining_time > 0.0 and not D < WITHIN * WITHIN):
+        remaining_time = QUIET
+    return remaining_time <= 0.0, remaining_time

@@ -107,3 +107,30 @@ def test_a_kernel_runs_in_its_present_version_and_from_disk_if_nothing_changed(
     assert run() == "6.0 1"  # a docstring, and another line: the compiled one is taken
     caller.write_text(f"{head}@kernel\ndef twice(x):\n    return 2.5 * x\n")
     assert run() == "7.5 0"
+
+
+def test_a_record_that_was_renamed_since_is_compiled_anew(tmp_path: Path) -> None:
+    """The list of compiled code names the record, which can no longer be imported."""
+    source = """from typing import NamedTuple
+from wrenchsight.models.numerics.kernel import kernel
+class Sample(NamedTuple):
+    x: float
+@kernel
+def twice(sample):
+    return 2.0 * sample.x
+print(twice(Sample(3.0)))
+"""
+
+    def run(text: str) -> str:
+        (tmp_path / "caller.py").write_text(text)
+        result = subprocess.run(
+            [sys.executable, "-c", "import caller"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return result.stdout.strip()
+
+    assert run(source) == "6.0"
+    assert run(source.replace("Sample", "Measurement")) == "6.0"
