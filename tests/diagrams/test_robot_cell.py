@@ -196,7 +196,7 @@ def test_current_noise_is_as_the_robot_file_says_and_repeats(sts):
 
 def test_a_sensor_needs_a_tool(ur10e):
     scenario = replace(QUIET, force_torque_sensor=ForceTorqueSensorConfig())
-    with pytest.raises(InputError, match="no tool"):
+    with pytest.raises(InputError, match="needs a tool above it"):
         make_robot_cell(scenario, ur10e, ur10e.home)
     # Without the sensor it simulates, and the push acts at the flange.
     scenario = replace(QUIET, wrench=[WrenchStep(force=[0, 0, 10.0])])

@@ -83,7 +83,7 @@ def test_what_is_no_method_is_refused_in_one_line(folder, text, content, words):
 
 def test_a_study_without_an_experiment_that_takes_methods_refuses_them(folder):
     module(folder, "idle_method", "def make(setting): pass\n")
-    with pytest.raises(InputError, match=r"none of jcn-map measures .*; add benchmark"):
+    with pytest.raises(InputError, match=r"none of jcn-map takes a --method; add benchmark"):
         run_study(["jcn-map"], folder / "out", folder, methods=["idle_method:make"])
     assert not (folder / "out").exists()
 
