@@ -4,9 +4,22 @@
     tau_ext ------------------------------------------------------------------+-> wrench, covariance
                                                                       + lag, scale; valid
 
-A reading is not valid where no wrench at E explains the torques
-(`wrenchsight.models.observers.explained_torque`). For a model without a learnt torque error the
-error has one covariance, and the band holds neither lag nor scale.
+For a model without a learnt torque error the error has one covariance, and the band holds neither
+lag nor scale.
+
+A reading is not valid where
+
+- the observer has not settled (`models.observers.observer`);
+- a sample is missing or impossible (`models.observers.sample_check`);
+- the force's sd is above its limit, or stiction alone could look like a force
+  (`models.estimation.wrench`);
+- no wrench at E explains the torques (`models.observers.explained_torque`);
+- the torques are the trace of a wrong signal (`models.observers.fault_signature`).
+
+Further reasons: with a known contact direction, the filter does not explain the torque
+(`models.estimation.contact_reading`); in machining, the air-pass correction does not hold
+(`models.machining.air_pass`); in a whole log, a link before the last may carry the contact
+(`analyses.methods.estimate.contact_places`).
 """
 
 from dataclasses import replace
