@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
+from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import (
     Packed,
     PackedArrays,
@@ -118,19 +118,19 @@ class WrenchEstimatorSystem(LeafSystem):
 
     Args:
         estimator: robot, model and configuration.
-        taught: whether `read` takes the learnt correction of an air pass.
+        has_correction: whether `read` takes the learnt correction of an air pass.
 
     Raises:
         ValueError: an output is evaluated with a parameter that its part does not accept.
     """
 
-    def __init__(self, estimator: WrenchEstimator, taught: bool = False) -> None:
+    def __init__(self, estimator: WrenchEstimator, has_correction: bool = False) -> None:
         LeafSystem.__init__(self)
         self._estimator = estimator
         self._n = n = estimator.num_joints
         self._choice: KernelChoice = estimator.choice
         # A learnt correction evaluates a law without memory at the planned speeds.
-        self._planned = taught and estimator.friction.state_rows == 0
+        self._planned = has_correction and estimator.friction.state_rows == 0
         self._law = estimator.friction
         self._parameters = TunedParameters(
             self,
@@ -163,7 +163,7 @@ class WrenchEstimatorSystem(LeafSystem):
             prerequisites.add(self._current.ticket())
         self._declare_outputs(prerequisites)
         # Scratch memory, allocated once; nothing in it outlives a call.
-        self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if taught else 0, n))
+        self._overrides = np.zeros((OVERRIDE_TAU_F + self._planned if has_correction else 0, n))
         self._unread = np.zeros(n)
         self._last_sample = _ReadSample(0.0, estimator.packed, self._unread, self._unread)
         self._checked = np.zeros((3, n))
@@ -262,7 +262,7 @@ class WrenchEstimatorSystem(LeafSystem):
         q: Array,
         v: Array,
         current: Array,
-        taught: Taught | None,
+        correction: Correction | None,
         reading: Array,
     ) -> None:
         """Computes the first half of a tick: writes `reading`, and leaves `state` as it is.
@@ -272,16 +272,16 @@ class WrenchEstimatorSystem(LeafSystem):
             state: flat.
             q, v, current: (n,) rad, rad/s and A; the current counts where the observer reads the
                 present torque.
-            taught: learnt correction of an air pass, for this sample; None without one.
+            correction: learnt correction of an air pass, for this sample; None without one.
             reading: of `reading_sizes` or of `tick_sizes`, written.
         """
-        if taught is not None:
+        if correction is not None:
             if self._planned:
-                v_planned = np.asarray(taught.v_planned, float)
+                v_planned = np.asarray(correction.v_planned, float)
                 friction_torque(packed.part("friction"), v_planned, self._overrides[OVERRIDE_TAU_F])
-            self._overrides[OVERRIDE_CORRECTION] = taught.tau_correction
-            self._overrides[OVERRIDE_COUNTS] = taught.counts
-            self._overrides[OVERRIDE_SD] = taught.sd
+            self._overrides[OVERRIDE_CORRECTION] = correction.tau_correction
+            self._overrides[OVERRIDE_COUNTS] = correction.counts
+            self._overrides[OVERRIDE_SD] = correction.sd
         sample = (q, v, current, self._overrides)
         tick_output(self._choice, packed[:], state, sample, reading, self._scratch)
 

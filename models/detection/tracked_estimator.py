@@ -25,8 +25,8 @@ from wrenchsight.models.detection.contact_detector import (
     Detection,
 )
 from wrenchsight.models.estimation.estimator import (
+    Correction,
     EstimateBatch,
-    Taught,
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
@@ -184,8 +184,8 @@ class TrackedEstimator:
                     rows_read.torque_sd,
                     is_read[rows],
                 )
-        taught = Taught(correction, v, np.ones(len(q)))
-        batch = self.estimator.run(self._state, q, v, current, taught=taught)
+        learnt = Correction(correction, v, np.ones(len(q)))
+        batch = self.estimator.run(self._state, q, v, current, correction=learnt)
         return self._widened(batch, variance, columns), Detection.joined(parts)
 
     def _correction(self, q: Array, v: Array) -> tuple[Array, Array]:

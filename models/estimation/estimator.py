@@ -98,7 +98,7 @@ class WrenchEstimatorConfig:
     check_samples: bool = True  # flag samples that no joint can have made
 
 
-class Taught(NamedTuple):
+class Correction(NamedTuple):
     """Learnt correction of an air pass, for one sample or N; see `models.machining.air_pass`.
 
     Attributes:
@@ -376,7 +376,7 @@ class WrenchEstimator:
         v: ArrayLike,
         current: ArrayLike,
         *,
-        taught: Taught | None = None,
+        correction: Correction | None = None,
     ) -> TickEstimate:
         """Takes one sample.
 
@@ -384,7 +384,7 @@ class WrenchEstimator:
             state: of `initial_state`, changed in place.
             q, v: (n,) rad and rad/s (m and m/s).
             current: (n,) A, as the drives report it.
-            taught: learnt correction of an air pass, for this sample.
+            correction: learnt correction of an air pass, for this sample.
 
         Raises:
             ValueError: shapes that disagree.
@@ -393,8 +393,8 @@ class WrenchEstimator:
         self._check_state(state)
         sample, overrides = self._sample, self._no_overrides
         sample[0], sample[1], sample[2] = q, v, current
-        if taught is not None:
-            overrides = self._overrides(taught, None, ())
+        if correction is not None:
+            overrides = self._overrides(correction, None, ())
         estimate_tick(self.choice, self.packed[:], state, sample, overrides, out, self._scratch)
         return TickEstimate(
             out[:n],
@@ -417,7 +417,7 @@ class WrenchEstimator:
         v: ArrayLike,
         current: ArrayLike,
         *,
-        taught: Taught | None = None,
+        correction: Correction | None = None,
         tau_f: ArrayLike | None = None,
         signals: Array | None = None,
         conditions: bool = True,
@@ -428,7 +428,7 @@ class WrenchEstimator:
             state: of `initial_state`, changed in place.
             q, v: (N, n) rad and rad/s (m and m/s), at the observer's time step.
             current: (N, n) A, as the drives report it.
-            taught: learnt correction of an air pass, sample by sample. It corrects tau_ext;
+            correction: learnt correction of an air pass, sample by sample. It corrects tau_ext;
                 friction without memory is taken at planned speeds.
             tau_f: (N, n) N m, friction known from elsewhere, in place of the law's. It is
                 subtracted from the motor torque, sample by sample.
@@ -437,7 +437,7 @@ class WrenchEstimator:
             conditions: whether condition numbers are wanted; NaN where not.
 
         Raises:
-            ValueError: shapes that disagree; taught and tau_f together.
+            ValueError: shapes that disagree; correction and tau_f together.
         """
         n = self.num_joints
         q, v, current = contiguous(q, v, current)
@@ -448,8 +448,8 @@ class WrenchEstimator:
         self._check_state(state)
         N = q.shape[0]
         overrides = np.empty((N, 0, n))
-        if taught is not None or tau_f is not None:
-            overrides = self._overrides(taught, tau_f, (N,))
+        if correction is not None or tau_f is not None:
+            overrides = self._overrides(correction, tau_f, (N,))
         if N == 1 and tau_f is None and signals is None:
             return self._run_single_sample(state, q, v, current, overrides[0])
         fault = np.zeros(N, np.int64)
@@ -582,29 +582,31 @@ class WrenchEstimator:
         return np.asarray(tau_motor / gain)
 
     def _overrides(
-        self, taught: Taught | None, tau_f: ArrayLike | None, leading: tuple[int, ...]
+        self, correction: Correction | None, tau_f: ArrayLike | None, leading: tuple[int, ...]
     ) -> Array:
         """The rows (*leading, 3 or 4, n) by which `models.estimation.tick` is overridden."""
         n = self.num_joints
-        if taught is not None and tau_f is not None:
-            raise ValueError("an air pass determines the friction already; pass taught or tau_f")
-        if taught is not None and self.observed_size:
+        if correction is not None and tau_f is not None:
+            raise ValueError(
+                "an air pass determines the friction already; pass correction or tau_f"
+            )
+        if correction is not None and self.observed_size:
             raise ValueError(
                 "an observer that reads the wrench itself takes no correction of an air pass"
             )
-        follows_motion = taught is not None and self.friction.state_rows > 0
+        follows_motion = correction is not None and self.friction.state_rows > 0
         num_rows = OVERRIDE_TAU_F if follows_motion else OVERRIDE_TAU_F + 1
         overrides = np.zeros((*leading, num_rows, n))
         overrides[..., OVERRIDE_COUNTS, :] = 1.0
-        if taught is None:
+        if correction is None:
             shape = np.asarray(tau_f, float).shape
             if shape != (*leading, n):
                 raise ValueError(f"tau_f must be {(*leading, n)}, not {shape}")
             return overrides
         shapes = [
-            np.shape(taught.tau_correction),
-            np.shape(taught.v_planned),
-            np.shape(taught.counts),
+            np.shape(correction.tau_correction),
+            np.shape(correction.v_planned),
+            np.shape(correction.counts),
         ]
         if shapes != [(*leading, n), (*leading, n), leading]:
             raise ValueError(
@@ -613,10 +615,10 @@ class WrenchEstimator:
             )
         if not follows_motion:
             friction = self.model.friction.feedforward
-            overrides[..., OVERRIDE_TAU_F, :] = friction.torque(taught.v_planned)
-        overrides[..., OVERRIDE_CORRECTION, :] = taught.tau_correction
-        overrides[..., OVERRIDE_COUNTS, :] = np.asarray(taught.counts, float)[..., None]
-        overrides[..., OVERRIDE_SD, :] = taught.sd
+            overrides[..., OVERRIDE_TAU_F, :] = friction.torque(correction.v_planned)
+        overrides[..., OVERRIDE_CORRECTION, :] = correction.tau_correction
+        overrides[..., OVERRIDE_COUNTS, :] = np.asarray(correction.counts, float)[..., None]
+        overrides[..., OVERRIDE_SD, :] = correction.sd
         return overrides
 
 

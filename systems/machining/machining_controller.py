@@ -7,7 +7,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from wrenchsight.models.control.impedance_tick import impedance_tick
-from wrenchsight.models.estimation.estimator import Taught
+from wrenchsight.models.estimation.estimator import Correction
 from wrenchsight.models.estimation.tick import TickSample, tick_update
 from wrenchsight.models.machining.air_pass import (
     AirPassCorrection,
@@ -206,7 +206,7 @@ class MachiningController(LeafSystem):
 
     def _correct(
         self, table: CorrectionTable, tracker: VibrationTracker, tracked: Array, out: Array
-    ) -> Taught:
+    ) -> Correction:
         """The correction of the estimator for the sample whose plan and terms are known.
 
         Args:
@@ -224,7 +224,7 @@ class MachiningController(LeafSystem):
         expected_shares(
             terms["M"], tracker.constants.inertia_sd, terms["J"], normal, out[self._shares_at]
         )
-        return Taught(
+        return Correction(
             tau_correction=self._correction.correction - freed[:n],
             v_planned=reference[n : 2 * n],
             counts=self._correction.counts.item(),

@@ -16,7 +16,7 @@ from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop, uses_
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
-from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
+from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -163,9 +163,9 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         np.testing.assert_array_equal(parts["joint_shares"], shares)
         correction -= signals["freed_torque"]
         planned = signals["reference"][:, 6:12]
-        given = Taught(correction, planned, counts, signals["freed_sd"])
+        given = Correction(correction, planned, counts, signals["freed_sd"])
     log = (signals[n] for n in ("q", "v", "current"))
-    found = batch.run(batch.initial_state(), *log, taught=given)
+    found = batch.run(batch.initial_state(), *log, correction=given)
     np.testing.assert_allclose(signals["tau_ext"], found.tau_ext, atol=1e-9)
     np.testing.assert_allclose(signals["wrench"], found.wrench, atol=1e-8)
     np.testing.assert_array_equal(signals["valid"][:, 0] == 1.0, found.valid)

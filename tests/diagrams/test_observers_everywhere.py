@@ -8,8 +8,8 @@ from played_logs import OUTPUTS, played
 from sample_models import torque_error
 
 from wrenchsight.models.estimation.estimator import (
+    Correction,
     EstimateBatch,
-    Taught,
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
@@ -109,7 +109,11 @@ def test_a_wrench_that_is_observed_takes_no_air_pass(sts: Robot) -> None:
     zero = np.zeros((1, sts.num_joints))
     with pytest.raises(ValueError, match="takes no correction of an air pass"):
         estimator.run(
-            estimator.initial_state(), zero, zero, zero, taught=Taught(zero, zero, np.ones(1))
+            estimator.initial_state(),
+            zero,
+            zero,
+            zero,
+            correction=Correction(zero, zero, np.ones(1)),
         )
 
 

@@ -18,8 +18,8 @@ from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario
 from wrenchsight.models.estimation.estimator import (
+    Correction,
     EstimateBatch,
-    Taught,
     WrenchEstimator,
     WrenchEstimatorConfig,
 )
@@ -244,7 +244,7 @@ def _read(
         robot, replace(model, torque_error=None), replace(config, observer=observer)
     )
     _, v, _ = air_pass.motion.sample(log.t)
-    no_correction = Taught(np.zeros_like(v), v, np.ones(len(v)))
+    no_correction = Correction(np.zeros_like(v), v, np.ones(len(v)))
     state = estimator.initial_state()
-    batch = estimator.run(state, log.q, log.v, log.current, taught=no_correction)
+    batch = estimator.run(state, log.q, log.v, log.current, correction=no_correction)
     return _PassReading(estimator, batch)

@@ -7,7 +7,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator import (
+    Correction,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.files.input_error import InputError
@@ -300,8 +304,8 @@ def test_a_learnt_correction_is_added_and_friction_is_taken_at_planned_speeds() 
     counts = (np.arange(400) % 3 > 0).astype(float)
     law = SemiParametricFriction(CoulombViscous(np.full(6, 9.0), np.full(6, 1.0), np.zeros(6)))
     tool = WrenchEstimator(arm(), replace(model(), friction=law), CONFIG)
-    taught = Taught(correction, planned, counts)
-    result = tool.run(tool.initial_state(), q, v, current, taught=taught)
+    taught = Correction(correction, planned, counts)
+    result = tool.run(tool.initial_state(), q, v, current, correction=taught)
     # The oracle: the observer alone, fed with the friction of the planned speeds.
     momentum, CTv, G = tool.chain.momentum_terms(q, v)
     tau_J = current * arm().torque_per_ampere * arm().current_sign
@@ -315,7 +319,11 @@ def test_a_learnt_correction_is_added_and_friction_is_taken_at_planned_speeds() 
     state = tool.initial_state()
     for k in range(50):
         tick = tool.step(
-            state, q[k], v[k], current[k], taught=Taught(correction[k], planned[k], counts[k])
+            state,
+            q[k],
+            v[k],
+            current[k],
+            correction=Correction(correction[k], planned[k], counts[k]),
         )
         np.testing.assert_array_equal(tick.wrench, result.wrench[k])
         assert tick.valid == result.valid[k]
@@ -336,7 +344,7 @@ def test_the_sd_of_a_correction_adds_to_the_torque_error_s() -> None:
             q,
             v,
             current,
-            taught=Taught(zero, v, np.ones(40), correction_sd),
+            correction=Correction(zero, v, np.ones(40), correction_sd),
         )
         for correction_sd in (0.0, sd)
     )
@@ -346,7 +354,9 @@ def test_the_sd_of_a_correction_adds_to_the_torque_error_s() -> None:
         expected = plain.covariance[k] + gain @ np.diag(sd[k] ** 2) @ gain.T
         np.testing.assert_allclose(with_sd.covariance[k], expected, rtol=1e-6)
     state = tool.initial_state()
-    tick = tool.step(state, q[0], v[0], current[0], taught=Taught(zero[0], v[0], 1.0, sd[0]))
+    tick = tool.step(
+        state, q[0], v[0], current[0], correction=Correction(zero[0], v[0], 1.0, sd[0])
+    )
     np.testing.assert_array_equal(tick.covariance, with_sd.covariance[0])
 
 
@@ -358,7 +368,7 @@ def test_friction_with_memory_follows_the_measured_motion_despite_a_correction()
     counts = (np.arange(200) % 3 > 0).astype(float)
     tool = remembering()
     result = tool.run(
-        tool.initial_state(), q, v, current, taught=Taught(correction, planned, counts)
+        tool.initial_state(), q, v, current, correction=Correction(correction, planned, counts)
     )
     plain = tool.run(tool.initial_state(), q, v, current)
     np.testing.assert_allclose(result.tau_ext, plain.tau_ext + correction, rtol=0.0, atol=1e-12)
@@ -366,8 +376,8 @@ def test_friction_with_memory_follows_the_measured_motion_despite_a_correction()
     np.testing.assert_array_equal(result.valid, plain.valid & (counts == 1.0))
     state = tool.initial_state()
     for k in range(200):
-        taught = Taught(correction[k], planned[k], counts[k])
-        tick = tool.step(state, q[k], v[k], current[k], taught=taught)
+        taught = Correction(correction[k], planned[k], counts[k])
+        tick = tool.step(state, q[k], v[k], current[k], correction=taught)
         np.testing.assert_array_equal(tick.wrench, result.wrench[k])
 
 
@@ -376,11 +386,11 @@ def test_a_learnt_correction_must_fit_the_log() -> None:
     tool = estimator()
     state = tool.initial_state()
     with pytest.raises(ValueError, match="of an air pass must be"):
-        tool.run(state, q, v, current, taught=Taught(v, v[:5], np.ones(20)))
+        tool.run(state, q, v, current, correction=Correction(v, v[:5], np.ones(20)))
     with pytest.raises(ValueError, match="tau_f must be"):
         tool.run(state, q, v, current, tau_f=v[:5])
-    with pytest.raises(ValueError, match="pass taught or tau_f"):
-        tool.run(state, q, v, current, tau_f=v, taught=Taught(v, v, np.ones(20)))
+    with pytest.raises(ValueError, match="pass correction or tau_f"):
+        tool.run(state, q, v, current, tau_f=v, correction=Correction(v, v, np.ones(20)))
 
 
 @pytest.mark.parametrize("remembers", [False, True])

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from sample_models import sample_torque_error
 
-from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.estimator import (
+    Correction,
+    WrenchEstimator,
+    WrenchEstimatorConfig,
+)
 from wrenchsight.models.estimation.reading_gain import ReadingGain
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -32,9 +36,9 @@ def read(estimator, sts, correction):
     q = sts.home + 0.2 * np.sin(t + np.arange(6))
     v = 0.2 * np.cos(t + np.arange(6))
     tau = sts.chain.inverse_dynamics(q, v, np.zeros_like(q))
-    taught = Taught(np.tile(correction, (ROWS, 1)), v, np.ones(ROWS))
+    taught = Correction(np.tile(correction, (ROWS, 1)), v, np.ones(ROWS))
     current = tau / (sts.torque_per_ampere * sts.current_sign)
-    return estimator.run(estimator.initial_state(), q, v, current, taught=taught)
+    return estimator.run(estimator.initial_state(), q, v, current, correction=taught)
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only", "inverse"])

@@ -17,7 +17,7 @@ from wrenchsight.analyses.methods.simulate.air_pass import (
 )
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import load_scenario
-from wrenchsight.models.estimation.estimator import Taught, WrenchEstimator
+from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
 from wrenchsight.models.friction.presliding_friction import PreslidingFriction
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
@@ -114,13 +114,13 @@ def test_the_error_that_a_correction_leaves_is_stated(sts_reversed, model, passe
         config = replace(scenario.estimator, observer=observer)
         estimator = WrenchEstimator(sts_reversed, model, config)
         _, v, _ = flight.motion.sample(flight.log.t)
-        no_correction = Taught(np.zeros_like(v), v, np.ones(len(v)))
+        no_correction = Correction(np.zeros_like(v), v, np.ones(len(v)))
         batch = estimator.run(
             estimator.initial_state(),
             flight.log.q,
             flight.log.v,
             flight.log.current,
-            taught=no_correction,
+            correction=no_correction,
         )
         readings[name] = batch.tau_ext
     log = high.log
