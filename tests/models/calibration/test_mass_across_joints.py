@@ -1,6 +1,7 @@
 """A load is one that several joints show."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +52,13 @@ def test_the_error_of_the_gains_counts_in_full(ur10e):
     load = estimate_load(log, LAW, PRIOR)
     assert mass_sd_across_joints(log, LAW, PRIOR, load) > 1.05 * load.standard_deviation[0]
     assert mass_sd_across_joints(log, LAW, PRIOR, load) > PRIOR.gain * load.mass
+
+
+def test_one_joint_alone_determines_no_load(ur10e):
+    log = log_of(ur10e, 1, 2.0)
+    load = estimate_load(log, LAW, PRIOR)
+    one_joint = SimpleNamespace(rows=SimpleNamespace(num_joints=1))
+    assert mass_sd_across_joints(one_joint, LAW, PRIOR, load) == np.inf
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -88,6 +88,16 @@ def test_innovations_that_are_smaller_than_stated_narrow_the_band_to_a_limit() -
     np.testing.assert_allclose(covariance, least * unscaled_covariance, rtol=1e-12)
 
 
+def test_small_innovations_do_not_narrow_the_band_of_an_arm_at_rest() -> None:
+    """A joint at rest holds its friction: the error that it hides does not show in innovations."""
+    contact, unscaled = _filter(), _filter(least_misfit=1.0)
+    for _ in range(100):
+        contact.take(_block(_H * 20.0)._replace(is_resting=True))
+        unscaled.take(_block(_H * 20.0)._replace(is_resting=True))
+    covariance, unscaled_covariance = contact.read(0).covariance, unscaled.read(0).covariance
+    np.testing.assert_array_equal(covariance, unscaled_covariance)
+
+
 def test_after_a_gap_the_force_may_be_any() -> None:
     contact = _filter()
     for _ in range(20):

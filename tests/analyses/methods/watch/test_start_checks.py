@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sample_models import harmonic_motion
 
+from wrenchsight.analyses.methods.watch.load_search import LEAST_MASS
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.analyses.methods.watch.start_checks import CHECK_TIME, StartChecks
 from wrenchsight.analyses.methods.watch.watch_config import WatchConfig
@@ -116,6 +117,14 @@ def test_a_load_that_nobody_told_is_said_with_its_error_and_read(ur10e, model):
     mass, sd = map(float, re.match(pattern, load).groups())
     assert abs(mass - 2.0) < 3.0 * sd < 1.0
     assert not live.contradicted
+
+
+def test_a_few_hundred_grams_are_not_worth_a_sentence(ur10e, model):
+    model = replace(model, residual_covariance=0.02**2 * np.eye(6))  # which shows them surely
+    _, events = said(ur10e, model, samples(ur10e, model, mass=LEAST_MASS - 0.1))
+    assert not any("load" in text for text in texts(events))
+    _, events = said(ur10e, model, samples(ur10e, model, mass=LEAST_MASS + 0.1))
+    assert any("load" in text for text in texts(events))
 
 
 def test_no_load_is_looked_for_where_it_is_taken_off_or_the_model_is_none(ur10e, model):
