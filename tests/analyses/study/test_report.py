@@ -168,8 +168,9 @@ def test_what_has_no_result_is_named_with_why(outcome, render, tmp_path):
 
 
 def test_a_study_without_any_result_still_reports(render):
-    page = render(Outcome("away", "skipped", reason="needs data"))
+    page = render(Outcome("away", "skipped", reason="needs data; `wrenchsight data fetch ur10e`"))
     assert "0 results, 1 skipped" in page.text
+    assert "needs data; wrenchsight data fetch ur10e" in page.text  # marked as code, no backticks
 
 
 def test_a_source_that_all_share_is_named_once(outcome, render):
