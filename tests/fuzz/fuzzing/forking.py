@@ -6,6 +6,7 @@ A line of JSON in, a line of JSON out.
 import gc
 import json
 import math
+import multiprocessing.util
 import os
 import resource
 import select
@@ -39,6 +40,7 @@ def _command_line(arguments: list[str]) -> int:
 
 def _in_the_child(question: dict[str, Any], out: IO[bytes], err: IO[bytes]) -> int:
     os.setpgid(0, 0)
+    multiprocessing.util._finalizer_registry.clear()  # the parent's
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(out.fileno(), 1)
     os.dup2(err.fileno(), 2)
@@ -56,7 +58,11 @@ def _in_the_child(question: dict[str, Any], out: IO[bytes], err: IO[bytes]) -> i
     signal.signal(
         signal.SIGINT, signal.default_int_handler
     )  # not before: none of this is a command
-    return _command_line(arguments)
+    try:
+        return _command_line(arguments)
+    finally:
+        # As an interpreter does that ends: a pool's semaphores would else be reported as leaked.
+        multiprocessing.util._exit_function()
 
 
 def _leave_figures_empty() -> None:
