@@ -341,9 +341,10 @@ def estimate_tick(
     scratch: Array,
 ) -> None:
     """Both halves of a tick; `sample` (3, n) q, v and current, the others as `tick_output`."""
-    tick_sample = TickSample(sample[0], sample[1], sample[2], overrides)
-    tick_output(choice, packed, read_only(state), tick_sample, out, scratch)
-    tick_update(choice, packed, state, tick_sample, out, scratch)
+    # A plain tuple, as the blocks pass it: a kernel is compiled anew for each type of argument.
+    arrays = (sample[0], sample[1], sample[2], overrides)
+    tick_output(choice, packed, read_only(state), arrays, out, scratch)
+    tick_update(choice, packed, state, arrays, out, scratch)
 
 
 # ----------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from wrenchsight.models.control.impedance_tick import impedance_tick
 from wrenchsight.models.estimation.estimator import Correction
-from wrenchsight.models.estimation.tick import TickSample, tick_update
+from wrenchsight.models.estimation.tick import tick_update
 from wrenchsight.models.machining.air_pass import (
     AirPassCorrection,
     CorrectionSample,
@@ -236,7 +236,7 @@ class MachiningController(LeafSystem):
         state, _ = self._last.take(context, discrete_state, action)
         q, end, integral = self._q.Eval(context), self._estimator_end, self._integral
         choice, packed, overrides, scratch = self._tick_arguments
-        sample = TickSample(q, self._v.Eval(context), self._current.Eval(context), overrides)
+        sample = (q, self._v.Eval(context), self._current.Eval(context), overrides)
         tick_update(choice, packed, state[:end], sample, action[self._reading_at], scratch)
         if self._correction_table is not None and self._tracker is not None:
             n, reference = self._n, action[self._reference_from : self._reference_to]
