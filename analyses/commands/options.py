@@ -166,8 +166,9 @@ def _sentence(text: str) -> str:
     match = _UNIT_FIRST.fullmatch(text)
     if match:
         unit, text = match.groups()
-    begins_with_file = "." in text.partition(" ")[0]
-    if not begins_with_file:
+    first_word = text.partition(" ")[0]
+    is_file_or_address = "." in first_word or "://" in first_word
+    if not is_file_or_address:
         text = text[:1].upper() + text[1:]
     return f"{text} ({unit})." if unit else text.rstrip(".") + "."
 

@@ -218,6 +218,12 @@ def test_help_shows_what_people_need_and_help_all_every_option():
     assert f"[default: {EstimateConfig().max_gap}]" in every
 
 
+def test_an_address_begins_a_sentence_of_the_help_as_it_is_typed():
+    shown = CliRunner().invoke(app, ["watch", "--help"], env={"COLUMNS": "200"}).stdout
+    assert "rtde://HOST[:PORT]" in shown
+    assert "Rtde" not in shown
+
+
 def test_options_reach_the_estimate(call, tmp_path):
     """Also those that --help does not show."""
     arguments = ("log.csv", "--robot", "r", "--model", "m.yaml", "--out", tmp_path)
