@@ -24,16 +24,20 @@ OTHER_PROCESSOR = NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(C
   GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F \
   ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41
 
-.PHONY: study test test-all test-generic lint fuzz kills arms bench docs readme readme-worlds release-check clean
+.PHONY: study test test-long test-all test-generic lint fuzz kills arms bench docs readme readme-worlds release-check clean
 .DELETE_ON_ERROR:
 
 study: .venv/.ready
 	$(BIN)/wrenchsight study --out $(OUT) --jobs $(JOBS) $(STUDY_OPTIONS)
 
 test: .venv/.ready-test
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "not slow"
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "not long and not slow"
 
-# With the tests that take long, whole experiments among them.
+# Those that take a quarter of a minute to two: what compiles kernels of its own, and real recordings.
+test-long: .venv/.ready-test
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "long and not slow"
+
+# All, those among them that take minutes: whole experiments, long searches.
 test-all: .venv/.ready-test
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 

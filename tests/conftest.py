@@ -68,11 +68,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sets the order of the files, which workers take from the front.
 
     First those that compile the most kernels, so that neither worker compiles what the other does.
-    Then those with slow tests, so that no worker begins one when the others are about to end.
+    Then those with long tests, so that no worker begins one when the others are about to end.
     """
-    slow = {item.path for item in items if item.get_closest_marker("slow") is not None}
+    long = {
+        item.path
+        for item in items
+        if any(item.get_closest_marker(name) is not None for name in ("long", "slow"))
+    }
     first = {ROOT / "tests" / file: place for place, file in enumerate(_COMPILING)}
-    items.sort(key=lambda item: (first.get(item.path, len(first)), item.path not in slow))
+    items.sort(key=lambda item: (first.get(item.path, len(first)), item.path not in long))
 
 
 def pytest_collection_finish() -> None:
