@@ -167,11 +167,11 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
             row["readme"] = True
     text = results_table(results, worlds)
     assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; " in text
-    assert "; goes with load (−), wander (+); a" in text
+    assert "; correlates with load (−), wander (+); a" in text
     assert "median of 200 worlds" in text.splitlines()[-1]
     table = results_table(results, worlds, whole=True)  # the documentation's has the one run's too
     assert "| Median of 200 worlds (5 to 95 %) |" in table
-    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | goes with load (−)" in table
+    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | correlates with load (−)" in table
     assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
     first = worlds | {"constant-wrench": {"rmse.0": worlds["constant-wrench"]["rmse.0"]}}
     assert "| 2.00 (1.00 to 3.00), – |" in results_table(results, first, whole=True)
