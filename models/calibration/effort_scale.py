@@ -1,7 +1,7 @@
 """Effort scale: torque per unit of a log's current or effort, joint by joint, from known weights.
 
-The unit u of a joint's effort is not known: amperes, per mille of a rated current, N m behind a
-factor. Known is the torque that the arm needs, either
+The unit of a joint's effort u is not known: amperes, per mille of a rated current, N m behind a
+factor. The torque that the arm needs is known, either from
 
 - the URDF's masses: u = b (gravity + inertia) + rotor vdot + Coulomb sgn(v) + viscous v + offset,
   by least squares over a motion (`scale_from_gravity`); or

@@ -1,8 +1,8 @@
 """Known tool: adds a tool of known mass, centre of mass and inertia to an identified model.
 
-Rigid-body torque is linear in the inertial parameters: the tool's are added to the last link's, and
-those of the tool that the model was identified with are taken off. A model file states mass and
-centre of mass of that tool; its inertia about its centre of mass stays on the arm.
+Rigid-body torque is linear in the inertial parameters. Those of the tool are added to the last
+link's. Those of the tool with which the model was identified are subtracted. A model file states
+mass and centre of mass of that tool; its inertia about its centre of mass stays on the arm.
 """
 
 from dataclasses import replace

@@ -1,8 +1,8 @@
 """The identified model of a robot, and its file `model.yaml`.
 
-It holds what the estimator needs and no URDF states reliably: inertial parameters, reflected rotor
-inertia, friction, and the covariance of what the model leaves unexplained. The file (`model.yaml`)
-is YAML with every number written so that it reads back bit for bit.
+It holds the parameters that the estimator needs and that no URDF states reliably: inertial
+parameters, reflected rotor inertia, friction, and the covariance of the model's residual. The file
+(`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """
 
 from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass, replace
