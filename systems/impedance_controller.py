@@ -39,7 +39,7 @@ class ForceControlConfig:
 
 @dataclass
 class ImpedanceConfig:
-    """Stiffness and damping of the tool; translation first, as in everything that people write."""
+    """Stiffness and damping of the tool; translation first, as in all files for people."""
 
     axes: str = "W"  # of stiffness and damping: W, or E
     # N/m (3), N m/rad (3) on the diagonal; or 6 x 6

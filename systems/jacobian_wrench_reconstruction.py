@@ -44,7 +44,7 @@ class _TunedReading(NamedTuple):
 
 
 class JacobianWrenchReconstruction(LeafSystem):
-    """Reads the wrench at E from the external joint torque, with its uncertainty.
+    """Estimates the wrench at E from the external joint torque, with its uncertainty.
 
         Σ_F = (J Σ_tau⁻¹ Jᵀ + P⁻¹)⁻¹
         F   = Σ_F J Σ_tau⁻¹ tau_ext,     P = diag(prior_moment_sd² 1₃, prior_force_sd² 1₃)

@@ -83,7 +83,7 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     torque_per_unit, error = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
         torque, v = rows.torque[:, j], rows.v[:, j]
-        # Gravity must show: torque of inertia alone is not told apart from an unknown rotor's.
+        # Gravity must show: torque of inertia alone cannot be separated from an unknown rotor's.
         if np.var(rows.gravity[:, j]) < _GRAVITY_SHARE * np.var(torque) or not torque.any():
             continue
         columns = [torque, np.ones(len(torque))]

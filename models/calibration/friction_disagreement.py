@@ -32,7 +32,7 @@ FEWEST = 20  # rows
 
 @dataclass(frozen=True)
 class FrictionDisagreement:
-    """A joint whose friction is not what the model says.
+    """A joint whose friction contradicts the model.
 
     Attributes:
         joint: its index.

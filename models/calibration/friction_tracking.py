@@ -151,7 +151,7 @@ class FrictionTracker:
 
     @property
     def change(self) -> Array:
-        """(n, 3) of Coulomb (N m), viscous (N m s/rad) and offset (N m), today's less model's."""
+        """(n, 3) of Coulomb (N m), viscous (N m s/rad) and offset (N m), today's minus model's."""
         return self._x[: 3 * self._n].reshape(-1, 3).copy()
 
     @property

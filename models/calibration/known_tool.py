@@ -22,10 +22,10 @@ from wrenchsight.models.robot.robot import Robot
 
 
 def with_tool_of(model: IdentifiedModel, robot: Robot) -> IdentifiedModel:
-    """Returns the model with robot.yaml's tool in the place of its own.
+    """Returns the model with its tool replaced by that of robot.yaml.
 
     Args:
-        model: whose file says which tool it was identified with; otherwise it stays as it is.
+        model: with the tool of its identification in its file; otherwise it stays as it is.
         robot: its robot, with the tool of today or without one.
     """
     fitted, tool = model.fitted_robot, robot.config.tool

@@ -120,7 +120,7 @@ def weigh(
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> LoadOrDrift | None:
-    """Weighs load, drift, both and none; None for a log with too few rows.
+    """Compares load, drift, both and none; None for a log with too few rows.
 
     Args:
         log: the model's residual, with a load's and the model's own columns.
@@ -204,7 +204,7 @@ def loaded_from(log: LoadRows, row: int) -> LoadRows:
 
 
 def without_load(log: LoadRows, load: LoadEstimate) -> LoadRows:
-    """The rows with the load's torque taken off the residual."""
+    """The rows with the load's torque subtracted from the residual."""
     residual = log.rows.residual - log.load @ load.parameters
     return replace(log, rows=replace(log.rows, residual=residual))
 

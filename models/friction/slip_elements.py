@@ -106,7 +106,7 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
 
 @kernel
 def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-    """Single-sample kernel: takes a sample into `state`, in place.
+    """Single-sample kernel: updates `state` with a sample, in place.
 
     A value that is not finite leaves its part of the state unchanged. The displacement over a gap
     is added when the next position arrives.

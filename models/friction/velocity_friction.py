@@ -192,7 +192,7 @@ class SemiParametricFriction:
         return np.zeros((0, self.num_joints))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
-        """tau_f (N, n) in N m along a log; position and load play no part."""
+        """tau_f (N, n) in N m along a log; independent of position and load."""
         return self.torque(v)
 
     def torque(self, v: ArrayLike) -> Array:

@@ -53,7 +53,7 @@ class BaseParameters:
 
 
 def triangular_factor(W: Array) -> Array:
-    """Returns R (min(m, p), p) with R^T R = W^T W for W (m, p): all that the fit needs of W."""
+    """Returns R (min(m, p), p) with R^T R = W^T W for W (m, p): all that the fit needs from W."""
     return np.asarray(qr(W, mode="r", check_finite=False)[0][: min(W.shape)])
 
 

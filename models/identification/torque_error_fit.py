@@ -224,7 +224,7 @@ def most_likely(F: Array, e: Array) -> Array:
 
 @kernel
 def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slope: Array) -> float:
-    """The sum at the top of this file, its sign turned; writes its slope (M,) in c.
+    """The sum at the top of this file with opposite sign; writes its slope (M,) in c.
 
     Args:
         A: (N, M), features.

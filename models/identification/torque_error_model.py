@@ -376,7 +376,7 @@ def initial_torque_error_state(num_joints: int) -> Array:
 
 @kernel
 def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
-    """Takes joint i's q and v into its state; without a finite pair the state stays."""
+    """Updates joint i's state with its q and v; without a finite pair the state stays."""
     if not (np.isfinite(q) and np.isfinite(v)):
         return
     row = table[i]
@@ -447,7 +447,7 @@ def torque_sd_tick(
     stiction: Array,
     drift: Array,
 ) -> None:
-    """Single-sample kernel: takes a motion into `state` and writes the sds after it.
+    """Single-sample kernel: updates `state` with a motion and writes the sds after it.
 
     A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
 
@@ -483,7 +483,7 @@ def torque_sd_tick(
 
 @kernel
 def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
-    """Takes L = tau_J - tau_f and tau_J, (n,) N m, for the next sample, where they are finite."""
+    """Stores L = tau_J - tau_f and tau_J, (n,) N m, for the next sample, where they are finite."""
     for i in range(tau_J.shape[0]):
         transmitted = tau_J[i] - tau_f[i]
         if np.isfinite(transmitted):

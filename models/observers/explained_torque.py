@@ -29,7 +29,7 @@ BEYOND = 6.0
 WITHIN = 3.0
 QUIET = 0.1  # s
 _BLOCK = 4096  # rows a thread takes at a time
-_LARGEST_SD = 1e6  # N or N m; stands for a prior that knows nothing
+_LARGEST_SD = 1e6  # N or N m; stands for no prior
 
 # Of the table: these numbers, then the joints' correlation, flat.
 _MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2, _NUMBERS = range(6)

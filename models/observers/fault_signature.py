@@ -62,7 +62,7 @@ def fault_table(
         torques: (n, n) N m on the joints, a row for one ampere in each motor.
         K_0: (n,) 1/s of the observer; None for one without such a lag: lateness is not looked for.
         time_step: s.
-        has_sd: whether sds are known; if not, every reading is believed.
+        has_sd: whether sds are known; if not, no reading is rejected.
     """
     torques = np.atleast_2d(np.asarray(torques, float))
     n = len(torques)
@@ -75,7 +75,7 @@ def fault_table(
 
 
 def initial_fault_state(num_joints: int) -> Array:
-    """Returns the state before the first sample: nothing is suspected, no torque known."""
+    """Returns the state before the first sample: no suspicion, no torque."""
     state = np.zeros(FAULT_NUMBERS + FAULT_ROWS * num_joints)
     state[FAULT_NUMBERS:] = np.nan
     return state
@@ -91,7 +91,7 @@ def is_believed(
     is_measured: bool,
     is_implausible: bool,
 ) -> bool:
-    """Whether a reading may be valid; takes the reading into `state`.
+    """Whether a reading may be valid; updates `state` with the reading.
 
     Args:
         table: of `fault_table`.

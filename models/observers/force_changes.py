@@ -83,7 +83,7 @@ class ChangeSearch(NamedTuple):
 
 
 class ProportionalError(NamedTuple):
-    """Errors of a joint in proportion to the torque that is read, N m per N m.
+    """Errors of a joint in proportion to the measured torque, N m per N m.
 
     Attributes:
         gain: of the torque itself, as by a torque per ampere that is off.
@@ -95,7 +95,7 @@ class ProportionalError(NamedTuple):
 
 
 def _copied(state: FilterState) -> FilterState:
-    """A copy of the state, which the next sample leaves as it is."""
+    """A copy of the state, which the next sample does not change."""
     z, P, running, previous_smooth = state
     return FilterState(z.copy(), P.copy(), running.copy(), previous_smooth.copy())
 

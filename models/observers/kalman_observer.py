@@ -100,7 +100,7 @@ SETTLING = 3.0  # 1 / K_0 of the error model
 CHANGE_TIMES = (0.03, 0.1, 0.3)  # s, over which innovations are summed
 CHANGE_ODDS = 1e-3  # of a sum of them that is still the model's
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
-_START_SHARE = 30.0  # of the live prior's sd: an sd that stands for knowing nothing
+_START_SHARE = 30.0  # of the live prior's sd: an sd that stands for no prior
 _GROSS_ODDS = 1e-6  # of a sample whose innovation is still the model's
 _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 
@@ -150,7 +150,7 @@ class KalmanObserver:
         self.settling_time = float(self.table[SETTLED]) * T
 
     def informed(self, knowledge: ModelKnowledge) -> Self:
-        """Returns the observer with what a model and a reading's configuration know."""
+        """Returns the observer with the knowledge of a model and of a reading's configuration."""
         return type(self)(self.config, self.num_joints, knowledge)
 
     @property

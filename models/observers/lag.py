@@ -91,7 +91,7 @@ def see_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
 
 @kernel
 def take_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
-    """Single-sample kernel: takes a sample and its `see_jacobian` into `state`, in place.
+    """Single-sample kernel: updates `state` with a sample and its `see_jacobian`, in place.
 
     A J that is not finite starts it anew.
     """
@@ -127,7 +127,7 @@ def lag_tick(
 
 @kernel
 def _late(settings: Array, low_passed: float, value: float, variance: float) -> float:
-    """The lateness f_i of one component."""
+    """The lag f_i of one component."""
     if not np.isfinite(low_passed):
         return 0.0
     lateness = settings[_FACTOR] * (value - low_passed)
@@ -137,7 +137,7 @@ def _late(settings: Array, low_passed: float, value: float, variance: float) -> 
 
 @kernel
 def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> None:
-    """Single-sample kernel: takes the reading of a sample into `state`, in place."""
+    """Single-sample kernel: updates `state` with the reading of a sample, in place."""
     pole = settings[_POLE] if valid else settings[_DOUBTED_POLE]
     for i in range(6):
         if np.isfinite(wrench[i]):

@@ -90,7 +90,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
         tau_ext = state[1, i]
         if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
-            # The second: a filter that hardly moves says nothing about the present.
+            # The second: the output of a filter that hardly moves does not depend on the present.
             if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
                 is_fresh = False
         else:
@@ -101,7 +101,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
 
 @kernel
 def observer_update(table: Array, state: Array, signals: Array, J: Array) -> None:
-    """Takes a sample and its `observer_output` into `state`, in place; see `observer`.
+    """Updates `state` with a sample and its `observer_output`, in place; see `observer`.
 
     momentum_hat becomes the momentum that the model alone predicts for the next sample. The bracket
     of the recursion in the module's docstring is then the next momentum minus this prediction. The
@@ -113,7 +113,7 @@ def observer_update(table: Array, state: Array, signals: Array, J: Array) -> Non
         is_known = abs(predicted) < LARGEST
         if is_known and np.isfinite(state[0, i]):
             state[2, i] *= table[i, _POLE]
-        elif not is_known and np.isnan(state[0, i]):  # what is held grows old
+        elif not is_known and np.isnan(state[0, i]):  # a held estimate ages
             state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / table[i, _POLE])
         state[0, i] = predicted if is_known else np.nan
         state[1, i] = signals[TAU_EXT, i]
@@ -194,7 +194,7 @@ class MomentumObserver:
     def step(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
     ) -> tuple[Array, bool]:
-        """Takes one sample ((n,) each, kg m^2/s and N m) into `state`, in place.
+        """Updates `state` in place with one sample ((n,) each, kg m^2/s and N m).
 
         Returns:
             tau_ext (n,) in N m right after it, and whether it is fresh (see `observer_output`).
@@ -207,7 +207,7 @@ class MomentumObserver:
     def run(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
     ) -> tuple[Array, Flags]:
-        """Takes a log ((N, n) each, kg m^2/s and N m) into `state`; splitting it changes nothing.
+        """Updates `state` with a log ((N, n) each, kg m^2/s and N m); a split log gives the same.
 
         Returns:
             tau_ext (N, n) in N m, row k right after sample k, and which rows are fresh (N,).

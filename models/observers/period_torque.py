@@ -19,7 +19,7 @@ TORQUE_SAMPLES = ("held", "trapezoidal")
 
 @kernel
 def arrived_momentum(half_period: float, motor_time: float, signals: Array, i: int) -> float:
-    """Momentum of joint i less what the sample's torque adds to the period that it ends.
+    """Momentum of joint i minus the share of the sample's torque in the period that it ends.
 
     Args:
         half_period: T / 2, s.

@@ -205,7 +205,7 @@ def take_sample(
     current: Array,
     checked: Array,
 ) -> None:
-    """Single-sample kernel: takes a sample into `state`; `checked` is what both checks wrote."""
+    """Single-sample kernel: updates `state` with a sample; `checked` as both checks wrote it."""
     fade_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
         joint = _Joint(table, state, period, j)
@@ -222,7 +222,7 @@ def take_sample(
         if code == BEYOND:
             state[_AGE, j] = age
             r = abs(_disagreement(joint, age, q[j], v[j])) if is_recent else np.inf
-            # A disagreement that goes on is not a spike: the bound follows it within some samples.
+            # A lasting disagreement is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
                 adapted = 1.25 * _bound(joint) / RISE
                 state[_LARGEST, j] = max(state[_LARGEST, j], min(r, adapted))
