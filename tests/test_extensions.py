@@ -325,7 +325,7 @@ def test_a_term_that_is_taken_out_is_unknown(sts: Robot) -> None:
         identify([], sts, config=IdentificationConfig(friction="presliding+seal"))
 
 
-def test_a_log_container_reads_back_and_is_gone_after(
+def test_a_log_container_is_registered_reads_back_and_is_removed(
     sts: Robot, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     q, v, _ = motion(sts, 50)

@@ -110,7 +110,7 @@ def test_an_arm_stays_one_that_is_solved_in_closed_form(robot, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_one_path_is_solved_alike(robot, seed):
+def test_a_path_is_solved_with_the_same_choices(robot, seed):
     other = moved_robot(robot, seed)
     p = np.linspace([0.4, -0.1, 0.3], [0.4, 0.1, 0.3], 9)
     # As near to one wrist as to the other: joints 4 and 6 a quarter of a turn to either side.

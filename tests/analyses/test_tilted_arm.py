@@ -222,7 +222,7 @@ def test_measured_torque_does_without_the_drives_sign(
     np.testing.assert_allclose(wrench[t > 1.0, :3] - _ORACLE.hung_force, 0.0, atol=1e-5)
 
 
-def test_three_joints_cannot_tell_six_components(
+def test_three_joints_cannot_determine_six_components(
     tilted_arm_file: Path, hung_log: Path, tmp_path: Path
 ) -> None:
     """Eq. 22 has no inverse here: finite, flagged throughout."""
@@ -452,7 +452,7 @@ def test_an_excitation_keeps_ranges_that_are_not_symmetric(tilted_arm: Robot) ->
         ("jcn-map", "--samples", "100", "--slice", "z=0.3"),
     ],
 )
-def test_what_needs_six_joints_says_so(
+def test_a_command_that_needs_six_joints_reports_it(
     tilted_arm_file: Path, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     line = refused(*words, "--robot", tilted_arm_file, "--out", tmp_path / "out")

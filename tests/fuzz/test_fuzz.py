@@ -62,7 +62,7 @@ def test_a_leap_of_the_velocity_stays_within_the_band(
     assert stray(reading, tmp_path / "out" / "wrench.csv") is None
 
 
-def test_what_cannot_be_told_is_known(clean, tmp_path):
+def test_undetectable_faults_are_listed_with_their_reason(clean, tmp_path):
     def reason(*spoils, printed=""):
         log = _spoilt_log(clean, tmp_path / "log.csv", *spoils)
         return untellable(clean.log, log, clean.robot, printed)

@@ -83,7 +83,7 @@ def _estimate_settings():
     return settings
 
 
-def test_a_file_says_all_that_a_run_needs(call):
+def test_a_config_file_holds_all_settings_of_a_run(call):
     seen = call("estimate", config=_estimate_settings())["values"]
     expected = _estimate_settings()
     assert seen[:3] == (Path("log.csv"), "ur10e", Path("m.yaml"))
@@ -139,7 +139,7 @@ def test_a_file_that_is_not_there_is_one_line(call):
     assert (result.exit_code, result.stderr) == (2, "nowhere.yaml: no such file; check the path\n")
 
 
-def test_what_neither_file_nor_options_give_is_a_usage_error(call):
+def test_a_setting_given_nowhere_is_a_usage_error(call):
     result = call("estimate", "log.csv", config={"estimate": {"max_gap": 0.5}})
     assert result.exit_code == 2
     assert "--robot" in result.stderr
@@ -372,7 +372,7 @@ class _Settings:
 
 
 @pytest.mark.parametrize("settings", [_Settings(), _Settings(_Other(3.0), None)])
-def test_what_a_result_writes_is_read_back(tmp_path, settings):
+def test_the_config_of_a_result_is_read_back(tmp_path, settings):
     """Also one of several kinds, and nothing where the default is something."""
     path = OutputFolder(tmp_path).write_settings("config.yaml", settings)
     assert load_configuration(path, _Settings) == settings

@@ -153,7 +153,7 @@ def test_the_summary_comes_first_and_compares(outcome, render):
     assert "A second sentence." not in summary
 
 
-def test_what_has_no_result_is_named_with_why(outcome, render, tmp_path):
+def test_an_experiment_without_result_is_named_with_the_reason(outcome, render, tmp_path):
     page = render(
         outcome("one"),
         Outcome("bad", "failed", reason="ValueError: <odd>"),

@@ -249,7 +249,7 @@ def test_a_result_of_which_a_file_was_removed_does_not_count(experiments, run, t
 
 
 @pytest.mark.parametrize("name", ["one/metrics.json", "one/figures/mine.png", "report.html"])
-def test_what_the_user_changed_or_added_is_refused_and_stays(experiments, run, tmp_path, name):
+def test_a_folder_with_the_users_changes_is_refused_and_stays(experiments, run, tmp_path, name):
     experiments("one")
     run("one")
     path = tmp_path / "study" / name

@@ -209,7 +209,7 @@ def test_the_mean_is_given_more_on_other_days(sts, model):
     assert detector.levels[3] ** 2 == pytest.approx(own.contact_noise.change.level_at(1.0))
 
 
-def test_what_no_force_at_e_explains_is_told_soon(sts, model):
+def test_a_contact_that_no_force_at_e_explains_is_marked_soon(sts, model):
     """A misfit of ten sds, some 7 of them beyond every force at E, for a second at a time."""
     own = learnt(model, sts, 60_000, 18)
     tau_ext = noise(own, 9000, np.random.default_rng(19))
@@ -288,7 +288,7 @@ def test_a_push_is_found_at_once_on_top_of_an_error_that_drifts(sts, model):
     assert np.flatnonzero(found.contact)[0] == 3000
 
 
-def test_a_change_is_learnt_from_what_it_is_made_of(sts, model):
+def test_the_sd_of_changes_is_learnt_by_source_of_change(sts, model):
     own = learnt(model, sts, 60_000, 16)
     shares = np.array(own.contact_noise.change_sd)
     assert shares.shape == (N, 7)
@@ -299,7 +299,7 @@ def test_a_change_is_learnt_from_what_it_is_made_of(sts, model):
 
 
 @pytest.mark.parametrize("torque_samples", ["held", "trapezoidal"])
-def test_what_a_jump_of_motor_torque_reads_as_is_no_contact(sts, model, torque_samples):
+def test_a_jump_of_motor_torque_is_no_contact(sts, model, torque_samples):
     """A drive brakes, one sample of 200 N m: nobody knows for how much of the period."""
     tail = ExceedanceTail(level=4.0, rate_per_hour=900.0, scale=0.6, shape=0.02)
     told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, tail, tail, tail)
@@ -417,7 +417,7 @@ def test_rest_and_range(sts, model):
     assert np.flatnonzero(found.out_of_range).tolist() == [*range(120, 130), 151]
 
 
-def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
+def test_without_torque_error_only_rest_and_range_are_reported(sts):
     ranges = Validity(v_max=[1.0] * N, tau_max=[10.0] * N)
     model = replace(IdentifiedModel.nominal(sts), validity=ranges)
     q, v, transmitted, momentum, J = still(model, sts, 100)

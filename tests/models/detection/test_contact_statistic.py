@@ -19,7 +19,7 @@ def covariance(n, seed=0):
 
 
 @pytest.mark.parametrize("n", [1, 6, 7])
-def test_the_last_entries_say_what_the_last_joints_say(n):
+def test_the_last_whitened_entries_depend_on_the_last_joints_alone(n):
     R = covariance(n)
     U = upper_whitening(R)
     np.testing.assert_allclose(U @ R @ U.T, np.eye(n), atol=1e-12)
@@ -46,7 +46,7 @@ def least_squares_misfit(R, J, s, tau, moment_sd):
 
 @pytest.mark.parametrize("moment_sd", [0.0, 1.0, 50.0])
 @pytest.mark.parametrize("n", [6, 7])
-def test_misfit_is_what_least_squares_leaves(n, moment_sd):
+def test_misfit_is_the_residual_of_least_squares(n, moment_sd):
     rng = np.random.default_rng(4)
     R, s = covariance(n, 2), rng.uniform(0.1, 2.0, n)
     U = upper_whitening(R)
@@ -82,7 +82,7 @@ def test_a_jolt_is_the_second_difference_of_momentum_and_fades_with_the_pole():
     assert found[30, 0] == pytest.approx(found[21, 0] * 0.8**9)
 
 
-def test_a_jump_of_torque_that_is_held_is_a_jolt():
+def test_a_jump_of_held_torque_is_a_torque_jump():
     """The mean of a period is anywhere between its ends: D^2 / 3 about the first of them."""
     torque = np.zeros((50, 2))
     torque[20:, 0] = 30.0

@@ -90,7 +90,7 @@ def test_one_wild_sample_is_no_contact(touched) -> None:
     assert not found.contact.any()
 
 
-def test_what_is_missing_is_passed(touched) -> None:
+def test_missing_samples_are_skipped(touched) -> None:
     t, tau, J = touched
     tau = tau.copy()
     tau[:40] = np.nan

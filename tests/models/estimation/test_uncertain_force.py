@@ -29,7 +29,7 @@ def judged(robot, sd, max_force_sd=None):
     return UncertainForce.of(estimator, batch.J[5:], batch.torque_sd[5:]), batch
 
 
-def test_the_sd_is_what_the_estimator_states_and_the_limit_is_where_it_stops(robot):
+def test_the_sd_is_the_estimators_and_valid_ends_at_the_limit(robot):
     sd = [3.0, 2.5, 1.5, 0.3, 0.5, 0.2]
     found, batch = judged(robot, sd)
     # By the same formula, inverted instead of factorised; the prior is the live one.

@@ -158,7 +158,7 @@ def test_slip_path_is_one_element() -> None:
     )
 
 
-def test_what_a_controller_feeds_forward() -> None:
+def test_feedforward_is_coulomb_viscous_and_offset() -> None:
     own = law()
     v = np.array([0.4, -0.3])
     np.testing.assert_allclose(

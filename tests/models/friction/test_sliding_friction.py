@@ -126,7 +126,7 @@ def test_stiction_is_at_least_half_of_the_friction_that_slides():
 
 
 @pytest.mark.parametrize("below", ["coulomb-viscous", "presliding"])
-def test_what_slides_is_that_of_the_law_at_the_bottom(below: str) -> None:
+def test_the_sliding_table_of_layers_is_that_of_the_bottom_law(below: str) -> None:
     law, ripple = LAWS[below](), FrictionTerm("ripple", njit(lambda q, v: q))
     own = sliding_table(law)
     np.testing.assert_array_equal(own[:, COULOMB], SLIDING.coulomb)

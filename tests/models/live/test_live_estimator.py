@@ -100,7 +100,7 @@ def test_a_clock_that_jumps_begins_anew(ur10e, model, samples, jump, kind):
     assert after[-1].valid
 
 
-def test_a_gap_begins_anew_and_is_said(ur10e, model, samples):
+def test_a_gap_restarts_the_estimator_and_is_reported(ur10e, model, samples):
     readings, events = taken(LiveEstimator(ur10e, model, CONFIG), samples[:500] + samples[700:])
     assert kinds(events) == {EventKind.GAP}
     assert not any(0.9985 < r.t - 100.0 < 1.3985 for r in readings)
@@ -169,7 +169,7 @@ def test_an_interruption_ends_validity_and_settles_anew(ur10e, model, samples):
     assert readings[-1].valid
 
 
-def test_numbers_that_are_none_never_leave_it(ur10e, model, samples):
+def test_readings_never_contain_nan(ur10e, model, samples):
     rng = np.random.default_rng(4)
     spoilt = []
     for s in samples:

@@ -69,7 +69,7 @@ def test_packets_come_in_any_pieces(cut):
 
 
 @pytest.mark.parametrize("data", [b"\x00\x02U", b"\x00\x04?a", b"HTTP/1.1 400"])
-def test_what_is_no_packet_is_refused(data):
+def test_bytes_that_are_no_packet_are_refused(data):
     with pytest.raises(ProtocolError):
         list(PacketReader().feed(data))
 

@@ -72,7 +72,7 @@ def test_the_last_sample_counts(num_samples):
         ([0.0, 0.0, 0.0], np.zeros((3, 6)), "evenly from 0"),
     ],
 )
-def test_what_is_no_taught_torque_is_refused(t, tau_ext, words):
+def test_an_invalid_correction_is_refused(t, tau_ext, words):
     with pytest.raises(ValueError, match=words):
         AirPassCorrection(np.array(t), tau_ext)
 
@@ -134,7 +134,7 @@ def test_steady_must_be_one_number_a_sample():
     np.testing.assert_array_equal(steady, [1.0, 1.0, 0.0, 0.0])
 
 
-def test_a_tick_takes_off_what_the_record_says():
+def test_a_tick_subtracts_the_recorded_torque():
     rng = np.random.default_rng(0)
     known = AirPassCorrection(
         0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40)

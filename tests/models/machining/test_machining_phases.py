@@ -105,7 +105,7 @@ def test_the_setpoint_joins_the_force_that_is_there_to_the_path():
 
 
 @pytest.mark.parametrize("reading", [0.0, 150.0])
-def test_what_cannot_be_trusted_breaks_nothing_off(reading):
+def test_readings_that_are_not_valid_cause_no_retreat(reading):
     """While joints turn round an estimate says anything, or nothing."""
 
     def force(t, phase, target):
@@ -120,7 +120,7 @@ def test_what_cannot_be_trusted_breaks_nothing_off(reading):
 
 @pytest.mark.parametrize("reading", [301.0, np.nan])
 @pytest.mark.parametrize("during", [Phase.APPROACH, Phase.TOUCH, Phase.WORK, Phase.RELEASE])
-def test_what_no_stiction_explains_is_too_much_at_any_time(reading, during):
+def test_a_force_beyond_any_stiction_ends_the_pass_in_every_phase(reading, during):
     """Three times the limit of 100 N, or no number at all."""
 
     def force(t, phase, target):
@@ -137,7 +137,7 @@ def test_a_joint_at_its_limit_needs_no_feedback():
     assert met[-2:] == [Phase.RETREAT, Phase.DONE]
 
 
-def test_loss_counts_anew_after_what_cannot_be_trusted():
+def test_the_time_without_contact_restarts_after_readings_that_are_not_valid():
     """Two gaps that only together are long enough, with an untrusted tick between them."""
     state, met = initial_state(), []
     state[PHASE] = Phase.WORK

@@ -95,7 +95,7 @@ def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
         (Phase.DONE, PHASES.lift, 0.0),
     ],
 )
-def test_else_it_moves_along_the_anchors_direction(sts, path, phase, way, speed):
+def test_approach_and_retreat_move_along_the_anchors_direction(sts, path, phase, way, speed):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 3.0
     outward = np.array([0.6, 0.0, 0.8])

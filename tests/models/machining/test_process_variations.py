@@ -213,7 +213,7 @@ def test_cutting_begins_and_ends_a_margin_inside_the_path():
         np.testing.assert_allclose(force, [0.0, -4.0 * share, 0.0], atol=1e-9)
 
 
-def test_a_turn_is_remembered_for_a_turn():
+def test_a_bump_acts_again_one_turn_later():
     """A bump of one tick, felt at once and, turned round, two thirds of it, a turn later."""
     config = replace(NOTHING, chatter=ChatterConfig(ratio=0.5, overlap=2.0 / 3.0, corner=0.01))
     of = law(config, spindle_frequency=100.0)

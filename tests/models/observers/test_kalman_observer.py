@@ -289,7 +289,7 @@ def obedient(signals: np.ndarray, J: np.ndarray, F: np.ndarray) -> None:
 
 @pytest.mark.parametrize("joint", [0, 2, 5])
 @pytest.mark.parametrize("size", [10.0, 100.0])
-def test_what_a_fault_leaves_behind_is_in_the_sd(joint: int, size: float) -> None:
+def test_the_sd_covers_the_error_after_a_fault(joint: int, size: float) -> None:
     """A drive reports 10 or 100 N m too much for .4 s, which no check of a sample can see.
 
     Without doubt the filter is 6 to 79 sd off .31 s later, settled though it is by then.

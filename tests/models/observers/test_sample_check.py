@@ -102,7 +102,7 @@ def test_one_absurd_tick_is_missing_and_soon_forgotten(spike: str, method: str) 
     assert (off < 0.1 * clean.standard_deviation[settled:] + 1e-9).all()
 
 
-def test_a_position_that_jumped_for_good_is_believed_after_a_while() -> None:
+def test_a_position_that_jumped_permanently_is_accepted_after_a_while() -> None:
     q, v, current = log()
     q[500:, 0] += 1.0
     batch = run((q, v, current))
@@ -122,7 +122,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_stands_still_while_its_joint_moves_is_flagged_until_it_lives_again(
+def test_a_signal_that_sticks_while_its_joint_moves_is_flagged_until_it_recovers(
     fault: str,
 ) -> None:
     signal, size, change, code, (soonest, latest), end, sound = FAULTS[fault]
@@ -138,7 +138,7 @@ def test_what_stands_still_while_its_joint_moves_is_flagged_until_it_lives_again
     assert not batch.fault[sound:].any() and batch.valid[-20:].all()
 
 
-def test_samples_read_at_other_times_than_they_are_taken_for_are_told() -> None:
+def test_samples_with_wrong_time_stamps_are_flagged() -> None:
     """Each 5 ms early or late: positions run to and fro, by less than any single bound."""
     q, v, current = log()
     rows = np.arange(N) + np.rint(0.005 / T * np.random.default_rng(3).normal(size=N)).astype(int)
@@ -149,7 +149,7 @@ def test_samples_read_at_other_times_than_they_are_taken_for_are_told() -> None:
     assert batch.valid[told[0] : 900].mean() < 0.02
 
 
-def test_a_current_that_falls_to_zero_is_told_at_once_and_until_it_is_back() -> None:
+def test_a_current_that_falls_to_zero_is_flagged_at_once_until_it_returns() -> None:
     q, v, current = log()
     assert abs(current[299, 1]) > 0.1 * arm().current_limit[1]
     current[300:800, 1] = 0.0

@@ -165,7 +165,7 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         ),
     ],
 )
-def test_what_is_out_of_range_is_named(robot, mechanism, place):
+def test_a_parameter_out_of_range_is_named(robot, mechanism, place):
     with pytest.raises(InputError, match=place):
         TrueJoints.of(with_mechanisms(robot, **mechanism), 1e-3)
 

@@ -120,7 +120,7 @@ def test_harmonics_of_the_motor_grow_with_the_ripple():
     np.testing.assert_allclose(drawn.motor_amplitudes, [[0.1 * factor, 0.2 * factor]], rtol=1e-12)
 
 
-def test_what_is_off_stays_off():
+def test_a_mechanism_that_is_off_stays_off():
     about = SimulatedTruthConfig(JointFrictionConfig(coulomb=[1.0, 2.0], stiction=[1.5, 2.0]))
     truth = draw_world(0, 0).truth(about, 2)
     assert truth.mechanisms is None

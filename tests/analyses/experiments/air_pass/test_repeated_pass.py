@@ -45,7 +45,7 @@ def test_passes_are_aligned_by_their_positions(ur10e: Robot) -> None:
     assert ahead == pytest.approx(_AHEAD, abs=2e-4)
 
 
-def test_what_repeats_is_taken_off(ur10e: Robot) -> None:
+def test_the_repeating_torque_is_subtracted(ur10e: Robot) -> None:
     empty, loaded = _pass(ur10e, _AHEAD, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 1.0)
     found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
     assert len(found.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)

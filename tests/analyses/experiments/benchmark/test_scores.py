@@ -58,7 +58,7 @@ def test_a_wrench_alone_is_sized_by_its_covariance():
     np.testing.assert_array_equal(sizes(Reading(wrench, None, -wrench)), np.abs(wrench))
 
 
-def test_what_is_not_known_stays_as_it_was():
+def test_gaps_hold_the_last_known_value():
     signal = np.array([[np.nan], [1.0], [np.nan], [3.0], [np.nan]])
     np.testing.assert_array_equal(_bridged(signal)[:, 0], [1.0, 1.0, 1.0, 3.0, 3.0])
 

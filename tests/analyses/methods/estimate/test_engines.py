@@ -24,7 +24,7 @@ def batch(rng, valid):
     return EstimateBatch(**arrays | {"valid": np.array(valid)})
 
 
-def test_a_reading_with_another_s_band_stays_what_it_was():
+def test_another_band_does_not_change_the_reading():
     """Only its band, the joints' sds and what is valid are those of the model that knows more."""
     rng = np.random.default_rng(1)
     known = batch(rng, [True, True, False])

@@ -70,7 +70,7 @@ def test_touches_are_found_and_their_link_is_named(data, tmp_path, name, link, s
     assert not [line for line in result.warnings if "contradicted" in line]
 
 
-def test_a_torque_of_the_wrong_sign_is_told(data, tmp_path):
+def test_a_torque_of_the_wrong_sign_is_reported(data, tmp_path):
     config = EstimateConfig(torque_sign="environment")
     result = estimate_torque_logs([data(touch("link4_d3"))], "panda", tmp_path, config=config)
     (line,) = [line for line in result.warnings if "contradicted" in line]

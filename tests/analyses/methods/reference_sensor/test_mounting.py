@@ -78,7 +78,7 @@ def test_one_column_is_a_force_along_its_axis():
     assert found.frame == "tool"
 
 
-def test_what_is_given_is_kept():
+def test_a_stated_mounting_is_used_unchanged():
     true = Mounting(
         "tool", Rotation.from_euler("xyz", [0.3, -0.2, 0.7]).as_matrix(), -1, np.zeros(3), 0.0
     )
@@ -116,7 +116,7 @@ def test_tares():
     assert np.allclose(start.tare, log.sensor[log.t <= 0.5].mean(axis=0))
 
 
-def test_a_constant_force_tells_no_delay():
+def test_a_constant_force_determines_no_delay():
     log = _log(Mounting("world", np.eye(3), 1, np.zeros(3), 0.0), columns=3)
     steady = replace(
         log, reading=np.tile([0.0, 0, 30, 0, 0, 0], (_N, 1)), sensor=np.tile([0.0, 0, 29], (_N, 1))

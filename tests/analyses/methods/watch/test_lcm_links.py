@@ -75,7 +75,7 @@ def test_external_torque_is_that_on_the_arm(kind, make, sign):
     assert sample.is_external
 
 
-def test_what_is_no_status_is_left_out():
+def test_messages_that_are_no_status_are_left_out():
     lcm, rng = DrakeLcm("memq://"), np.random.default_rng(3)
     source = LcmSource(lcm, "S", "iiwa")
     assert source.read(0.0) == []

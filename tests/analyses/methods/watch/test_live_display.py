@@ -89,7 +89,7 @@ def test_start_up_is_no_latency_and_is_said_once():
     assert "start-up" in shown(summary)
 
 
-def test_what_is_late_after_start_up_is_shown():
+def test_latency_after_start_up_is_shown():
     summary = LiveSummary("x")
     times = queue(10.0 + 0.002 * np.arange(1000), 10.46, 0.0005)
     summary.add(timed(times), [])

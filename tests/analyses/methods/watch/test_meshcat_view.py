@@ -52,7 +52,7 @@ def test_the_arm_and_the_force_are_drawn_where_they_are(ur10e):
     assert shaft[2, 3] == pytest.approx(0.5 * shaft[2, 2], abs=1e-6)
 
 
-def test_a_view_that_breaks_is_told(ur10e):
+def test_a_broken_view_is_reported(ur10e):
     class Broken:
         period = 0.001
 

@@ -123,7 +123,7 @@ def test_a_full_disk_is_said_once_and_nothing_is_lost(ur10e, tmp_path, monkeypat
     assert recorder.lost == 0
 
 
-def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeypatch):
+def test_readings_lost_to_a_full_disk_are_reported_at_the_end(ur10e, tmp_path, monkeypatch):
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 600)
     recorder.take(taken[:250])
@@ -133,9 +133,7 @@ def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeyp
     assert len(read_wrench_bag(tmp_path)[0]) == 250
 
 
-def test_after_a_disk_was_full_for_long_what_had_been_recorded_is_still_there(
-    ur10e, tmp_path, monkeypatch
-):
+def test_a_long_full_disk_keeps_earlier_recordings(ur10e, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MOST_ROWS", 300)
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 900)

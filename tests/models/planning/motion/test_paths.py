@@ -83,7 +83,7 @@ def test_a_law_runs_from_end_to_end_and_its_derivatives_are_its_own(law: TimeLaw
     np.testing.assert_allclose((after.ds_du - before.ds_du) / (2 * h), d2s[inner], atol=1e-4)
 
 
-def test_the_laws_are_what_they_say() -> None:
+def test_the_laws_are_their_formulas() -> None:
     u = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     np.testing.assert_allclose(uniform_acceleration(u).s, [0, 1 / 8, 1 / 2, 7 / 8, 1])
     np.testing.assert_allclose(uniform_acceleration(u).d2s_du2[1:4:2], [4.0, -4.0])

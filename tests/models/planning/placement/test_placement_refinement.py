@@ -145,7 +145,7 @@ def test_one_member_stands_for_a_family(robot, program, best, kind):
     np.testing.assert_allclose(found.R_WE, best.placement.R_WE, atol=1e-9)
 
 
-def test_what_a_constraint_forbids_is_not_turned(robot, bounds, best):
+def test_a_turn_that_a_constraint_forbids_is_not_made(robot, bounds, best):
     turned = family(robot, best.placement)["turned"]
     around = dataclasses.replace(bounds, p_lower=turned.p_WM - 0.01, p_upper=turned.p_WM + 0.01)
     measure = ConditionNumber(robot.chain)
@@ -156,7 +156,7 @@ def test_what_a_constraint_forbids_is_not_turned(robot, bounds, best):
     assert found.q[SEGMENTS // 2, 5] == pytest.approx(0.0, abs=1e-9)  # the tool may be turned
 
 
-def test_what_the_measure_sees_is_not_turned(robot, bounds, best):
+def test_a_turn_that_changes_the_measure_is_not_made(robot, bounds, best):
     """A stated covariance of a force is the same for a turned base; the tool's turn is not seen."""
     config = WrenchReconstructionConfig(method="force_only")
     covariance = np.diag([4.0, 3.0, 2.0, 1.0, 0.5, 0.2])
