@@ -290,8 +290,8 @@ def identified(tilted_arm_file: Path, tmp_path_factory: pytest.TempPathFactory) 
         logs.append(_write_log(folder / f"run_{seed}.csv", t, q, v, i=current))
     out = folder / "out"
     options = ("--robot", tilted_arm_file, "--validate", logs[2], "--out", out)
-    said = succeeded("identify", *logs[:2], *options)
-    assert "inconsistent gravity" not in said and "unexplained" not in said
+    output = succeeded("identify", *logs[:2], *options)
+    assert "inconsistent gravity" not in output and "unexplained" not in output
     return out
 
 
@@ -303,9 +303,9 @@ def test_identify_finds_the_arm(identified: Path, tilted_arm: Robot) -> None:
     np.testing.assert_allclose(law.viscous, _VISCOUS, rtol=0.02)
     np.testing.assert_allclose(law.offset, _OFFSET, atol=0.05)
     q, v, vdot = _motion(np.linspace(0.0, 10.0, 200), 7)
-    found = model.chain(tilted_arm).inverse_dynamics(q, v, vdot)
+    torque = model.chain(tilted_arm).inverse_dynamics(q, v, vdot)
     # 0.05 N m of 30: what sgn(v) on a grid leaves.
-    np.testing.assert_allclose(found, _ORACLE.motor_torque(q, v, vdot), atol=0.05)
+    np.testing.assert_allclose(torque, _ORACLE.motor_torque(q, v, vdot), atol=0.05)
     validation = json.loads((identified / "metrics.json").read_text())["validation"]["run_3"]
     assert max(validation["relative_pct"]) < 1.0
 
@@ -323,11 +323,11 @@ def test_torque_in_the_log_identifies_the_same_arm(
         tau = _ORACLE.motor_torque(q, v, vdot) + _friction(v)
         logs.append(_write_log(tmp_path / f"run_{seed}.csv", t, q, v, tau=tau))
     succeeded("identify", *logs, "--robot", tilted_arm_file, "--out", tmp_path / "out")
-    found, expected = (
+    coulomb, expected = (
         np.array(json.loads((folder / "metrics.json").read_text())["friction"]["coulomb_nm"])
         for folder in (tmp_path / "out", identified)
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(coulomb, expected, rtol=1e-6)
     # What the observer errs by is learnt with the drives' signs, though no drive was read.
     own, of_currents = (
         IdentifiedModel.load(folder / "model.yaml", tilted_arm).torque_error

@@ -165,10 +165,10 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         planned = signals["reference"][:, 6:12]
         given = Correction(correction, planned, counts, signals["freed_sd"])
     log = (signals[n] for n in ("q", "v", "current"))
-    found = batch.run(batch.initial_state(), *log, correction=given)
-    np.testing.assert_allclose(signals["tau_ext"], found.tau_ext, atol=1e-9)
-    np.testing.assert_allclose(signals["wrench"], found.wrench, atol=1e-8)
-    np.testing.assert_array_equal(signals["valid"][:, 0] == 1.0, found.valid)
+    estimate = batch.run(batch.initial_state(), *log, correction=given)
+    np.testing.assert_allclose(signals["tau_ext"], estimate.tau_ext, atol=1e-9)
+    np.testing.assert_allclose(signals["wrench"], estimate.wrench, atol=1e-8)
+    np.testing.assert_array_equal(signals["valid"][:, 0] == 1.0, estimate.valid)
 
 
 def test_the_estimate_is_fed_back_where_the_air_pass_correction_is_valid(hard):

@@ -238,7 +238,7 @@ def test_options_reach_the_estimate(call, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scenario", "asked"),
+    ("scenario", "expected"),
     [
         ((), "Default"),
         (("--scenario", "HandGuiding"), "HandGuiding"),
@@ -246,13 +246,13 @@ def test_options_reach_the_estimate(call, tmp_path):
         (("--scenario", "file.yaml", "--name", "Mine"), "file.yaml:Mine"),
     ],
 )
-def test_options_reach_the_simulation(call, tmp_path, scenario, asked):
+def test_options_reach_the_simulation(call, tmp_path, scenario, expected):
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
     arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
     asked_for, out, _progress = call("simulate", *scenario, *arguments)["values"]
     assert out == tmp_path
     assert asked_for == SimulateSettings(
-        scenario=asked,
+        scenario=expected,
         robot="r",
         model="m",
         truth="plain",
@@ -318,16 +318,16 @@ def test_an_observer_by_its_name_and_from_a_file(call, words, config, expected):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ("kalman --k0 7", "--k0: KalmanObserverConfig has no K_0; leave it out\n"),
         ("luenberger", "give momentum or kalman"),
     ],
 )
-def test_a_setting_of_another_observer_is_one_line(call, words, said):
+def test_a_setting_of_another_observer_is_one_line(call, words, message):
     result = call("estimate", "log.csv", "--robot", "r", "--observer", *words.split())
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
 
 
 def test_a_method_that_the_observer_does_not_know(ur10e):

@@ -11,9 +11,9 @@ _ODD = "a\x1b[31mb\x9b2J\rc"
 _SHOWN = r"a\x1b[31mb\x9b2J\rc"
 
 
-def _printed(what) -> str:
+def _printed(show) -> str:
     console = Console(file=io.StringIO(), width=120)
-    what(console)
+    show(console)
     return console.file.getvalue()
 
 

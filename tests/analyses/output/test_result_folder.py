@@ -155,7 +155,7 @@ def _linked_folder(path):
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "said"),
+    ("name", "spoil", "message"),
     [
         ("notes.txt", _change, "notes.txt"),
         ("figures/mine.png", _change, "figures/mine.png"),
@@ -165,7 +165,7 @@ def _linked_folder(path):
         ("figures/b.png", _linked_folder, "figures"),
     ],
 )
-def test_a_folder_with_something_of_the_user_s_is_refused_as_it_is(out, name, spoil, said):
+def test_a_folder_with_something_of_the_user_s_is_refused_as_it_is(out, name, spoil, message):
     path = out / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()
@@ -176,7 +176,7 @@ def test_a_folder_with_something_of_the_user_s_is_refused_as_it_is(out, name, sp
         with result_folder(out, "estimate"):
             raise AssertionError("before any work")
 
-    assert f"{out}: holds {said}, which is not as wrenchsight wrote it" in _refused(run)
+    assert f"{out}: holds {message}, which is not as wrenchsight wrote it" in _refused(run)
     assert _files(out.parent) == before
 
 

@@ -266,9 +266,9 @@ def test_an_experiment_s_page_gets_its_tables_and_their_metrics(study, readme, c
         "# Page\n\n<!-- table first: begin -->\n|  | ours |\n|---|---:|\n"
         "| error \\| N | 1.0 (0.5 to 2.0) |\n\nA remark.\n<!-- table first: end -->\n\nRest.\n"
     )
-    kept = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
-    assert kept["metrics"] == {"reduction_rmse_x_pct": 20.5}
-    assert kept["tables"] == stored["tables"]
+    page_metrics = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    assert page_metrics["metrics"] == {"reduction_rmse_x_pct": 20.5}
+    assert page_metrics["tables"] == stored["tables"]
     page.write_text("no place")
     assert main([str(study), str(readme)]) == 2
     assert "table first: begin" in capsys.readouterr().err

@@ -105,8 +105,10 @@ def render(tmp_path):
         for name in ("metrics.json", "timings.json"):
             folder.write_json(name, {})
         both = ("one", "two")
-        asked = StudySettings(both, both, Path("data"), seed=5, quick=False, version="0.1.0")
-        path = write_report(folder, outcomes, replace(asked, **settings))
+        study_settings = StudySettings(
+            both, both, Path("data"), seed=5, quick=False, version="0.1.0"
+        )
+        path = write_report(folder, outcomes, replace(study_settings, **settings))
         return _Page(path.read_text(encoding="utf-8"))
 
     return render

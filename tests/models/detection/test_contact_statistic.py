@@ -52,10 +52,10 @@ def test_misfit_is_the_residual_of_least_squares(n, moment_sd):
     U = upper_whitening(R)
     for _ in range(5):
         J, tau = rng.normal(size=(6, n)), 5.0 * rng.normal(size=n)
-        found = misfit_square(U, J, s, U @ (tau / s), moment_sd, np.empty((n + 7, n)))
+        square = misfit_square(U, J, s, U @ (tau / s), moment_sd, np.empty((n + 7, n)))
         # A force of 10 N beside the 10 kN that stand for unknown: 1e-6 of what it explains.
         expected = least_squares_misfit(R, J, s, tau, moment_sd)
-        assert found == pytest.approx(expected, rel=1e-3, abs=1e-3)
+        assert square == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
 def test_a_force_at_e_is_no_misfit_and_six_joints_explain_any_wrench():
@@ -73,23 +73,23 @@ def test_a_jolt_is_the_second_difference_of_momentum_and_fades_with_the_pole():
     momentum = np.zeros((50, 2))
     momentum[20:, 0] = 0.4  # a stop from one sample to the next
     momentum[:, 1] = 0.3 * np.arange(50)  # steady torque: no torque jump
-    found = torque_jumps(momentum, np.full((50, 2), 7.0), np.array([0.8, 0.8]), 0.01)
-    np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-12)
+    jumps = torque_jumps(momentum, np.full((50, 2), 7.0), np.array([0.8, 0.8]), 0.01)
+    np.testing.assert_allclose(jumps[:, 1], 0.0, atol=1e-12)
     raw = 0.2 * 0.4 / 0.01
-    assert found[19, 0] == 0.0
-    assert found[20, 0] == pytest.approx(raw)
-    assert found[21, 0] == pytest.approx(raw * np.sqrt(1.0 + 0.64))
-    assert found[30, 0] == pytest.approx(found[21, 0] * 0.8**9)
+    assert jumps[19, 0] == 0.0
+    assert jumps[20, 0] == pytest.approx(raw)
+    assert jumps[21, 0] == pytest.approx(raw * np.sqrt(1.0 + 0.64))
+    assert jumps[30, 0] == pytest.approx(jumps[21, 0] * 0.8**9)
 
 
 def test_a_jump_of_held_torque_is_a_torque_jump():
     """The mean of a period is anywhere between its ends: D^2 / 3 about the first of them."""
     torque = np.zeros((50, 2))
     torque[20:, 0] = 30.0
-    found = torque_jumps(np.zeros((50, 2)), torque, np.array([0.8, 0.8]), 0.01)
-    np.testing.assert_array_equal(found[:, 1], 0.0)
-    assert found[20, 0] == 0.0  # known with the next sample
+    jumps = torque_jumps(np.zeros((50, 2)), torque, np.array([0.8, 0.8]), 0.01)
+    np.testing.assert_array_equal(jumps[:, 1], 0.0)
+    assert jumps[20, 0] == 0.0  # known with the next sample
     anywhere = np.linspace(0.0, 30.0, 100_001)
     raw = 0.2 * np.sqrt(np.mean(anywhere**2))
-    assert found[21, 0] == pytest.approx(raw, rel=1e-4)
-    assert found[31, 0] == pytest.approx(found[21, 0] * 0.8**10)
+    assert jumps[21, 0] == pytest.approx(raw, rel=1e-4)
+    assert jumps[31, 0] == pytest.approx(jumps[21, 0] * 0.8**10)

@@ -186,7 +186,7 @@ def test_a_loaded_joint_rules_out_the_links_before_it(J: np.ndarray) -> None:
 def test_the_evidence_is_that_of_the_densities_written_out() -> None:
     rng = np.random.default_rng(5)
     B, y = rng.normal(size=(3, 4, 5)), rng.normal(size=5)
-    found = link_odds._log_likelihood(B, y, inwards=True)
+    log_likelihood = link_odds._log_likelihood(B, y, inwards=True)
     for m in range(3):
         for k, F in enumerate(link_odds.SIZES):
             C = np.eye(5) + F**2 * B[m].T @ B[m]
@@ -196,7 +196,7 @@ def test_the_evidence_is_that_of_the_densities_written_out() -> None:
             mean = with_force @ y
             variance = F**2 - F**2 * with_force @ B[m][0]
             expected += np.log(2.0) + norm.logcdf(mean / np.sqrt(variance))
-            assert found[m, k] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+            assert log_likelihood[m, k] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 def test_values_that_are_not_finite_are_refused(J: np.ndarray) -> None:

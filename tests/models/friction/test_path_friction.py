@@ -99,13 +99,13 @@ def test_elsewhere_the_law_is_as_it_was(law: PathFriction, change: str) -> None:
 def test_another_speed_reduces_the_weight_of_a_place(law: PathFriction) -> None:
     q, v = (x[200:201] for x in _path())
     load = np.zeros((1, 6))
-    found = [
+    residuals = [
         float((law.torque_along(q, k * v, load) - law.law.torque_along(q, k * v, load))[0, 0])
         for k in (1.0, 1.3, 2.0, 4.0)
     ]
-    assert found == sorted(found, reverse=True)
-    assert found[0] > 2.0
-    assert found[-1] == 0.0
+    assert residuals == sorted(residuals, reverse=True)
+    assert residuals[0] > 2.0
+    assert residuals[-1] == 0.0
 
 
 def test_the_estimator_reads_as_with_that_torque_taken_off(ur10e: Robot, law: PathFriction) -> None:

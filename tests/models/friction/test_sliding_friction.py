@@ -121,8 +121,8 @@ def test_stiction_is_the_laws_torque_where_it_breaks_away(law):
 def test_stiction_is_at_least_half_of_the_friction_that_slides():
     """5 + 0.05 * 8 - 4.8 N m would be 0.6; of 2 N m, 1.6 are left as they are."""
     law = replace(presliding(), stribeck=np.array([-4.8, -0.4]))
-    found = stiction(law, np.full((3, 2), -8.0))
-    np.testing.assert_allclose(found, np.tile([2.5 + 0.4, 1.6], (3, 1)))
+    torque = stiction(law, np.full((3, 2), -8.0))
+    np.testing.assert_allclose(torque, np.tile([2.5 + 0.4, 1.6], (3, 1)))
 
 
 @pytest.mark.parametrize("below", ["coulomb-viscous", "presliding"])

@@ -139,14 +139,14 @@ def test_a_tick_subtracts_the_recorded_torque():
     known = AirPassCorrection(
         0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40)
     )
-    found = CorrectionSample.zeros(6)
+    sample = CorrectionSample.zeros(6)
     for feed_time in (*rng.uniform(-0.05, 0.45, 60), 0.0, 0.39, 0.385, 0.005, np.nan):
-        sample_correction(CorrectionTable.of(known), feed_time, found)
-        np.testing.assert_array_equal(found.correction, -known.at(feed_time))
+        sample_correction(CorrectionTable.of(known), feed_time, sample)
+        np.testing.assert_array_equal(sample.correction, -known.at(feed_time))
         inside = 0.0 <= feed_time <= known.t[-1]
         spread = known.spread[round(feed_time / 0.01)] if inside else np.zeros(6)
-        np.testing.assert_array_equal(found.spread, spread)
-        assert found.counts[0] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
+        np.testing.assert_array_equal(sample.spread, spread)
+        assert sample.counts[0] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
 
 
 def test_a_correction_spreads_where_it_changes_nearby():

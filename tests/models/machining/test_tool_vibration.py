@@ -164,13 +164,13 @@ def test_entries_of_a_matrix_that_the_logs_hardly_determined_are_shrunk():
     sd = np.full((N, N), 0.01)
     M[1, 2] = M[2, 1] = 0.03
     M[2, 3] = M[3, 2] = -0.019
-    expected, out, found = M + np.diag(np.diag(sd)), np.empty(2 * N), np.empty(2 * N)
+    expected, out, solution = M + np.diag(np.diag(sd)), np.empty(2 * N), np.empty(2 * N)
     expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE / 3.0) ** 2)
     expected[2, 3] = expected[3, 2] = 0.0
     _, J, normal = _masses()
     expected_shares(M, sd, J, normal, out)
-    expected_shares(expected, np.zeros((N, N)), J, normal, found)
-    np.testing.assert_allclose(out[:N], found[:N], rtol=1e-12)
+    expected_shares(expected, np.zeros((N, N)), J, normal, solution)
+    np.testing.assert_allclose(out[:N], solution[:N], rtol=1e-12)
 
 
 def test_a_matrix_that_is_not_positive_definite_is_made_so():
@@ -189,10 +189,10 @@ def test_an_entry_of_a_matrix_is_known_by_the_better_of_two_joints(sts):
         residual_covariance=np.diag(sd**2),
         validity=Validity(vdot_max=fastest.tolist()),
     )
-    found = inertia_sd(model)
-    np.testing.assert_array_equal(found, found.T)
-    assert found[3, 3] == pytest.approx(INERTIA * 0.3 / 7.0)
-    assert found[1, 3] == pytest.approx(INERTIA * min(0.3 / 6.0, 3.0 / 7.0))
+    entry_sd = inertia_sd(model)
+    np.testing.assert_array_equal(entry_sd, entry_sd.T)
+    assert entry_sd[3, 3] == pytest.approx(INERTIA * 0.3 / 7.0)
+    assert entry_sd[1, 3] == pytest.approx(INERTIA * min(0.3 / 6.0, 3.0 / 7.0))
     np.testing.assert_array_equal(inertia_sd(IdentifiedModel.nominal(sts)), 0.0)
 
 
@@ -345,8 +345,8 @@ def test_without_a_valid_reading_the_band_covers_any_vibration(tracker, sts):
     assert np.all(off < 2.0 * taken[-1, N : 2 * N] + 0.01)
 
 
-@pytest.mark.parametrize(("fault", "told"), [(0.0, True), (1.0, False)])
-def test_a_start_without_valid_correction_shows_the_amplitude(tracker, sts, fault, told):
+@pytest.mark.parametrize(("fault", "is_shown"), [(0.0, True), (1.0, False)])
+def test_a_start_without_valid_correction_shows_the_amplitude(tracker, sts, fault, is_shown):
     """Where no lesson counts no reading does, but its torque is one: of a sample that can be."""
     reading, state = np.zeros(sum(tick_sizes(N).values())), tracker.initial_state.copy()
     tick = tick_of(reading, N)
@@ -357,7 +357,7 @@ def test_a_start_without_valid_correction_shows_the_amplitude(tracker, sts, faul
         np.testing.assert_array_equal(state[: len(AMPLITUDES)], 0.0)
         work = work_of(SHARES, counts=counts)
         track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
-    assert np.any(state[: len(AMPLITUDES)] != 0.0) == told
+    assert np.any(state[: len(AMPLITUDES)] != 0.0) == is_shown
 
 
 def test_a_joint_off_its_plan_widens_the_band_of_correction_and_amplitude(tracker, sts):

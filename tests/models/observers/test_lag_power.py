@@ -67,13 +67,13 @@ def test_a_step_is_late_from_its_own_sample_on_and_what_lasts_is_not():
     read = np.full((3, 6), 7.0)
     read[1:] += 2.0
     noise = np.full((3, 6), 0.5)
-    found = added(read, noise)[:, 0, 0] * SHARE
+    variance = added(read, noise)[:, 0, 0] * SHARE
     omega = 2.0 * np.pi * BAND
     pole, factor = np.exp(-omega * STEP), omega / K_0
     first, second = ((factor * 2.0 * pole**k) ** 2 - 0.5 for k in (1, 2))
     power = (1.0 - pole) * first
     np.testing.assert_allclose(
-        found, [0.0, power, pole * power + (1.0 - pole) * second], rtol=1e-12
+        variance, [0.0, power, pole * power + (1.0 - pole) * second], rtol=1e-12
     )
 
 

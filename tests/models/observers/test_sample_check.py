@@ -91,10 +91,10 @@ def test_one_absurd_tick_is_missing_and_soon_forgotten(spike: str, method: str) 
     signals[signal][500, joint] = change(signals[signal][500, joint])
     batch = run(signals, method)
     assert finite(batch)
-    told = 501 if signal == 2 else 500  # no reading rests on the current of its own tick
-    assert batch.fault[told] == BEYOND
-    assert np.flatnonzero(batch.fault).tolist() == [told]
-    assert not batch.valid[told]
+    first_flagged = 501 if signal == 2 else 500  # no reading rests on the current of its own tick
+    assert batch.fault[first_flagged] == BEYOND
+    assert np.flatnonzero(batch.fault).tolist() == [first_flagged]
+    assert not batch.valid[first_flagged]
     settled = 500 + round(3.0 / 20.0 / T)  # 3 / K_0
     np.testing.assert_array_equal(batch.valid[settled:], clean.valid[settled:])
     # What two ticks of 1 N m of noise and a held reading leave, faded to exp(-3): far below its sd.
@@ -131,10 +131,10 @@ def test_a_signal_that_sticks_while_its_joint_moves_is_flagged_until_it_recovers
     own *= size
     own[300:end] = change(own.copy())
     batch = run(signals)
-    told = np.flatnonzero(batch.fault & code)
-    assert 300 + round(soonest / T) <= told[0] <= 300 + round(latest / T)
-    assert (batch.fault[told[0] : end] != 0).all()
-    assert not batch.valid[told[0] : end].any()
+    flagged = np.flatnonzero(batch.fault & code)
+    assert 300 + round(soonest / T) <= flagged[0] <= 300 + round(latest / T)
+    assert (batch.fault[flagged[0] : end] != 0).all()
+    assert not batch.valid[flagged[0] : end].any()
     assert not batch.fault[sound:].any() and batch.valid[-20:].all()
 
 
@@ -144,9 +144,9 @@ def test_samples_with_wrong_time_stamps_are_flagged() -> None:
     rows = np.arange(N) + np.rint(0.005 / T * np.random.default_rng(3).normal(size=N)).astype(int)
     rows = np.where((np.arange(N) > 300) & (np.arange(N) < 900), rows, np.arange(N))
     batch = run((q[rows], v[rows], current[rows]))
-    told = np.flatnonzero(batch.fault & DISAGREES)
-    assert 300 < told[0] < 300 + round(0.2 / T)
-    assert batch.valid[told[0] : 900].mean() < 0.02
+    flagged = np.flatnonzero(batch.fault & DISAGREES)
+    assert 300 < flagged[0] < 300 + round(0.2 / T)
+    assert batch.valid[flagged[0] : 900].mean() < 0.02
 
 
 def test_a_current_that_falls_to_zero_is_flagged_at_once_until_it_returns() -> None:

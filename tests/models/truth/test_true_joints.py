@@ -101,8 +101,8 @@ def test_harmonics_stand_behind_the_slip_elements(robot):
     other = with_mechanisms(robot, slip=slip, ripple=ripple, individual=1)
     assert np.all(TrueJoints.of(other, 1e-3).table[:, -1] != joints.table[:, -1])
     without = TrueJoints.of(with_mechanisms(robot, slip=slip, ripple=RippleConfig()), 1e-3).table
-    kept = np.delete(joints.table[:, : ELEMENTS + 6], HARMONICS, axis=1)
-    np.testing.assert_array_equal(kept, np.delete(without, HARMONICS, axis=1))
+    columns = np.delete(joints.table[:, : ELEMENTS + 6], HARMONICS, axis=1)
+    np.testing.assert_array_equal(columns, np.delete(without, HARMONICS, axis=1))
 
 
 def test_an_encoder_on_the_link_sees_no_deflection(robot):

@@ -55,8 +55,8 @@ def test_without_the_makers_description_the_controllers_masses_are_read(tmp_path
 def test_torque_of_a_joint_at_rest_is_within_its_stiction(ran) -> None:
     for name in _FILES:
         stiction = ran.metrics["stiction"][name]
-        for rest, level in zip(stiction["rest_rmse_nm"], stiction["level_nm"], strict=True):
-            assert rest is None or rest < level
+        for rest_rmse, level in zip(stiction["rest_rmse_nm"], stiction["level_nm"], strict=True):
+            assert rest_rmse is None or rest_rmse < level
         assert all(
             share is None or share > 75.0
             for share in ran.metrics[name]["rest"]["urdf"]["torque_inside_95_pct"]

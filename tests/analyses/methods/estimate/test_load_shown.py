@@ -163,14 +163,14 @@ def test_tracked_a_drifted_log_reads_better_within_its_band(data, model_file, tm
 
 
 @pytest.mark.parametrize(
-    ("changes", "what"),
+    ("changes", "option"),
     [
         ({"smooth": True}, "smooth"),
         ({"drift": 0.1}, "drift"),
     ],
 )
-def test_options_that_exclude_tracking_are_refused(ur10e, changes, what):
-    with pytest.raises(InputError, match=what):
+def test_options_that_exclude_tracking_are_refused(ur10e, changes, option):
+    with pytest.raises(InputError, match=option):
         checked_config(EstimateConfig(track=True, **changes), ur10e)
 
 

@@ -54,10 +54,10 @@ def test_files_and_their_content(sts, tmp_path):
 
 def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monkeypatch):
     """Where it ends is a matter of the last bits: on another processor each end may collide."""
-    asked = []
+    checked = []
 
     def beyond(self, start, iterations, watch):
-        asked.append(start)
+        checked.append(start)
         end = FourierTrajectory(
             start.base_frequency, start.centre, 3 * start.sine, 3 * start.cosine
         )
@@ -65,8 +65,8 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
 
     monkeypatch.setattr(ExcitationProgram, "solve", beyond)
     result = excite(sts, ExcitationConfig(num_starts=2))
-    assert len(asked) == len(RESERVES)
-    begin = asked[-1].sine
+    assert len(checked) == len(RESERVES)
+    begin = checked[-1].sine
     stretched = np.linalg.norm(result.trajectory.sine) / np.linalg.norm(begin)
     assert 1.0 <= stretched < 2.9
     np.testing.assert_allclose(result.trajectory.sine, stretched * begin, rtol=1e-9, atol=1e-12)

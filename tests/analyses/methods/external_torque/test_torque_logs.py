@@ -199,8 +199,8 @@ def test_the_command_says_what_the_experiment_says(data_holding, tmp_path):
         tmp_path,
         config=EstimateConfig(reference=reference),
     )
-    found = result.metrics()
-    assert found["prior"]["force_sd_n"] == knowledge.force_sd
+    metrics = result.metrics()
+    assert metrics["prior"]["force_sd_n"] == knowledge.force_sd
     for key in ("mean_rmse_n", "rmse_n", "stated_sd_n", "error_over_stated_sd"):
         # The axes are turned by a matrix of sines: rounding.
-        np.testing.assert_allclose(found["reference"][key], expected[key], rtol=1e-9)
+        np.testing.assert_allclose(metrics["reference"][key], expected[key], rtol=1e-9)

@@ -141,18 +141,18 @@ def test_checks_in_the_background_report_the_same(ur10e, model):
     _, before = said(ur10e, model, stream)
     live = LiveEstimator(ur10e, model)
     checks = StartChecks(ur10e, model, WatchConfig(), in_background=True)
-    found = []
+    events = []
     for sample in stream:
-        found.append(checks.take(sample, live))
+        events.append(checks.take(sample, live))
         for item in live.take(sample):
             checks.add(item)
     last = stream[-1]
     for k in range(1, 600):  # until it is over: a look is said with the next second of samples
-        if any(event is not None and "load" in event.text for event in found):
+        if any(event is not None and "load" in event.text for event in events):
             break
         time.sleep(0.1)
-        found.append(checks.take(replace(last, t=last.t + 1.0 * k), live))
-    assert [event.text for event in found if event is not None] == texts(before)
+        events.append(checks.take(replace(last, t=last.t + 1.0 * k), live))
+    assert [event.text for event in events if event is not None] == texts(before)
 
 
 def targets(robot, stream, ratio=1.0, friction=0.0):

@@ -93,11 +93,11 @@ def test_the_laws_are_their_formulas() -> None:
     u = np.linspace(0.1, 0.9, 30)
     np.testing.assert_allclose(constant_speed(u).ds_du, 1 / 0.9)
     np.testing.assert_allclose(constant_speed(np.array([0.0, 1.0])).d2s_du2, 0.0, atol=1e-12)
-    there = there_and_back(thirds)
+    round_trip = there_and_back(thirds)
     u = np.linspace(0.0, 0.5, 40)
-    np.testing.assert_allclose(there(u).s, thirds(2 * u).s)
-    np.testing.assert_allclose(there(1 - u).s, there(u).s, atol=1e-15)
-    np.testing.assert_allclose(there(1 - u[:-1]).ds_du, -there(u[:-1]).ds_du, atol=1e-12)
+    np.testing.assert_allclose(round_trip(u).s, thirds(2 * u).s)
+    np.testing.assert_allclose(round_trip(1 - u).s, round_trip(u).s, atol=1e-15)
+    np.testing.assert_allclose(round_trip(1 - u[:-1]).ds_du, -round_trip(u[:-1]).ds_du, atol=1e-12)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=LAW_NAMES)
