@@ -143,8 +143,8 @@ def run_arm(arm: Arm, folder: Path, excitation: ExcitationConfig = EXCITATION) -
             logs.append(folder / f"log_{k}.parquet")
             log = simulate_excitation(robot, result.trajectory, 1, k)
             write_recording(log.recording, logs[k])
-        identification = identify_logs(logs[:1], name, folder / "identify", logs[1:])
-        row["condition"] = identification.base.condition_number
+        found = identify_logs(logs[:1], name, folder / "identify", logs[1:])
+        row["condition"] = found.base.condition_number
         row["stage"] = "estimate"
         read = estimate_log(logs[1], name, folder / "identify/model.yaml", folder / "estimate")
         row["valid_pct"] = 100.0 * read.valid_share
@@ -181,12 +181,12 @@ def _collisions(
     motions = [result.trajectory for result in results]
     q = [motion.sample(np.arange(0.0, motion.period, _CHECKED))[0] for motion in motions]
     notes = [note for result in results for note in result.warnings if "is not checked" in note]
-    overlap_counts: dict[str, dict[str, int]] = {"collisions": {}, "said": {}}
+    found: dict[str, dict[str, int]] = {"collisions": {}, "said": {}}
     for pair, count in meshes.collisions(np.concatenate(q)).items():
         links = [shape.rpartition("_")[0] for shape in pair.split(" and ")]
-        is_reported = any(all(link in note for link in links) for note in notes)
-        overlap_counts["said" if is_reported else "collisions"][pair] = count
-    return overlap_counts
+        said = any(all(link in note for link in links) for note in notes)
+        found["said" if said else "collisions"][pair] = count
+    return found
 
 
 def _band(table: Path) -> float | None:
@@ -270,21 +270,19 @@ def main() -> int:
     chosen = [arm for arm in ARMS if options.only in arm.name]
     for k, arm in enumerate(chosen):
         stem = "".join(c if c.isalnum() else "_" for c in arm.name)
-        row_path = options.work / f"{stem}.json"
-        if row_path.is_file() and not options.only:
-            row = json.loads(row_path.read_text())
+        kept = options.work / f"{stem}.json"
+        if kept.is_file() and not options.only:
+            row = json.loads(kept.read_text())
         else:
             began = time.monotonic()
             row = run_arm(arm, options.work / stem)
             row["seconds"] = round(time.monotonic() - began, 1)
-            row_path.write_text(json.dumps(row, indent=1))
+            kept.write_text(json.dumps(row, indent=1))
             shutil.rmtree(options.work / stem)
         rows.append(row)
-        outcome = row["stage"] if row["stage"] == "through" else f"{row['stage']}: {row['refused']}"
+        told = row["stage"] if row["stage"] == "through" else f"{row['stage']}: {row['refused']}"
         hits = f", overlaps {row['collisions']}" if row.get("collisions") else ""
-        print(
-            f"{k + 1}/{len(chosen)} {arm.name}, {row.get('seconds')} s: {outcome}{hits}", flush=True
-        )
+        print(f"{k + 1}/{len(chosen)} {arm.name}, {row.get('seconds')} s: {told}{hits}", flush=True)
     if not options.only:
         options.page.write_text(page(rows), encoding="utf-8")
     return int(any(map(is_wrong, rows)))

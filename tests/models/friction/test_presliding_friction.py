@@ -126,8 +126,8 @@ def test_a_gap_costs_its_rows_and_the_displacement_over_it_counts() -> None:
     assert np.isnan(tau[10:13]).all()
     assert np.isfinite(np.delete(tau, [10, 11, 12], axis=0)).all()
     # Without the rows of the gap the same positions follow each other: the same slips.
-    rows = np.delete(np.arange(30), [10, 11, 12])
-    np.testing.assert_array_equal(tau[rows], own.torque_along(q[rows], v[rows], load[rows]))
+    kept = np.delete(np.arange(30), [10, 11, 12])
+    np.testing.assert_array_equal(tau[kept], own.torque_along(q[kept], v[kept], load[kept]))
 
 
 def test_tick_by_tick_is_the_log_and_the_output_changes_nothing() -> None:
@@ -158,7 +158,7 @@ def test_slip_path_is_one_element() -> None:
     )
 
 
-def test_feedforward_is_coulomb_viscous_and_offset() -> None:
+def test_what_a_controller_feeds_forward() -> None:
     own = law()
     v = np.array([0.4, -0.3])
     np.testing.assert_allclose(
