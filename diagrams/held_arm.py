@@ -69,11 +69,11 @@ def make_held_arm(
                           |                                     ^
                           +--> current sensor --> estimators    +-- external wrench
 
-    The plant is continuous in time, so that the wrench acts as the script says it at every moment
-    and not only at the ticks; it has no joint friction. The drives hold their torque from tick to
-    tick, and encoders, current sensors and estimators sample at the ticks. Controller and
-    estimators have the true rigid-body model: their readings differ from the truth by the
-    observer's dynamics and the current's noise alone.
+    The plant is continuous in time, so that the scripted wrench acts at every moment and not only
+    at the ticks. It has no joint friction. The drives hold their torque from tick to tick, and
+    encoders, current sensors and estimators sample at the ticks. Controller and estimators have the
+    true rigid-body model: their readings differ from the truth by the observer's dynamics and the
+    current's noise alone.
 
     Args:
         robot: the arm.

@@ -115,6 +115,6 @@ def frame(kind: str, file: str, words: str) -> str:
 def refuse_no_number(content: str, source: str) -> None:
     """Raises ValueError where a page's text holds "nan" or "inf" as a word."""
     text = _TAGS.sub(" ", content)
-    if found := _NO_NUMBER.search(text):
-        around = " ".join(text[max(0, found.start() - 60) : found.end() + 20].split())
+    if match := _NO_NUMBER.search(text):
+        around = " ".join(text[max(0, match.start() - 60) : match.end() + 20].split())
         raise ValueError(f"{source}: a number that is none: ... {around} ...")

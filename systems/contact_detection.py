@@ -95,7 +95,7 @@ class ContactDetection(LeafSystem):
         return self._detector.retuned(self._law.Eval(context), K_0)
 
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
-        """Takes one sample into `state`, which is changed; returns (1, 6) the detection."""
+        """Updates `state` with one sample, in place; returns (1, 6) the detection."""
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
         error = torque_error_views(self._torque_error.Eval(context), self._shape[1])
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()

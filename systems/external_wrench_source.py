@@ -12,7 +12,7 @@ from wrenchsight.models.control.wrench_script import WrenchScript
 
 
 class ExternalWrenchSource(LeafSystem):
-    """Applies a scripted wrench to the tool at E: the hand, the load, the test signal.
+    """Applies a scripted wrench to the tool at E, such as a hand, a load or a test signal.
 
         wrench_true(t) = script(t)
 

@@ -11,9 +11,9 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
         tau_ext           = K_0 (momentum - momentum_hat)
 
     so that tau_ext is the true external torque through K_0 / (s + K_0) (Lu et al., eqs. 6-11, 30).
-    The sign is that of the environment on the robot: the article's tau_ext, what the motors spend
-    against the environment, is the negative of this one. Sampled with the period T, exactly
-    (`wrenchsight.models.observers.momentum_observer`):
+    The sign is that of the environment on the robot. The article's tau_ext, which is what the
+    motors spend against the environment, is the negative of this one. Sampled with the period T,
+    exactly (`wrenchsight.models.observers.momentum_observer`):
 
         tau_ext_k+1 = a tau_ext_k + (1 - a) (mean of the true tau_ext over the tick),
         a = exp(-K_0 T)
@@ -45,8 +45,8 @@ class GeneralizedMomentumObserver(ExternalTorqueObserver):
     that came early.
 
     Before the first update tau_ext is zero. A sample that is not finite, in any input, never
-    reaches tau_ext: the joint holds its last estimate, says so in `valid`, and continues from it
-    with the second finite sample that follows.
+    reaches tau_ext. The joint keeps its last estimate and sets `valid` to 0. It continues from that
+    estimate with the second finite sample that follows.
 
     Args:
         config: K_0, period and kind of the torque samples.

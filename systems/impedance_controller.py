@@ -39,7 +39,7 @@ class ForceControlConfig:
 
 @dataclass
 class ImpedanceConfig:
-    """Stiffness and damping of the tool; translation first, as in everything that people write."""
+    """Stiffness and damping of the tool; translation first, as in all files for people."""
 
     axes: str = "W"  # of stiffness and damping: W, or E
     # N/m (3), N m/rad (3) on the diagonal; or 6 x 6
@@ -67,8 +67,8 @@ class ImpedanceController(LeafSystem):
 
         Λ dV/dt + B V + K e = F_E_W,   Λ = (J M⁻¹ Jᵀ)⁻¹
 
-    while the spring does not act along d and the environment's push along d settles at
-    force_setpoint. d is the direction in which the environment pushes the robot: out of the
+    Under force control the spring does not act along d, and the environment's push along d settles
+    at force_setpoint. d is the direction in which the environment pushes the robot: out of the
     surface.
 
                           +---------------------+

@@ -44,14 +44,14 @@ class _TunedReading(NamedTuple):
 
 
 class JacobianWrenchReconstruction(LeafSystem):
-    """Reads the wrench at E from the external joint torque, with its uncertainty.
+    """Estimates the wrench at E from the external joint torque, with its uncertainty.
 
         Σ_F = (J Σ_tau⁻¹ Jᵀ + P⁻¹)⁻¹
         F   = Σ_F J Σ_tau⁻¹ tau_ext,     P = diag(prior_moment_sd² 1₃, prior_force_sd² 1₃)
 
     by default; the other methods (eq. 22 of Lu et al. among them) are those of
-    `wrenchsight.models.estimation.wrench`. With the torque error of a model Σ_tau is that of the
-    sample, J as the observer saw it, and Σ_F covers lag and scale
+    `wrenchsight.models.estimation.wrench`. With the torque error of a model, Σ_tau is that of the
+    sample and J is as the observer saw it. Σ_F then covers lag and scale
     (`wrenchsight.models.estimation.wrench_reading`).
 
                          +------------------------------+ --> wrench

@@ -25,8 +25,8 @@ class MotorCurrentSensor(LeafSystem):
         lagged_k = a lagged_{k-1} + (1 - a) current_true_k,   a = exp(-2π bandwidth time_step)
         current  = ⌊(lagged + noise_sd noise) / resolution⌉ resolution,   noise = N(seed, tick)
 
-    The current of a drive is held over a tick and read as it is at the tick's end: with unlimited
-    bandwidth, no noise and no resolution, current = current_true, without delay.
+    The current of a drive is held over a tick and read at the tick's end. With unlimited bandwidth,
+    no noise and no resolution, current = current_true, without delay.
 
                         +--------------------+
       current_true -->  | MotorCurrentSensor | --> current

@@ -11,8 +11,8 @@ class SemiParametricFrictionSystem(FrictionLawSystem):
       v -->  | SemiParametricFrictionSystem | --> tau_f
              +------------------------------+
 
-    Bias and slope make both parts of the law meet at ±v_crit unless `friction.handover` is
-    "literal"; without networks it is Coulomb-viscous at every velocity. No state; ports and
+    Bias and slope make both parts of the law meet at ±v_crit, unless `friction.handover` is
+    "literal". Without networks the law is Coulomb-viscous at every velocity. No state; ports and
     parameters are those of FrictionLawSystem.
     """
 

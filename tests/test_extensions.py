@@ -224,30 +224,30 @@ def assert_alike_everywhere(
 ) -> EstimateBatch:
     """Log, ticks, diagram of stages and fused block read the same."""
     log = samples(robot)
-    found = batch(robot, model, config, log)
-    assert np.isfinite(found.wrench).all()
-    assert found.valid.any()
+    from_batch = batch(robot, model, config, log)
+    assert np.isfinite(from_batch.wrench).all()
+    assert from_batch.valid.any()
     close = {"rtol": 0.0, "atol": 1e-9}  # what is asked of two engines
-    np.testing.assert_allclose(ticks(robot, model, config, log), found.wrench, **close)
+    np.testing.assert_allclose(ticks(robot, model, config, log), from_batch.wrench, **close)
     for fused in (False, True):
         seen = played(robot, model, config, log, fused=fused)
-        np.testing.assert_allclose(seen["tau_ext"], found.tau_ext, **close)
-        np.testing.assert_allclose(seen["wrench"], found.wrench, **close)
-        np.testing.assert_array_equal(seen["valid"][:, 0] == 1.0, found.valid)
-    return found
+        np.testing.assert_allclose(seen["tau_ext"], from_batch.tau_ext, **close)
+        np.testing.assert_allclose(seen["wrench"], from_batch.wrench, **close)
+        np.testing.assert_array_equal(seen["valid"][:, 0] == 1.0, from_batch.valid)
+    return from_batch
 
 
 @pytest.mark.usefixtures("observer")
 def test_an_observer_runs_in_every_engine(sts: Robot) -> None:
     model = IdentifiedModel.nominal(sts)
-    found = assert_alike_everywhere(sts, model, WrenchEstimatorConfig(CautiousConfig()))
+    from_batch = assert_alike_everywhere(sts, model, WrenchEstimatorConfig(CautiousConfig()))
     plain = batch(sts, model, WrenchEstimatorConfig(MomentumObserverConfig([30.0])), samples(sts))
     sd = np.sqrt(np.diag(model.residual_covariance))
     # The oracle: the bundled observer of the same pole, less a tenth of a standard deviation. A
     # sample that is not finite ends the comparison: the toy does not keep what it had before.
     shrunk = np.sign(plain.tau_ext) * np.maximum(np.abs(plain.tau_ext) - 0.1 * sd, 0.0)
-    np.testing.assert_allclose(found.tau_ext[:120], shrunk[:120], rtol=0.0, atol=1e-9)
-    assert np.abs(found.tau_ext - plain.tau_ext).max() > 1e-3
+    np.testing.assert_allclose(from_batch.tau_ext[:120], shrunk[:120], rtol=0.0, atol=1e-9)
+    assert np.abs(from_batch.tau_ext - plain.tau_ext).max() > 1e-3
 
 
 def test_an_observer_that_is_taken_out_is_unknown(sts: Robot) -> None:
@@ -267,7 +267,7 @@ def test_a_friction_term_runs_in_every_engine(
     law = structure.law([np.array([values[name] for name in own]) for own in structure.terms])
     assert isinstance(law, ExtendedFriction)
     model = replace(IdentifiedModel.nominal(sts), friction=law)
-    found = assert_alike_everywhere(sts, model, WrenchEstimatorConfig())
+    from_batch = assert_alike_everywhere(sts, model, WrenchEstimatorConfig())
 
     # The oracle: the law below, with the term's torque taken off the motor's instead.
     q, v, current = samples(sts)
@@ -277,7 +277,7 @@ def test_a_friction_term_runs_in_every_engine(
         plain = replace(model, friction=law.law)
         # Torque is held over a tick, friction averaged over its ends: the same in the limit.
         off = batch(sts, plain, WrenchEstimatorConfig(), (q, v, current - drag / drive))
-        assert np.abs(found.tau_ext - off.tau_ext)[:120].max() < 0.05
+        assert np.abs(from_batch.tau_ext - off.tau_ext)[:120].max() < 0.05
         assert np.abs(off.tau_ext).max() > 1.0
     along = law.torque_along(q, v, np.zeros_like(q)) - law.law.torque_along(q, v, np.zeros_like(q))
     np.testing.assert_allclose(along, drag, rtol=0.0, atol=1e-12)
@@ -325,7 +325,7 @@ def test_a_term_that_is_taken_out_is_unknown(sts: Robot) -> None:
         identify([], sts, config=IdentificationConfig(friction="presliding+seal"))
 
 
-def test_a_log_container_reads_back_and_is_gone_after(
+def test_a_log_container_is_registered_reads_back_and_is_removed(
     sts: Robot, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     q, v, _ = motion(sts, 50)

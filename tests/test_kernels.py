@@ -35,6 +35,6 @@ def test_all_but_functions_made_at_run_time_are_kept_on_disk() -> None:
 
 
 @pytest.mark.parametrize("place, kernel", KERNELS, ids=[place for place, *_ in KERNELS])
-def test_it_says_its_types(place: str, kernel: ast.FunctionDef) -> None:
+def test_every_kernel_annotates_its_types(place: str, kernel: ast.FunctionDef) -> None:
     assert kernel.returns is not None, "what it returns"
     assert all(argument.annotation is not None for argument in kernel.args.args)

@@ -95,12 +95,12 @@ PLACES = np.array(
 @pytest.mark.parametrize("R", [DOWN, TURNED, AHEAD], ids=["down", "turned", "ahead"])
 def test_branches_are_the_same_in_the_same_order(robot, R, seed):
     every = np.tile(R, (len(PLACES), 1, 1))
-    found = all_branches(robot, every, PLACES)
+    solutions = all_branches(robot, every, PLACES)
     other = all_branches(moved_robot(robot, seed), every, moved(PLACES, seed))
-    assert np.isfinite(found[..., 0]).sum() > 50
-    assert found.shape == other.shape
+    assert np.isfinite(solutions[..., 0]).sum() > 50
+    assert solutions.shape == other.shape
     # At a singular posture an error becomes its square root.
-    np.testing.assert_allclose(other, found, atol=1e-5)
+    np.testing.assert_allclose(other, solutions, atol=1e-5)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -110,7 +110,7 @@ def test_an_arm_stays_one_that_is_solved_in_closed_form(robot, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_one_path_is_solved_alike(robot, seed):
+def test_a_path_is_solved_with_the_same_choices(robot, seed):
     other = moved_robot(robot, seed)
     p = np.linspace([0.4, -0.1, 0.3], [0.4, 0.1, 0.3], 9)
     # As near to one wrist as to the other: joints 4 and 6 a quarter of a turn to either side.
@@ -152,10 +152,10 @@ def test_a_map_shows_the_same_postures(sts, seed):
         measure = ConditionNumber(robot.chain)
         return best_postures(robot, measure, p, [0.0, 0.0, -1.0], np.radians(30.0))
 
-    found, other = best(sts, points), best(moved_robot(sts, seed), moved(points, seed))
-    np.testing.assert_allclose(other.best, found.best, rtol=1e-9)
-    np.testing.assert_allclose(other.direction_W, found.direction_W, atol=DIGITS)
-    np.testing.assert_allclose(other.q, found.q, atol=DIGITS)
+    postures, other = best(sts, points), best(moved_robot(sts, seed), moved(points, seed))
+    np.testing.assert_allclose(other.best, postures.best, rtol=1e-9)
+    np.testing.assert_allclose(other.direction_W, postures.direction_W, atol=DIGITS)
+    np.testing.assert_allclose(other.q, postures.q, atol=DIGITS)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -191,12 +191,12 @@ def test_a_placement_is_found_in_the_same_digits(sts):
         guess = (path.n_W, path.p_WM, path.R_WE)
         return PlacementSearch(robot, program, guess).run(effort=effort).best
 
-    found, other = best(sts), best(moved_robot(sts, 0))
-    assert other.cost == pytest.approx(found.cost, rel=1e-9)
-    np.testing.assert_allclose(other.values, found.values, rtol=DIGITS)
-    np.testing.assert_allclose(other.placement.q, found.placement.q, atol=1e-5)
-    np.testing.assert_allclose(other.placement.p_WM, found.placement.p_WM, atol=1e-6)
-    np.testing.assert_allclose(other.placement.n_W, found.placement.n_W, atol=1e-6)
+    placement, other = best(sts), best(moved_robot(sts, 0))
+    assert other.cost == pytest.approx(placement.cost, rel=1e-9)
+    np.testing.assert_allclose(other.values, placement.values, rtol=DIGITS)
+    np.testing.assert_allclose(other.placement.q, placement.placement.q, atol=1e-5)
+    np.testing.assert_allclose(other.placement.p_WM, placement.placement.p_WM, atol=1e-6)
+    np.testing.assert_allclose(other.placement.n_W, placement.placement.n_W, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -228,21 +228,21 @@ def logs(sts):
 def test_a_log_is_identified_alike(sts, logs, law):
     """Which parameters are determined, which shape a law has, which law is best."""
     config = IdentificationConfig(friction=law)
-    found = identify(logs, sts, config=config)
+    identified = identify(logs, sts, config=config)
     again = identify(
         [replace(r, q=moved(r.q, k), current=moved(r.current, k)) for k, r in enumerate(logs)],
         moved_robot(sts, 0),
         config=config,
     )
-    assert again.base.names == found.base.names
-    np.testing.assert_array_equal(again.base.independent, found.base.independent)
-    values = np.array(found.model.base_parameters.values)
+    assert again.base.names == identified.base.names
+    np.testing.assert_array_equal(again.base.independent, identified.base.independent)
+    values = np.array(identified.model.base_parameters.values)
     np.testing.assert_allclose(
         again.model.base_parameters.values, values, atol=DIGITS * np.abs(values).max()
     )
     v = np.linspace(-0.5, 0.5, 41)[:, None] * np.ones(6)
     zero = np.zeros_like(v)
-    torque = found.model.friction.torque_along(zero, v, zero)
+    torque = identified.model.friction.torque_along(zero, v, zero)
     np.testing.assert_allclose(
         again.model.friction.torque_along(zero, v, zero),
         torque,
@@ -267,11 +267,11 @@ def test_networks_are_trained_alike(seed):
     law = CoulombViscous(np.array([6.0, 2.0]), np.array([8.0, 1.0]), np.array([0.5, 0.1]))
     torque = law.torque(v) + np.sign(v) * (4.0 * np.exp(-((v / 0.1) ** 2)) - 1.0)
     torque += 0.3 * rng.normal(size=v.shape)
-    found = train_networks(v, torque, law)
+    networks = train_networks(v, torque, law)
     again = train_networks(moved(v, seed), moved(torque, seed), law)
-    np.testing.assert_allclose(again.v_crit, found.v_crit, rtol=1e-9)
-    np.testing.assert_array_equal(again.steps, found.steps)
-    np.testing.assert_allclose(again.rmse, found.rmse, rtol=DIGITS)
+    np.testing.assert_allclose(again.v_crit, networks.v_crit, rtol=1e-9)
+    np.testing.assert_array_equal(again.steps, networks.steps)
+    np.testing.assert_allclose(again.rmse, networks.rmse, rtol=DIGITS)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -298,8 +298,8 @@ def test_priors_and_points_of_action_are_found_alike(seed):
         evidence_prior_and_noise(seven, tau_7, Sigma_7),
         rtol=1e-8,
     )
-    found = find_point_of_action(J, R, tau, Sigma)
+    point = find_point_of_action(J, R, tau, Sigma)
     again = find_point_of_action(moved(J, seed), R, moved(tau, seed), Sigma)
-    np.testing.assert_allclose(again.p_EP, found.p_EP, atol=1e-9)
-    np.testing.assert_allclose(again.mean_force_W, found.mean_force_W, atol=1e-7)
-    np.testing.assert_allclose(again[2:], found[2:], rtol=1e-7)
+    np.testing.assert_allclose(again.p_EP, point.p_EP, atol=1e-9)
+    np.testing.assert_allclose(again.mean_force_W, point.mean_force_W, atol=1e-7)
+    np.testing.assert_allclose(again[2:], point[2:], rtol=1e-7)

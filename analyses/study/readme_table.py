@@ -172,7 +172,7 @@ def results_table(
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     note = (
         f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them. A world is "
-        "a draw of what the simulated arm truly is (docs/worlds.md). Without: one run.\n"
+        "a random draw of the simulated arm's truth (docs/worlds.md). Without a range: one run.\n"
     )
     table = "\n".join(lines) + "\n"
     return (_QUICK if results["quick"] else "") + table + (note if ranges else "")
@@ -228,7 +228,7 @@ def _moved_by(spread: Mapping[str, Any], key: str) -> str:
         f"{influence['parameter']} ({'+' if influence['rank_correlation'] > 0.0 else '−'})"
         for influence in moved_by
     )
-    return f"goes with {', '.join(signs)}" if moved_by else "no drawn parameter moves it"
+    return f"correlates with {', '.join(signs)}" if moved_by else "no drawn parameter moves it"
 
 
 def _range(median: float, low: float, high: float) -> str:

@@ -53,10 +53,11 @@ class _Interval(NamedTuple):
 class Clearance:
     """Distances between the links of an arm, its tool and the floor.
 
-    Left out are links that a joint connects, what the floor carries, neighbours that never come
-    nearer than at home, and pairs that overlap at home, whose shapes are too coarse to judge
-    (`overlapping`). A pair that is near in the home posture, as the parts of a wrist are, must keep
-    half of its distance there (`near_at_home`: names, m), every other pair `margin`.
+    Four kinds of pairs are left out: links that a joint connects, links that stand on the floor,
+    neighbours that never come nearer than at home, and pairs that overlap at home. The shapes of
+    the last are too coarse to judge (`overlapping`). A pair that is near in the home posture, as
+    the parts of a wrist are, must keep half of its distance there (`near_at_home`: names, m), every
+    other pair `margin`.
 
     Args:
         robot: its collision shapes count.
@@ -222,10 +223,10 @@ class Clearance:
 
         Samples, a tenth of a second apart or closer, must keep what is required of each pair; half
         of it is proved for all times. No point of the arm moves faster than sum_j speed_j r_j, r_j
-        the farthest that it can be from joint j. So between two times with slack s_0 and s_1 the
-        slack stays above (s_0 + s_1 - speed * time between) / 2, with twice that speed for two
-        moving links; where this is no proof, the interval is halved, and counts as not clear once
-        it is shorter than _FINEST.
+        the farthest that it can be from joint j. Between two times with slack s_0 and s_1 the slack
+        therefore stays above (s_0 + s_1 - speed * time between) / 2, with twice that speed for two
+        moving links. Where this bound
+        proves less, the interval is halved. It counts as not clear once it is shorter than _FINEST.
 
         Args:
             position: from time in s to q (n,).

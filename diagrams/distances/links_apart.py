@@ -17,9 +17,9 @@ CLEAR_DISTANCE = 0.05  # m
 def links_apart(scenario: Scenario, robot: Robot, plan: MachiningPath) -> frozenset[str]:
     """Names of the links that keep more than CLEAR_DISTANCE from the plate on the way of a pass.
 
-    The set is empty where other contact is possible: with a floor to touch, with a wrench that
-    pushes the arm off its way, and where the way cannot be planned. A blade touches only the tool's
-    tip in any case.
+    The set is empty if other contact is possible: with a floor to touch, with a wrench that pushes
+    the arm off its path, or if the path cannot be planned. A blade touches only the tool's tip in
+    any case.
     """
     machining, plate = scenario.machining, scenario.workpiece
     if not isinstance(plate, PlateConfig) or machining is None or scenario.floor or scenario.wrench:

@@ -1,7 +1,7 @@
 """Effort scale: torque per unit of a log's current or effort, joint by joint, from known weights.
 
-The unit u of a joint's effort is not known: amperes, per mille of a rated current, N m behind a
-factor. Known is the torque that the arm needs, either
+The unit of a joint's effort u is not known: amperes, per mille of a rated current, N m behind a
+factor. The torque that the arm needs is known, either from
 
 - the URDF's masses: u = b (gravity + inertia) + rotor vdot + Coulomb sgn(v) + viscous v + offset,
   by least squares over a motion (`scale_from_gravity`); or
@@ -83,7 +83,7 @@ def scale_from_gravity(recordings: Sequence[Recording], robot: Robot) -> EffortS
     torque_per_unit, error = np.full(n, np.nan), np.full(n, np.inf)
     for j in range(n):
         torque, v = rows.torque[:, j], rows.v[:, j]
-        # Gravity must show: torque of inertia alone is not told apart from an unknown rotor's.
+        # Gravity must show: torque of inertia alone cannot be separated from an unknown rotor's.
         if np.var(rows.gravity[:, j]) < _GRAVITY_SHARE * np.var(torque) or not torque.any():
             continue
         columns = [torque, np.ones(len(torque))]

@@ -1,9 +1,10 @@
 """Friction disagreement: a log's friction contradicts the model's, judged from contact-free motion.
 
-A force at the tool does not depend on which way a joint turns; friction does. So the reading is
-regressed on the torque of Coulomb, viscous and offset coefficients, joint by joint and with
-errors that are correlated over time (`models.calibration.friction_refresh`). A joint's friction
-contradicts the model if all of this holds:
+A force at the tool does not depend on the direction in which a joint turns; friction does. The
+reading is therefore regressed on the torque of Coulomb, viscous and offset coefficients. This is
+done joint by joint, with errors that are correlated over time
+(`models.calibration.friction_refresh`). A joint's friction contradicts the model if all of this
+holds:
 
 - its Coulomb or viscous coefficient differs by CLEAR standard errors (an offset alone is also what
   a load looks like);
@@ -11,7 +12,7 @@ contradicts the model if all of this holds:
 - they explain the reading: the remainder is not far above the model's residual. A load or a contact
   that happens to follow a joint's direction leaves more.
 
-All of it is judged where the joint moves: at rest stiction hides what friction's coefficients are.
+Only moving joints are judged: at rest stiction hides the coefficients of friction.
 """
 
 from collections.abc import Sequence
@@ -31,7 +32,7 @@ FEWEST = 20  # rows
 
 @dataclass(frozen=True)
 class FrictionDisagreement:
-    """A joint whose friction is not what the model says.
+    """A joint whose friction contradicts the model.
 
     Attributes:
         joint: its index.

@@ -1,11 +1,11 @@
 """Friction refresh: today's Coulomb, viscous and offset coefficients from seconds of motion.
 
-Over weeks a friction law's shape, a gear's load dependence and the links' masses stay the same; the
-viscous part changes by tens of per cent. The three coefficients of each joint are found from
-the residual of the known model by generalised least squares (`wrenchsight.models.calibration.
-residual_noise`), with the old values as a prior. The prior's width is how much friction changes
-from one month to another, so a joint that hardly moves keeps its numbers, and its standard errors
-say so.
+Over weeks a friction law's shape, a gear's load dependence and the links' masses stay the same. The
+viscous part changes by tens of per cent. The three coefficients of each joint follow from the
+residual of the known model by generalised least squares
+(`wrenchsight.models.calibration.residual_noise`), with the old values as a prior. The prior's width
+is the change of friction from one month to another. A joint that hardly moves therefore keeps its
+coefficients, and its standard errors show this.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,11 @@ from wrenchsight.models.numerics.arrays import Array
 class FrictionDrift:
     """Prior of friction's drift: standard deviations of the coefficients' changes.
 
-    The default is the drift of one UR10e over five weeks (eight logs that its model was not fitted
-    on): coefficients from windows of 3 and 8 s agree with the rest of their log within 1.96
-    standard errors in 94 to 96 % (Coulomb and viscous) and 98 to 100 % (offset) of the cases. A
-    ninth log, seven weeks before the fit, was left out of this: 94 to 100 % of its windows of 3 s.
+    The default is the drift of one UR10e over five weeks (eight logs on which its model was not
+    fitted). Coefficients from windows of 3 and 8 s agree with the rest of their log within 1.96
+    standard errors. They do so in 94 to 96 % (Coulomb and viscous) and 98 to 100 % (offset) of the
+    cases. A ninth log, seven weeks before the fit, was left out of this: 94 to 100 % of its windows
+    of 3 s.
 
     Attributes:
         coulomb: of the joint's dry friction.

@@ -1,8 +1,8 @@
 """Friction tracking: a Kalman filter that follows friction's drift from the observer's reading.
 
-Coulomb, viscous and offset of each joint are states x. What else a reading may hold has states too,
-so that it is not learnt as friction. With columns S of the three terms and J, both through the
-observer's own pole,
+Coulomb, viscous and offset of each joint are states x. Other causes of a reading have states, too,
+so that they are not learnt as friction. With columns S of the three terms and J, both behind the
+observer's pole,
 
     tau_ext = -S x + J^T F + s w + white
 
@@ -12,8 +12,8 @@ w      errors that last for half a second, s their size (`models.calibration.res
 x      a random walk that is pulled back to the model within DRIFT_TIME, sd that of a month's drift
 
 The filter learns every PERIOD seconds, from joints that move, once MARGIN seconds have passed
-without contact. A joint at rest carries any torque, so it is not used. |x| stays within BOUND of
-its prior's sds; where that is reached, friction differs from the model by more than drift.
+without contact. A joint at rest is not used, since it carries any torque. |x| stays within BOUND of
+its prior's sds. If it reaches that bound, friction differs from the model by more than drift.
 
 The correction S x is that of the sample, so that tau_ext + S x has no delay of its own. Other
 torques may look like friction for seconds. So a joint's correction is only the share of S x that
@@ -151,7 +151,7 @@ class FrictionTracker:
 
     @property
     def change(self) -> Array:
-        """(n, 3) of Coulomb (N m), viscous (N m s/rad) and offset (N m), today's less model's."""
+        """(n, 3) of Coulomb (N m), viscous (N m s/rad) and offset (N m), today's minus model's."""
         return self._x[: 3 * self._n].reshape(-1, 3).copy()
 
     @property

@@ -5,13 +5,13 @@ A controller states both targets for the motion that it plans:
     target_moment  = gravity + inertia                                   N m
     target_current = (target_moment + friction + rotor inertia) / gain   A
 
-While a joint moves their ratio is not the gain: for a slow wrist it is a tenth of it, or negative.
-Of a joint at rest that gravity loads, friction and rotor drop out and the ratio is the gain,
-whatever the other joints do. The edges of a rest do not count: the targets move before the joint
+While a joint moves, their ratio is not the gain: for a slow wrist it is a tenth of it, or negative.
+For a joint at rest under gravity, friction and rotor inertia drop out. The ratio is then the gain,
+whatever the other joints do. The edges of a rest are left out: the targets move before the joint
 does, and end after it.
 
 On one half of the logs of a UR10e (20 rests of joints 2 to 4) the ratio differs from the gain by
-less than 2e-4 with edges of 0.2 s, by up to 2e-2 without.
+less than 2e-4 if edges of 0.2 s are left out. Otherwise it differs by up to 2e-2.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Gain calibration: torque per ampere of every joint, from logs with a load of known weight.
 
-Without a known weight no log determines torque: with twice the masses, twice the friction and twice
-the torque per ampere the arm has the same currents. A known weight on the flange fixes the scale of
-the joints that carry it, and the masses that several joints carry tie the joints to each other.
+Without a known weight no log determines torque: an arm with twice the masses, twice the friction
+and twice the torque per ampere has the same currents. A known weight on the flange fixes the scale
+of the joints that carry it. Masses that several joints carry relate the scales of these joints.
 With u = log of the true over the stated torque per ampere, the torque that the stated constants
 give is
 
@@ -10,8 +10,8 @@ give is
 
 linear in all but u, and solved for all at once by Gauss-Newton steps of generalised least squares
 (`models.calibration.residual_noise`). Each log's friction may have drifted a little from the
-others' (`models.calibration.friction_refresh`), and friction that grows with what a gear
-transmits takes that torque, load included, from the previous step.
+others' (`models.calibration.friction_refresh`). Friction that grows with the torque of a gear takes
+that torque, load included, from the previous step.
 """
 
 from collections.abc import Callable, Sequence

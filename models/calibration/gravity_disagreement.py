@@ -14,9 +14,10 @@ base counts as tilted if all of this holds:
 
 A turn about the vertical changes no torque and is not detected.
 
-On twelve logs of the UR10e in general motion dg explains .01 where the base stands upright and .34
-to .66 where gravity is turned by 5 deg, found as 4.6 to 5.3; motions of single joints and of the
-wrist alone determine it too poorly, and loads of 3 kg show as a gravity that is 15 to 32 % longer.
+On twelve logs of the UR10e in general motion dg explains .01 if the base is upright, and .34 to .66
+if gravity is turned by 5 deg. The estimated angle is then 4.6 to 5.3. Motions of single joints and
+of the wrist alone determine it too poorly. Loads of 3 kg show as a gravity that is 15 to 32 %
+longer.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Known tool: adds a tool of known mass, centre of mass and inertia to an identified model.
 
-Rigid-body torque is linear in the inertial parameters: the tool's are added to the last link's, and
-those of the tool that the model was identified with are taken off. A model file states mass and
-centre of mass of that tool; its inertia about its centre of mass stays on the arm.
+Rigid-body torque is linear in the inertial parameters. Those of the tool are added to the last
+link's. Those of the tool with which the model was identified are subtracted. A model file states
+mass and centre of mass of that tool; its inertia about its centre of mass stays on the arm.
 """
 
 from dataclasses import replace
@@ -22,10 +22,10 @@ from wrenchsight.models.robot.robot import Robot
 
 
 def with_tool_of(model: IdentifiedModel, robot: Robot) -> IdentifiedModel:
-    """Returns the model with robot.yaml's tool in the place of its own.
+    """Returns the model with its tool replaced by that of robot.yaml.
 
     Args:
-        model: whose file says which tool it was identified with; otherwise it stays as it is.
+        model: with the tool of its identification in its file; otherwise it stays as it is.
         robot: its robot, with the tool of today or without one.
     """
     fitted, tool = model.fitted_robot, robot.config.tool

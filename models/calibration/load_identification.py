@@ -2,14 +2,14 @@
 
 A load adds a torque that is linear in its ten parameters to what the arm's model predicts. They are
 found by generalised least squares of the model's residual, together with the drift that friction
-may have made since (`models.calibration.friction_refresh`). Twice: the first solution has a wide
-prior and shows where the centre of mass is; the second states the parameters about that point,
-where a prior of the inertia follows from the mass.
+may have made since (`models.calibration.friction_refresh`). The fit is made twice. The first
+solution has a wide prior and shows where the centre of mass is. The second states the parameters
+about that point, where a prior of the inertia follows from the mass.
 
-The standard errors count three things: the scatter of the torque, which is correlated over time;
-errors of the arm's model; and errors of the torques per ampere. No motion with an unknown load
-tells the last two from another load. So they are not unknowns of the fit, which they would bias.
-Their effect on the result is added to its covariance ("considered" parameters; Schmidt,
+The standard errors have three parts: the scatter of the torque, which is correlated over time,
+errors of the arm's model, and errors of the torques per ampere. No motion with an unknown load
+distinguishes the last two from another load. They are therefore not unknowns of the fit, which they
+would bias. Their effect on the result is added to its covariance ("considered" parameters; Schmidt,
 "Application of state-space methods to navigation problems", 1966).
 """
 

@@ -1,9 +1,9 @@
 """Load or drift: the odds that a residual comes from a constant load, friction drift, both or none.
 
-Four fits of the same rows, with a load's ten parameters, with three changes of friction a joint,
-with both and with none. Errors of the arm's inertial parameters are unknowns of all four. Their
-evidence (`models.calibration.prior_least_squares`) gives the probability of each; all four
-are equally likely beforehand. The log shows a load if
+Four fits of the same rows are compared: with a load's ten parameters, with three changes of
+friction per joint, with both and with none. Errors of the arm's inertial parameters are unknowns of
+all four. Their evidence (`models.calibration.prior_least_squares`) gives the probability of each;
+all four are equally likely beforehand. The log shows a load if
 
 - load, or both, have all but UNLIKELY of the probability;
 - its mass is `SURE` standard errors above zero. They include errors of gains and of the arm's
@@ -120,7 +120,7 @@ def weigh(
     law: CoulombViscous,
     prior: LoadPrior,
 ) -> LoadOrDrift | None:
-    """Weighs load, drift, both and none; None for a log with too few rows.
+    """Compares load, drift, both and none; None for a log with too few rows.
 
     Args:
         log: the model's residual, with a load's and the model's own columns.
@@ -204,7 +204,7 @@ def loaded_from(log: LoadRows, row: int) -> LoadRows:
 
 
 def without_load(log: LoadRows, load: LoadEstimate) -> LoadRows:
-    """The rows with the load's torque taken off the residual."""
+    """The rows with the load's torque subtracted from the residual."""
     residual = log.rows.residual - log.load @ load.parameters
     return replace(log, rows=replace(log.rows, residual=residual))
 

@@ -1,17 +1,17 @@
 """Mass across joints: the error of a load's mass that the residual of one log's rows cannot show.
 
 Where few joints move, an error of one joint's model (of its friction along the gear, say) looks
-like a load, and no standard error from the rows shows it. A load is carried by several joints:
-without any one of them the others show the same mass. So the mass is estimated once more without
-each joint, and the spread of these n masses m_j is added to the standard error (the jackknife;
+like a load. No standard error from the rows shows this. A load is carried by several joints: if any
+one of them is left out, the others show the same mass. The mass is therefore estimated again
+without each joint. The spread of these n masses m_j is added to the standard error (the jackknife;
 Tukey, 1958):
 
     sd^2 = sd_rows^2 + k^2 (n - 1) / n sum_j (m_j - mean)^2 + (gain mass)^2
 
-A spread of so few masses has n - 1 degrees of freedom: k is Student's factor, by which two sds hold
-95 %. `gain` is the prior's error of torques per ampere: sd_rows has it as if joints erred one by
-one, but the drives of one arm err together (a fit on a UR10e gave 0.84 to 0.89 of its controller's
-in all six), and no joint contradicts that.
+A spread of so few masses has n - 1 degrees of freedom: k is Student's factor, with which two sds
+cover 95 %. `gain` is the prior's error of torques per ampere. sd_rows includes it as if the errors
+of the joints were independent. But the drives of one arm have a common error, which no joint
+contradicts: a fit on a UR10e gave 0.84 to 0.89 of its controller's values in all six.
 """
 
 from dataclasses import replace

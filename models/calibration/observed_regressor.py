@@ -17,7 +17,7 @@ _BLOCK = 2048  # samples whose regressor is held at once
 
 
 class ObservedRegressor:
-    """Takes a log chunk by chunk.
+    """Observed regressor of a log, chunk by chunk.
 
     Args:
         robot: kinematics and gravity.
@@ -41,7 +41,7 @@ class ObservedRegressor:
         self._v = np.full((1, n), np.nan)
 
     def along(self, q: Array, v: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Takes the next samples; torque per parameter of those at the indices `at` (m,).
+        """Processes the next samples; returns torque per parameter at the indices `at` (m,).
 
         Args:
             q, v: (N, n).

@@ -2,14 +2,14 @@
 
     minimise  sum_j |A_j x - b_j|^2 / s_j^2 + |(x - mean) / sd|^2
 
-The scale s_j says by how much a joint's rows scatter more or less than their stated covariance. It
-has a prior itself, as if FREEDOM rows had shown a scale of one: a log of seconds cannot measure its
-own noise, one of minutes can.
+The scale s_j states by how much a joint's rows scatter more or less than their stated covariance.
+It has a prior itself, as if FREEDOM rows had shown a scale of one. The reason is that a log of
+seconds cannot measure its own noise, while one of minutes can.
 
     s_j^2 = (FREEDOM + |A_j x - b_j|^2) / (FREEDOM + m_j)
 
-Its logarithm of the evidence weighs fits of the same rows with other columns against each other:
-the scales integrated out, x by Laplace's method,
+The logarithm of the evidence compares fits of the same rows with other columns. The scales are
+integrated out, and x by Laplace's method:
 
     -1/2 sum_j (FREEDOM + m_j) log(FREEDOM + |A_j x - b_j|^2) - 1/2 |(x - mean) / sd|^2
     -1/2 log det(1 + sd A^T A sd)

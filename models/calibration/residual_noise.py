@@ -1,7 +1,7 @@
 """Residual noise: how a model's torque residual is correlated over time.
 
-A residual sampled at 10 Hz is not white: a fit that counts every row as a new piece of evidence
-states standard errors that are too small by a factor of two to three. A joint's residual is here
+A residual sampled at 10 Hz is not white. If a fit counts every row as independent, its standard
+errors are too small by a factor of two to three. A joint's residual is modelled as
 
     e(t) = white(t) (1 + r exp(-(v / v_r)^2)) + slow(t) + c(t) dry(t) + d(t) viscous(t) + held(t)
 

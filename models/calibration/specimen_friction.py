@@ -1,21 +1,22 @@
 """Specimen friction: fits another robot of a known make, with the known robot's law as prior.
 
-Two robots of one make share kinematics, masses and the shape of their friction; its level differs
-from robot to robot, and changes with temperature and wear. A short motion rarely determines all
-parameters of a law (how much of the level is load?), so each stays at the known robot's unless the
-motion contradicts it. Per joint, while it slides,
+Two robots of one make share kinematics, masses and the shape of their friction. The level of
+friction differs from robot to robot, and changes with temperature and wear. A short motion rarely
+determines all parameters of a law, such as the part of the level that is due to load. Each
+parameter therefore keeps the known robot's value unless the motion contradicts it. Per joint, while
+it slides,
 
     tau_f - (Stribeck and cubic part, as known) = coulomb z + load |L| z + viscous v + offset
                                                   + gain tau_ext
 
-is linear in its parameters. The gain is the share by which the torque constants are too small, and
-with them the masses that explain gravity and the friction that explains free motion: only a known
-force determines it. It is one number for the arm, the mean of the joints that the force loads,
-weighted by their deviations.
+is linear in its parameters. The gain is the share by which the torque constants are too small.
+Masses and friction, which explain gravity and free motion, are too small by the same share: only a
+known force determines it. It is one number for the arm: the mean of the joints that the force
+loads, weighted by their deviations.
 
-The posterior is Gaussian; rows far off the others (shocks, vibration) weigh less, as under Cauchy
-noise, by iterated reweighting. Rows of one motion err together, by ripple over position and by the
-posture's gravity: each counts 1 / dependence^2.
+The posterior is Gaussian. Outlying rows (shocks, vibration) have less weight, as under Cauchy
+noise, by iterated reweighting. The errors of rows of one motion are correlated, by ripple over
+position and by the posture's gravity: each row counts 1 / dependence^2.
 """
 
 from collections.abc import Sequence

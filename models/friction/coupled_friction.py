@@ -102,7 +102,7 @@ class CoupledFriction(LayeredFriction):
 
 @cache
 def _kernels(law_kernels: FrictionKernels, has_state: bool) -> FrictionKernels:
-    """The composed kernels; `extended_friction` says what of them is cached on disk."""
+    """The composed kernels; `extended_friction` states which of them are cached on disk."""
     add_law_torque, update_law = law_kernels.add_torque, law_kernels.update
 
     @njit(error_model="numpy")

@@ -1,8 +1,8 @@
 """The friction terms of each joint: columns of a regression, and the law that they add up to.
 
-A friction law here is linear in its coefficients once its shape is fixed: how far a joint creeps
-elastically (displacement) and at what velocity the Stribeck effect fades. The columns come from the
-same kernel that runs the law, so that what is fitted is what is run.
+A friction law is linear in its coefficients once its shape is fixed. The shape is the displacement
+over which a joint creeps elastically, and the velocity at which the Stribeck effect fades. The
+columns come from the same kernel that runs the law, so that what is fitted is what is run.
 """
 
 from collections.abc import Sequence

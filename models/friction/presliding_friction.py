@@ -3,34 +3,34 @@
     tau_f = velocity_law(v) + cubic v^3 + (coulomb + stribeck exp(-(v / v_s)^2) + load |L|) z
     z     = sum_k weight_k z_k,    z_k <- clip(z_k + dq / displacement_k, -1, 1)
 
-Each z_k is a Prandtl element, a spring in series with a slider (several of them: Maxwell-slip;
-Al-Bender, Lampaert and Swevers, IEEE Trans. Automatic Control 50(11), 2005): below its
-displacement the joint creeps elastically, beyond it the element slides. A joint at rest so holds
-the torque that it stopped with, anything within its stiction band. No function of velocity alone
-can express that. With a displacement of zero an element is rigid, z_k = sgn v, and the law has no
-memory: that is the plain Stribeck and the plain load-dependent law.
+Each z_k is a Prandtl element, a spring in series with a slider. Several of them are a Maxwell-slip
+model (Al-Bender, Lampaert and Swevers, IEEE Trans. Automatic Control 50(11), 2005). Below its
+displacement the joint creeps elastically, beyond it the element slides. A joint at rest therefore
+keeps the torque with which it stopped, which is anywhere within its stiction band. No function of
+velocity alone can express this. With a displacement of zero an element is rigid, z_k = sgn v, and
+the law has no memory: it is then the plain Stribeck or the plain load-dependent law.
 
 L is the torque that the gear transmits, tau_J - tau_f. The causal estimator takes it from the
-motor torque and the friction of the tick before: it holds the load of whatever the arm carries,
-which the model's own rigid-body torque does not (on the UR10e with a payload, the force error at
-the flange is 3.6 4.4 5.6 N with the former, 6.6 7.5 6.9 N with the latter), and at a tick tau_f
+motor torque and the friction of the tick before. This torque includes everything that the arm
+carries, unlike the model's own rigid-body torque. On the UR10e with a payload, the force error at
+the flange is 3.6 4.4 5.6 N with the former and 6.6 7.5 6.9 N with the latter. At a tick, tau_f also
 does not depend on the motor torque commanded at that tick. |load| < 1 keeps this recursion stable.
 
-**Beyond the speed that was fitted** the part that depends on velocity alone, viscous v + cubic v^3,
-goes on along its tangent, whose slope is not let fall below zero: a cubic term runs away (the
-UR10e's third joint at 1.6 rad/s, fitted up to 1.1: error 1.8 N m with the cubic, 1.0 with the
-tangent).
+**Beyond the fitted speed** the part that depends on velocity alone, viscous v + cubic v^3, is
+continued along its tangent, with a slope of at least zero. A cubic term would grow too fast: for
+the UR10e's third joint at 1.6 rad/s, fitted up to 1.1, the error is 1.8 N m with the cubic and 1.0
+with the tangent.
 
-**Displacement, tick by tick,** is not the difference of two rounded positions: an encoder that
-steps by .1 mrad would throw an element that slides after .1 mrad from end to end. Position follows
+**The displacement of a tick** is not the difference of two rounded positions. An encoder with steps
+of .1 mrad would move an element that slides after .1 mrad from end to end. Position follows
 velocity and stays within the interval that the rounded one allows,
 
     p <- clip(p + v dt, q - resolution / 2, q + resolution / 2),    dq = change of p
 
 a continuous function of q and v; with resolution 0 it is q. Slip relaxes with the time constant
-RELAXATION: vibration and the controller release what a joint kept when it stopped. At rest on the
-UR10e the true slip (motor torque minus gravity over the band) has an rms of .45 whatever the law
-remembers; memory helps for less than about a second.
+RELAXATION: vibration and the controller release the torque that a joint kept when it stopped. At
+rest on the UR10e the true slip (motor torque minus gravity, over the band) has an rms of .45 for
+any memory of the law. Memory helps for less than about a second.
 """
 
 from dataclasses import dataclass, replace

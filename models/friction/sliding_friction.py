@@ -2,8 +2,8 @@
 
 Lubricant and temperature move a joint's viscous friction by tens of per cent and its Coulomb
 friction by a few, while the law's shape stays. Every friction law here is linear in these three
-numbers per joint, also with a network near zero velocity, which is shifted to meet the law at its
-edges.
+numbers per joint. This includes a law with a network near zero velocity, since the network is
+shifted to meet the law at its edges.
 """
 
 from dataclasses import replace

@@ -1,7 +1,7 @@
 """The kernels of `presliding_friction`: slip elements with Stribeck, load and cubic terms.
 
-They are the kernels of every law of this room: a law without memory has no rows of state, so that
-they return at once, and one compiled estimator serves all.
+All laws of this room use these kernels. A law without memory has no rows of state, so that the
+kernels return at once. One compiled estimator therefore serves all laws.
 """
 
 from typing import Any, NamedTuple
@@ -106,10 +106,10 @@ def add_slip_torque(table: Array, state: Array, q: Array, v: Array, tau_f: Array
 
 @kernel
 def update_slip(table: Array, state: Array, q: Array, v: Array, transmitted: Array) -> None:
-    """Single-sample kernel: takes a sample into `state`, in place.
+    """Single-sample kernel: updates `state` with a sample, in place.
 
-    A value that is not finite leaves its part of the state as it was: the displacement over a gap
-    counts when the next position comes.
+    A value that is not finite leaves its part of the state unchanged. The displacement over a gap
+    is added when the next position arrives.
 
     Args:
         table: `FrictionLaw.slip_table`.

@@ -76,9 +76,9 @@ class SemiParametricFriction:
 
     (Lu et al., eq. 12). A network trained near zero meets the other law at +-v_crit only by
     chance, and a jump there is a jump of the estimated force. With handover "continuous", bias and
-    slope are the affine correction that makes both meet at +v_crit and at -v_crit; with
-    "literal" they are zero, as printed. Without networks, or where v_crit is zero, the law is
-    Coulomb-viscous at every velocity.
+    slope are the affine correction with which both parts meet at +v_crit and at -v_crit. With
+    "literal" they are zero, as in the article. Without networks, or where v_crit is zero, the law
+    is Coulomb-viscous at every velocity.
 
     Attributes:
         coulomb_viscous: the law outside the near-zero interval.
@@ -192,7 +192,7 @@ class SemiParametricFriction:
         return np.zeros((0, self.num_joints))
 
     def torque_along(self, q: Array, v: Array, load: Array) -> Array:
-        """tau_f (N, n) in N m along a log; position and load play no part."""
+        """tau_f (N, n) in N m along a log; independent of position and load."""
         return self.torque(v)
 
     def torque(self, v: ArrayLike) -> Array:

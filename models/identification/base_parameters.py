@@ -7,8 +7,8 @@ or depend on each other. With W1 a largest set of independent columns and W2 = W
 
 so that the motion determines the base parameters x1 + K x2 and no more (Gautier, "Numerical
 calculation of the base inertial parameters of robots", 1991). Rank and K come from a QR
-factorisation with column pivoting of W with columns scaled to unit length: without the scaling, the
-choice of units would decide what counts as determined.
+factorisation of W with column pivoting. The columns are scaled to unit length. Otherwise the choice
+of units would decide which parameters count as determined.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ class BaseParameters:
 
 
 def triangular_factor(W: Array) -> Array:
-    """Returns R (min(m, p), p) with R^T R = W^T W for W (m, p): all that the fit needs of W."""
+    """Returns R (min(m, p), p) with R^T R = W^T W for W (m, p): all that the fit needs from W."""
     return np.asarray(qr(W, mode="r", check_finite=False)[0][: min(W.shape)])
 
 

@@ -13,7 +13,7 @@ from wrenchsight.models.signals.exceedance_tail import ExceedanceTail
 
 @dataclass
 class ContactNoise:
-    """Learnt from the same held-out readings as the torque error.
+    """Contact noise, learnt from the same held-out readings as the torque error.
 
     `wrenchsight.models.detection.contact_statistic` defines the statistics.
     """

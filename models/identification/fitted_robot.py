@@ -16,7 +16,7 @@ _TOLERANCE = 1e-6  # of a number: YAML keeps what a person wrote
 
 @dataclass
 class FittedRobot:
-    """The keys of a robot.yaml that the numbers of a model rest on."""
+    """The keys of a robot.yaml on which the numbers of a model depend."""
 
     torque_per_ampere: list[float] = field(default_factory=list)  # N m/A on the joint side
     current_sign: list[float] = field(default_factory=list)  # +1 or -1

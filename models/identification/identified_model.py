@@ -1,8 +1,8 @@
 """The identified model of a robot, and its file `model.yaml`.
 
-It holds what the estimator needs and no URDF states reliably: inertial parameters, reflected rotor
-inertia, friction, and the covariance of what the model leaves unexplained. The file (`model.yaml`)
-is YAML with every number written so that it reads back bit for bit.
+It holds the parameters that the estimator needs and that no URDF states reliably: inertial
+parameters, reflected rotor inertia, friction, and the covariance of the model's residual. The file
+(`model.yaml`) is YAML with every number written so that it reads back bit for bit.
 """
 
 from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass, replace
@@ -55,7 +55,7 @@ class LogSource:
 
 @dataclass
 class FrictionSource:
-    """A recording from which friction was found anew; changes and their sds, one a joint."""
+    """A recording from which friction was refreshed; changes and their sds, one per joint."""
 
     log: LogSource = field(default_factory=LogSource)
     further: list[LogSource] = field(default_factory=list)  # more logs, together with that one
@@ -113,7 +113,7 @@ class _NetworksBlock:
 
 @dataclass
 class _PreslidingBlock:
-    """What `PreslidingFriction` adds; coulomb then belongs to the slip elements."""
+    """Additional keys of `PreslidingFriction`; coulomb then belongs to the slip elements."""
 
     stribeck: list[float] = field(default_factory=list, metadata=REQUIRED)
     stribeck_velocity: list[float] = field(default_factory=list, metadata=REQUIRED)
@@ -121,7 +121,7 @@ class _PreslidingBlock:
     cubic: list[float] = field(default_factory=list, metadata=REQUIRED)
     weight: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
     displacement: list[list[float]] = field(default_factory=list, metadata=REQUIRED)
-    speed_limit: list[float] | None = None  # rad/s; beyond, the law goes on along its tangent
+    speed_limit: list[float] | None = None  # rad/s; beyond it the law continues along its tangent
 
 
 def _in_file(attribute: Field[Any]) -> tuple[str, Any, Any]:
@@ -159,7 +159,7 @@ class _FrictionBlock:
 
 @dataclass
 class _ModelFile:
-    """What model.yaml holds, key by key."""
+    """The content of model.yaml, key by key."""
 
     format: str = field(default="", metadata=REQUIRED)
     version: int = field(default=0, metadata=REQUIRED)

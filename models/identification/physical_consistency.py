@@ -12,8 +12,8 @@ is positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and Automation
 
 with A, b the weighted rows, reduced to a triangle (QR) so that the size of the semidefinite program
 does not depend on the logs' length. The second term is a Gaussian prior about the values of the
-robot's files, with a sd of one spread (as much as a link's whole mass). It decides what the data do
-not determine, and is negligible beside thousands of rows in units of their sd. Friction and
+robot's files. Its sd is one spread, which is as much as a link's whole mass. It decides what the
+data do not determine, and is negligible beside thousands of rows in units of their sd. Friction and
 rotor inertia, which few files state, have almost no prior.
 """
 

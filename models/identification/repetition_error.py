@@ -8,16 +8,17 @@ differs between the two cycles beside the contact:
 **noise** is that of the currents, and friction that wanders. It is measured on another motion, done
 twice without contact, as slow as the task.
 
-**slip** is friction that a contact force reverses. A drive gives way to a push by some tenths of a
-milliradian: a joint that moves slowly, or rests, is led the other way for a while, and its friction
-is then not that of a cycle ago. Both cycles' encoders show where: with the slip
+**slip** is friction that a contact force reverses. A drive yields to a push by some tenths of a
+milliradian. A joint that moves slowly, or rests, is then pushed the other way for a while. Its
+friction differs from that of the cycle before. The encoders of both cycles show where: with the
+slip
 
     z <- clip(z + dq / reach, -1, 1)
 
-friction is level z to a first approximation, and the cycles differ by LP(level (z_before - z_now)),
-with LP the low-pass that eq. 4's torque has passed. Where the cycles move alike it vanishes,
-through turns as well. No log of the arm tells `reach` sharply, and a real joint has elements of
-several: slip^2 is the mean over REACHES, half a decade apart.
+friction is level z to a first approximation. The cycles differ by LP(level (z_before - z_now)),
+where LP is the low-pass that eq. 4's torque has passed. Where the cycles move alike it vanishes,
+also through turns. No log of the arm determines `reach` sharply, and a real joint has elements of
+several reaches: slip^2 is the mean over REACHES, half a decade apart.
 
 **read_load** states friction that grows with the load, N m per N m; no contact-free log has it.
 """

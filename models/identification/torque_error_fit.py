@@ -224,7 +224,7 @@ def most_likely(F: Array, e: Array) -> Array:
 
 @kernel
 def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slope: Array) -> float:
-    """The sum at the top of this file, its sign turned; writes its slope (M,) in c.
+    """The sum at the top of this file with opposite sign; writes its slope (M,) in c.
 
     Args:
         A: (N, M), features.
@@ -262,8 +262,8 @@ def _minus_log_likelihood(A: Array, fixed: Array, squares: Array, c: Array, slop
 def _correlation(scaled: Sequence[Array]) -> Array:
     """(n, n) correlation that the readings agree on, positive definite.
 
-    It is shrunk by 2 %, so that it has an inverse where two joints have equal errors, and further
-    where the correlations of pairs contradict each other.
+    It is shrunk by 2 %, so that it has an inverse even if two joints have equal errors. It is
+    shrunk further if the correlations of pairs contradict each other.
     """
     correlations = np.stack(
         [_correlation_of_reading(errors) for errors in scaled if len(errors) > 0]
@@ -289,8 +289,8 @@ def _correlation_of_reading(scaled: Array) -> Array:
 def _averaging(scaled: Sequence[Array], time_step: float) -> tuple[Array, Array]:
     """Share of correlated error and correlation time (n,) each, from means over WINDOWS.
 
-    V(tau) = b + (1 - b) g(tau / T), with g of `averaged_share`, by least squares of the logarithm
-    on a grid; windows longer than half of the shortest log are left out.
+    V(tau) = b + (1 - b) g(tau / T), with g of `averaged_share`, is fitted by least squares of the
+    logarithm on a grid. Windows longer than half of the shortest log are left out.
     """
     n = scaled[0].shape[1]
     power = np.mean(np.vstack(scaled) ** 2, axis=0)

@@ -1,8 +1,8 @@
 """Torque error model: sd of the external torque that an observer reads, joint by joint.
 
-The reading without contact is neither white nor constant. The error of a sliding
-joint is small, that of a reversing joint lasts until its slip has turned over, and a joint at rest
-carries any torque within its stiction band, whatever the environment does. Per joint
+The reading without contact is neither white nor constant. The error of a sliding joint is small.
+The error of a reversing joint lasts until its slip has reversed. A joint at rest carries any torque
+within its stiction band, whatever the environment does. Per joint
 
     sd^2 = constant^2 + (speed v)^2 + (load L)^2 + (acceleration a)^2    fitted to held-out motion
          + unknown^2 + reversal^2 turning^2                              stiction
@@ -14,29 +14,29 @@ carries any torque within its stiction band, whatever the environment does. Per 
     unknown = LP(level sqrt(w / 3))                 uniform over the band, for a share w
     turning = LP(level (1 - z^2) (1 - w))           between two directions
 
-with L the torque that the gear transmitted at the tick before, a = K_0 (v - LP v), tau_v the law's
-viscous torque and e_v, e_L speed and load beyond the fitted range. LP is the observer's
-low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does.
-The state of the slip follows displacement, not speed:
+L is the torque that the gear transmitted at the tick before, and a = K_0 (v - LP v). tau_v is the
+law's viscous torque. e_v and e_L are speed and load beyond the fitted range. LP is the observer's
+low-pass K_0 / (s + K_0): a short error fades from the reading as slowly as a force does. The state
+of the slip follows displacement, not speed:
 
     w <- (1 - (1 - w) (1 - g + g exp(-2 dt / rest_time))) exp(-|dp| / reach)
     z <- clip(z + dp / reach, -1, 1)
 
-so that w grows to 1 at rest and falls to 0 where the joint slides; with g = 1 a joint that creeps
-keeps a share of about 2 reach / (rest_time |v|). `resting_only` lets it grow at rest alone,
-g = exp(-(v rest_time / reach)^2), for joints that slide slowly all the time, as in machining.
-dp is the displacement within the encoder's rounding (`models.friction.presliding_friction`): a step
-of it at rest moves nothing, and all is continuous in q and v.
+so that w grows to 1 at rest and falls to 0 where the joint slides. With g = 1 a joint that creeps
+keeps a share of about 2 reach / (rest_time |v|). With `resting_only` w grows only at rest, g =
+exp(-(v rest_time / reach)^2), for joints that slide slowly all the time, as in machining. dp is the
+displacement within the encoder's rounding (`models.friction.presliding_friction`). An encoder step
+at rest therefore moves nothing, and everything is continuous in q and v.
 
-rest_time and reach are constants, the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
-the UR10e's three runs, each read causally by a model of the others. `unknown` has no fitted factor:
-given one, it comes out between .8 and 1.25 on all six joints. Those runs hold reversals only; it
-also holds for longer rests. An encoder whose noise at rest adds up to `reach` within `rest_time`
-would hide that the joint rests: its resolution must cover that noise. Joints' errors correlate by
-less than .1 but for joints 2 and 3 (.18).
+rest_time and reach are constants: the most likely ones of a grid (.1 to 2 s, .1 to .8 mrad) over
+the UR10e's three runs. Each run was read causally by a model of the others. `unknown` has no fitted
+factor: such a factor would be between .8 and 1.25 on all six joints. Those runs contain reversals
+only, but the model also holds for longer rests. An encoder whose noise at rest adds up to `reach`
+within `rest_time` would hide that the joint rests: its resolution must cover that noise. The errors
+of two joints correlate by less than .1, except for joints 2 and 3 (.18).
 
-The sds are of one K_0; the smooth part of the error, with correlation time T, passes a low-pass
-with the share K_0 T / (1 + K_0 T) of its variance, which converts them to another K_0.
+The sds belong to one K_0. The smooth part of the error has the correlation time T, and passes a
+low-pass with the share K_0 T / (1 + K_0 T) of its variance. This converts the sds to another K_0.
 
 **Assumed, not measured,** and so stated in the model's file: `drift`, because viscous friction
 differs by about 5 % between days of the same month (and by 35 % over a season: refresh the model).
@@ -376,7 +376,7 @@ def initial_torque_error_state(num_joints: int) -> Array:
 
 @kernel
 def _advance(table: Array, state: Array, i: int, q: float, v: float) -> None:
-    """Takes joint i's q and v into its state; without a finite pair the state stays."""
+    """Updates joint i's state with its q and v; without a finite pair the state stays."""
     if not (np.isfinite(q) and np.isfinite(v)):
         return
     row = table[i]
@@ -447,7 +447,7 @@ def torque_sd_tick(
     stiction: Array,
     drift: Array,
 ) -> None:
-    """Single-sample kernel: takes a motion into `state` and writes the sds after it.
+    """Single-sample kernel: updates `state` with a motion and writes the sds after it.
 
     A joint whose q or v is not finite keeps its state and has the sd of a joint at rest.
 
@@ -483,7 +483,7 @@ def torque_sd_tick(
 
 @kernel
 def take_transmitted(state: Array, tau_J: Array, tau_f: Array) -> None:
-    """Takes L = tau_J - tau_f and tau_J, (n,) N m, for the next sample, where they are finite."""
+    """Stores L = tau_J - tau_f and tau_J, (n,) N m, for the next sample, where they are finite."""
     for i in range(tau_J.shape[0]):
         transmitted = tau_J[i] - tau_f[i]
         if np.isfinite(transmitted):

@@ -2,13 +2,13 @@
 
     tau = Y(q, v, vdot) pi + diag(vdot) rotor + diag(sgn v) coulomb + diag(v) viscous + offset
 
-With n joints there are 14 n parameters x: ten inertial ones per moving link (order of
+With n joints there are 14 n parameters x. First come ten inertial ones per moving link (order of
 `SerialChain.inertial_parameters`), then rotor inertia, Coulomb, viscous and offset for each joint.
 Other friction laws put other terms in the place of the last three
 (`wrenchsight.models.friction.friction_structure`).
 
-Where motors move several joints, all of this is written for the motors: row k is C^T times the
-joints' rows, and rotor inertia and friction are those of motor k at its own speed
+If motors move several joints, all of this is written for the motors. Row k is then C^T times the
+joints' rows. Rotor inertia and friction are those of motor k at its own speed
 (`wrenchsight.models.robot.coupling`).
 
 A log enters as one triangular factor per joint, R^T R = [W tau]^T [W tau]. Everything after (rank,

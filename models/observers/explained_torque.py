@@ -1,20 +1,19 @@
 """The test whether any wrench at E explains the observed torque.
 
-With errors of covariance Sigma, and a wrench at E of zero mean and the live prior's covariance P,
-tau_ext has the covariance Sigma + J^T P J, and
+Let the torque error have the covariance Sigma, and a wrench at E zero mean and the live prior's
+covariance P. tau_ext then has the covariance Sigma + J^T P J, and
 
     D = tau_ext^T (Sigma + J^T P J)^-1 tau_ext
 
-the size n on average. Sigma is that of the torque error model, with an error in proportion to what
-is read on top (`scale`). Where sqrt(D) is above BEYOND, the torque is further than that many sds
-from all that model and prior stand for. Nothing is known then of a wrench at E: a current has
-another sign or size than it should, the force acts far off E, or it is beyond what the arm is
-made for (BEYOND live sds are three times the rated payload's weight, for a force alone). Such a
-reading is not valid, nor are those after it until sqrt(D) has been below WITHIN for QUIET: a wrong
-signal crosses what it should be again and again.
+is n on average. Sigma is that of the torque error model, plus an error in proportion to the reading
+(`scale`). Where sqrt(D) is above BEYOND, model and prior do not explain the torque. The wrench at E
+is then unknown: a current has the wrong sign or size, the force acts far from E, or it is beyond
+the arm's rating. For a force alone, BEYOND live sds are three times the rated payload's weight.
+Such a reading is not valid. Neither are those after it, until sqrt(D) has been below WITHIN for
+QUIET: a wrong signal crosses its right value again and again.
 
-The bounds were set on the UR10e's three fitted runs, where sqrt(D) of valid readings stays below
-WITHIN. What a wrong current reads below them is no larger than a force could be.
+The bounds were chosen on the UR10e's three fitted runs, where sqrt(D) of valid readings stays below
+WITHIN. Below these bounds, the error from a wrong current is no larger than a possible force.
 """
 
 import numpy as np
@@ -30,7 +29,7 @@ BEYOND = 6.0
 WITHIN = 3.0
 QUIET = 0.1  # s
 _BLOCK = 4096  # rows a thread takes at a time
-_LARGEST_SD = 1e6  # N or N m; stands for a prior that knows nothing
+_LARGEST_SD = 1e6  # N or N m; stands for no prior
 
 # Of the table: these numbers, then the joints' correlation, flat.
 _MOMENT_VARIANCE, _FORCE_VARIANCE, _SCALE2, _PERIOD, _BEYOND2, _NUMBERS = range(6)
@@ -48,8 +47,8 @@ def explained_table(
 
     Args:
         correlation: (n, n) of the joints' errors.
-        moment_sd, force_sd: N m and N of the live prior; None: nothing is known.
-        scale: share of what is read.
+        moment_sd, force_sd: N m and N of the live prior; None: no prior.
+        scale: relative sd of the reading's scale.
         time_step: s.
         bound: see above; inf: any torque is explained.
     """

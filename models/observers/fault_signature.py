@@ -1,29 +1,31 @@
 """The test whether the observed torque is the signature of a wrong signal rather than of a contact.
 
 Any torque on six joints is that of some wrench at E. But a wrong signal leaves a trace that a
-contact hardly ever does. With z = tau_ext / sd, joint by joint,
+contact hardly ever leaves. With z = tau_ext / sd, joint by joint,
 
     one current wrong      z lies along the torque of that motor alone
     two exchanged          z lies along one ampere more in one motor and one less in another
     all late by d          z is need(t) - need(t - d), where need = tau_J + tau_ext is the torque
                            that an arm that nothing touches takes
 
-z lies along such a line where |z|^2 > LOADED n, and what is left of it beside the line is below
-ALONE n and ALONE_SHARE of it. Late currents are told by means over LATE_TIME: with need seen
-through one pole of LATENESS and through two, a (need - once) + b (once - twice) is LATE_SHARE of
-|z|^2, and a and b are those of a delay of .1 to .5 s, within LATE_SUM and LATE_SECOND.
+z lies along such a line where |z|^2 > LOADED n and its part beside the line is below ALONE n and
+ALONE_SHARE of it. Late currents are recognised by means over LATE_TIME. `once` and `twice` are need
+behind one and two low-passes of time constant LATENESS. a (need - once) + b (once - twice) must be
+LATE_SHARE of |z|^2. a and b must be those of a delay of .1 to .5 s, within LATE_SUM and
+LATE_SECOND.
 
 Suspicion is counted in seconds, up to MOST. From REPORTED on a reading is not valid, unless it is
-free: |z|^2 < FREE n, as without any contact or fault. Suspicion falls as fast as it rose while z
-lies on none of these lines, as in a contact, and by FORGOTTEN of the time while readings are free.
+free of force: |z|^2 < FREE n, as without any contact or fault. While z lies on none of these lines,
+as in a contact, suspicion falls as fast as it rose. While readings are free, it falls by FORGOTTEN
+of the time.
 
-Where samples were beyond what joints can do for LOST_TIME, the arm is not believed as soon as they
-are possible again: two joints exchanged, or an encoder that slipped, leave possible numbers behind.
-Until there have been PROBATION seconds of free readings no other is valid.
+After samples beyond the joints' limits for LOST_TIME, readings are not valid as soon as samples are
+possible again: two exchanged joints, or an encoder that slipped, give possible numbers. Until there
+have been PROBATION seconds of free readings, only these are valid.
 
-Not detected are faults with another trace: a fault while something pushes, one below LOADED, a
-wrong position without a jump. The numbers were settled on motions of a simulated and of the real
-UR10e; the other half of them served to check.
+Faults with another trace are not detected: a fault while something pushes, one below LOADED, a
+wrong position without a jump. The constants were chosen on one half of the motions of a simulated
+and of the real UR10e, and checked on the other half.
 """
 
 import numpy as np
@@ -60,7 +62,7 @@ def fault_table(
         torques: (n, n) N m on the joints, a row for one ampere in each motor.
         K_0: (n,) 1/s of the observer; None for one without such a lag: lateness is not looked for.
         time_step: s.
-        has_sd: whether sds are known; if not, every reading is believed.
+        has_sd: whether sds are known; if not, no reading is rejected.
     """
     torques = np.atleast_2d(np.asarray(torques, float))
     n = len(torques)
@@ -73,7 +75,7 @@ def fault_table(
 
 
 def initial_fault_state(num_joints: int) -> Array:
-    """Returns the state before the first sample: nothing is suspected, no torque known."""
+    """Returns the state before the first sample: no suspicion, no torque."""
     state = np.zeros(FAULT_NUMBERS + FAULT_ROWS * num_joints)
     state[FAULT_NUMBERS:] = np.nan
     return state
@@ -89,7 +91,7 @@ def is_believed(
     is_measured: bool,
     is_implausible: bool,
 ) -> bool:
-    """Whether a reading may be valid; takes the reading into `state`.
+    """Whether a reading may be valid; updates `state` with the reading.
 
     Args:
         table: of `fault_table`.

@@ -1,8 +1,8 @@
 """Kernels of a fixed-interval smoother: a Kalman filter forward, its adjoint backward.
 
-The equations are those of `models.estimation.smoothing`; z = [p, F, x, beta] of size M = 3 n + 6
-has the parts of `models.observers.kalman_observer`, and beta. Where F is thought to change, its
-noise grows. The adjoint gives the evidence for such a change (`models.observers.force_changes`).
+The equations are those of `models.estimation.smoothing`. z = [p, F, x, beta] of size M = 3 n + 6
+has the states of `models.observers.kalman_observer`, and beta. Where F may change, its noise grows.
+The adjoint gives the evidence for such a change (`models.observers.force_changes`).
 
 A torque d(t) of one joint that the model does not have changes the reading by some dF(t). Both
 passes are linear in the samples, and the gains do not depend on them. So dF follows from the same

@@ -1,26 +1,27 @@
 """A log's wrench by fixed-interval smoothing, with the times at which a force comes or goes.
 
-The model of `models.observers.kalman_observer` lets a force walk. One that begins or ends, as a
-push does, is no walk: smoothing rounds its edges off and states an sd that ignores them. So the
-log is smoothed more than once. The smoother's adjoint of the samples from k + 1 on, lambda and
-Lambda (`models.estimation.smoothing`), tells how well a change of F after sample k explains them.
-With the covariance D of that change, all samples would be
+In the model of `models.observers.kalman_observer` a force is a random walk. A force that begins or
+ends, such as a push, is not: smoothing rounds its edges off and states an sd that ignores them. The
+log is therefore smoothed more than once. The smoother's adjoint of the samples from k + 1 on is
+lambda and Lambda (`models.estimation.smoothing`). It states how well a change of F after sample k
+explains them. With the covariance D of that change, all samples would be
 
     B = exp((d^T (1 + S)^-1 d) / 2) det(1 + S)^-1/2,   d = D^1/2 lambda,   S = D^1/2 Lambda D^1/2
 
-times likelier (lambda, Lambda: the parts of F; de Jong and Penzer, "Diagnosing shocks in time
-series", JASA 93(442), 1998, whose statistic lambda^T Lambda^-1 lambda this is for an unbounded D).
-D is the live prior's variance, as for the observer. As B is 1 on average where the model holds, it
-is more than 1 / CHANGE_ODDS by chance at no more than CHANGE_ODDS of the samples (Markov). Where it
-is more and nowhere greater within the longest of CHANGE_TIMES, F changes. The time is as sure as B
-is narrow: with one change there and no time preferred, it lies at k with a probability in
-proportion to B_k. Each sample gains that share of D. A walk through two levels by such shares has
-the variance of a reading that does not know which of them it is at.
+times likelier, with the parts of lambda and Lambda that belong to F. For an unbounded D this is the
+statistic lambda^T Lambda^-1 lambda of de Jong and Penzer, "Diagnosing shocks in time series", JASA
+93(442), 1998. D is the live prior's variance, as for the observer. B is 1 on average where the
+model holds. By chance it is more than 1 / CHANGE_ODDS at no more than CHANGE_ODDS of the samples
+(Markov). A change of F is placed where B is more than that and has its maximum within the longest
+of CHANGE_TIMES. The width of B states how well the time is known: with a single change and no
+preferred time, it lies at k with a probability in proportion to B_k. That share of D is added to
+the variance of each sample. The variance is then that of a reading for which it is unknown on which
+side of the change it lies.
 
-A wrong sample, or a blow, is no force that stays: the momentum changes at once, and may do so in
-any joint. The evidence for that is lambda^T Lambda^-1 lambda / 2 with the parts of p, against
-d^T (1 + S)^-1 d / 2. Where it is greater within the shortest of CHANGE_TIMES, for the number of
-parameters that each fits (Akaike, IEEE TAC 19(6), 1974), F is left as it is.
+A wrong sample or a blow is not a lasting force: the momentum changes at once, in any joint.
+The evidence for this is lambda^T Lambda^-1 lambda / 2 with the parts of p. It is compared
+with d^T (1 + S)^-1 d / 2, given the number of parameters that each fits (Akaike, IEEE TAC 19(6),
+1974). Where it is greater within the shortest of CHANGE_TIMES, F is not changed.
 
 The next pass sees the remaining changes, as one beside a larger one. At most PASSES - 1 times
 changes are added. A log without any is read in one pass.
@@ -82,7 +83,7 @@ class ChangeSearch(NamedTuple):
 
 
 class ProportionalError(NamedTuple):
-    """Errors of a joint in proportion to the torque that is read, N m per N m.
+    """Errors of a joint in proportion to the measured torque, N m per N m.
 
     Attributes:
         gain: of the torque itself, as by a torque per ampere that is off.
@@ -94,7 +95,7 @@ class ProportionalError(NamedTuple):
 
 
 def _copied(state: FilterState) -> FilterState:
-    """A copy of the state, which the next sample leaves as it is."""
+    """A copy of the state, which the next sample does not change."""
     z, P, running, previous_smooth = state
     return FilterState(z.copy(), P.copy(), running.copy(), previous_smooth.copy())
 

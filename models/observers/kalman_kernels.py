@@ -199,7 +199,7 @@ def kalman_wrench(
 
 @kernel
 def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
-    """Takes a sample into `state`, in place; see `observer`.
+    """Updates `state` with a sample, in place; see `observer`.
 
     A sample that is not finite is not measured; the one after it starts the momentum again.
     """
@@ -256,7 +256,7 @@ def kalman_update(table: Array, state: Array, signals: Array, J: Array) -> None:
 
 @kernel
 def _begin(t: KalmanTable, s: KalmanState) -> None:
-    """Writes the state of a filter that has read nothing yet."""
+    """Writes the state of a filter before its first sample."""
     n = t.mixing.shape[0]
     s.x[:], s.P[:], s.C[:], s.sums[:], s.status[1] = 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(6):
@@ -280,7 +280,7 @@ def _whitened_innovation(s: KalmanState, rounding: Array, arrived: Array) -> Arr
 
 @kernel
 def _sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
-    """Takes a whitened innovation (n,) into `sums` (SUMS, n), in place.
+    """Updates `sums` (SUMS, n) with a whitened innovation (n,), in place.
 
     Returns:
         The largest |sum|^2. Each sum has the covariance 1 where the model holds.
@@ -298,7 +298,7 @@ def _sum_innovations(numbers: Array, sums: Array, whitened: Array) -> float:
 
 @kernel
 def _innovation_factor(s: KalmanState, rounding: Array, L: Array) -> None:
-    """Writes the lower triangle L (n, n) of the coming innovation's covariance L L^T."""
+    """Writes the lower triangle L (n, n) of the next innovation's covariance L L^T."""
     n = L.shape[0]
     for i in range(n):
         for j in range(i + 1):
@@ -337,7 +337,7 @@ def error_parts(t: KalmanTable, previous_smooth: Array, signals: Array, parts: E
 
 @kernel
 def _measure(s: KalmanState, rounding: Array, arrived: Array) -> None:
-    """Takes y into x, P and C by the gain, in place (Joseph's form, as the gain is C's too)."""
+    """Updates x, P and C with y, in place (Joseph's form, since the gain also depends on C)."""
     x, gain, P, C = s.x, s.gain, s.P, s.C
     N, n = gain.shape
     innovation = np.empty(n)
@@ -390,7 +390,7 @@ def renew(decay: Array, mixing: Array, x: Array, P: Array) -> None:
 
 @kernel
 def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> None:
-    """Takes x, P and C over a period, in place; u is added elsewhere."""
+    """Propagates x, P and C over a period, in place; u is added elsewhere."""
     x, P, C, T = s.x, s.P, s.C, t.numbers[PERIOD]
     n = J.shape[1]
     N = 2 * n + 6
@@ -437,7 +437,7 @@ def _advance(t: KalmanTable, s: KalmanState, J: Array, error: ErrorParts) -> Non
 
 @kernel
 def _find_gain(s: KalmanState, rounding: Array) -> None:
-    """Writes the gain of the coming sample."""
+    """Writes the gain of the next sample."""
     N, n = s.gain.shape
     L = np.empty((n, n))
     _innovation_factor(s, rounding, L)

@@ -1,57 +1,59 @@
 """A Kalman filter of the momentum with wrench and torque error as states.
 
-Momentum obeys d/dt p = u + tau, with u = tau_J - tau_f + CTv - G. In what the model does not
-explain, tau = J^T F + e, the wrench F is separated from the torque error e by what is known of both
-(Wahrburg et al., "Motor-current-based estimation of Cartesian contact forces and torques for
-robotic manipulators and its application to force control", IEEE T-ASE 15(2), 2018, whose states are
-p and F; the error's states are those of the model's own torque error):
+Momentum obeys d/dt p = u + tau, with u = tau_J - tau_f + CTv - G. The torque that the model does
+not explain is tau = J^T F + e. The filter separates the wrench F from the torque error e by the
+statistics of both. The states p and F are those of Wahrburg et al., "Motor-current-based estimation
+of Cartesian contact forces and torques for robotic manipulators and its application to force
+control", IEEE T-ASE 15(2), 2018. The error's states are those of the model's torque error:
 
     p_k+1 = p_k + T (u + J^T F + s x + b beta) + w,   y_k = p_k + r      n each, N m s
     F_k+1 = a F_k + ...                               first-order prior, see below
     x_k = a_x x_k-1 + ...                             error's smooth part, of sd 1
     beta                                              slow bias of sd 1, constant
 
-x lasts the error's correlation time T_c where a joint moves, and for as long as a joint rests:
+The correlation time of x is T_c where a joint moves, and infinite while a joint rests:
 a_x = exp(-g T / T_c) r, with g the share of s^2 that is not stiction. Where s changes by a factor,
-x is renewed in part, r = min(s' / s, s / s'). Otherwise the filter would
-believe that it can tell a constant error of a joint at rest from a force: s varies there by an
-encoder's step, a constant does not.
+x is renewed in part, r = min(s' / s, s / s'). Otherwise the filter would wrongly separate a
+constant error of a joint at rest from a force, since s varies there by an encoder's step and a
+constant does not.
 
-The torque error model (`models.identification.torque_error_model`) states the sd of what an
-observer with pole K_0 reads where nothing touches the arm: sd^2 = moving^2 + stiction^2 + slow^2,
+The torque error model (`models.identification.torque_error_model`) states the sd of an observer's
+output, with pole K_0, where nothing touches the arm. It is sd^2 = moving^2 + stiction^2 + slow^2,
 sample by sample. A share WHITE_SHARE of moving^2 is white torque noise w, of density 2 / K_0 times
-it; the rest and stiction are smooth, s^2 = (1 - share) (1 + K_0 T_c) / (K_0 T_c) moving^2 +
-stiction^2: behind K_0 both together have the stated variance again. The slow part b, drift of the
-viscous friction and what `lasting` says, is never estimated (a force that stays would be taken for
-it) but counts in gain and covariance (Schmidt, 1966):
+it. The remainder and stiction are smooth, s^2 = (1 - share) (1 + K_0 T_c) / (K_0 T_c) moving^2 +
+stiction^2. Behind K_0 both together have the stated variance again. The slow part b is the drift of
+the viscous friction plus `lasting`. It is a considered parameter (Schmidt, 1966): it is not
+estimated, since a lasting force would be taken for it, but counts in gain and covariance:
 
     P   covariance of the error without it,     C   what beta = 1 adds to the error
     gain = (P + C C^T) H^T (H (P + C C^T) H^T + R)^-1,   Sigma_F = (P + C C^T) of F
 
-An innovation whose square (over its covariance) one sample in a million has by chance contradicts
-the model, as where a large push begins or a fault of the drives ends. P then grows until the
-innovation is just possible, by at most MOST_DOUBT. Earlier samples count for less, and the sd
-grows.
+An innovation contradicts the model if its square over its covariance occurs by chance in one sample
+of a million. This happens where a large push begins or a fault of the drives ends. P then grows
+until the innovation is just possible, by at most MOST_DOUBT. Earlier samples then count for less,
+and the sd grows.
 
-A force that begins or ends, as a push does, is no walk either. One innovation shows little of it:
-the less, the shorter the period. Sums of them do. With L L^T its covariance the model's
-L^-1 (y - p) is white, of covariance 1. For any time t the sum s has the covariance 1 as well:
+A force that begins or ends, such as a push, is not a random walk either. One innovation shows
+little of it: the less, the shorter the period. Sums of innovations show it. With L L^T the
+innovation's covariance, L^-1 (y - p) of the model is white, of covariance 1. For any time t the sum
+s has the covariance 1 as well:
 
     s <- a s + sqrt(1 - a^2) L^-1 (y - p),   a = exp(-T / t),   t in CHANGE_TIMES
 
-Where |s|^2 of any of them is one that CHANGE_ODDS of the samples exceed by chance, a force of the
-live prior's size may have come or gone (Willsky and Jones, "A generalized likelihood ratio approach
-to the detection and estimation of jumps in linear systems", IEEE TAC 21(1), 1976): its variance is
-added to that of F, and the sums begin anew. Until the sums show the change, the band does not hold
-the force. An error beyond the model triggers it, too: the reading is less sure then, and noisier.
+Each |s|^2 has a threshold that CHANGE_ODDS of the samples exceed by chance. Where one exceeds it, a
+force of the live prior's size may have begun or ended (Willsky and Jones, "A generalized likelihood
+ratio approach to the detection and estimation of jumps in linear systems", IEEE TAC 21(1), 1976).
+Its variance is then added to that of F, and the sums start anew. Until the sums show the change,
+the band does not contain the force. An error beyond the model triggers this, too: the reading then
+has a larger sd and more noise.
 
-After as many lost samples in a row as it takes to settle the filter begins anew.
+After as many lost samples in a row as the filter needs to settle, it starts anew.
 
-How fast a force may change does not depend on what a log is thought to hold: its variance grows by
-4 pi f sd^2 a second, with the live prior's sd and f = `bandwidth_hz`, the corner of a force of that
-size. How large it may be is the reading's own prior: a = exp(-2 pi f T) where both are the same,
-less where the log's prior is smaller, 1 (a random walk) where nothing is known of the size. The
-covariance knows how fast a force may change: a reading needs no other account of the lag.
+How fast a force may change does not depend on the prior of a log. Its variance grows by 4 pi f sd^2
+a second, with the live prior's sd and f = `bandwidth_hz`, the corner of a force of that size. The
+reading's prior states how large the force may be. a = exp(-2 pi f T) where that prior is the live
+one. a is less where the log's prior is smaller, and 1 (a random walk) without a prior of the size.
+The covariance includes how fast a force may change, so that the lag needs no further term.
 
 u and y are those of `momentum_observer`: the model's part of u averaged over a period, the motor
 torque held or averaged. J, s and b are those of the period's start. The measurement's noise r is
@@ -98,7 +100,7 @@ SETTLING = 3.0  # 1 / K_0 of the error model
 CHANGE_TIMES = (0.03, 0.1, 0.3)  # s, over which innovations are summed
 CHANGE_ODDS = 1e-3  # of a sum of them that is still the model's
 _ROUNDING = 1e-3  # of the momentum that the torque's sd brings in a period
-_START_SHARE = 30.0  # of the live prior's sd: an sd that stands for knowing nothing
+_START_SHARE = 30.0  # of the live prior's sd: an sd that stands for no prior
 _GROSS_ODDS = 1e-6  # of a sample whose innovation is still the model's
 _PLAIN_K_0, _PLAIN_TIME = 20.0, 0.3  # 1/s, s: of a model without a torque error
 
@@ -148,7 +150,7 @@ class KalmanObserver:
         self.settling_time = float(self.table[SETTLED]) * T
 
     def informed(self, knowledge: ModelKnowledge) -> Self:
-        """Returns the observer with what a model and a reading's configuration know."""
+        """Returns the observer with the knowledge of a model and of a reading's configuration."""
         return type(self)(self.config, self.num_joints, knowledge)
 
     @property

@@ -2,26 +2,26 @@
 
 The observer reads each joint through K_0 / (s + K_0), LP for short: it yields LP(J^T F), not J^T F.
 
-**The arm moves meanwhile.** With the J of the present, even a constant force is read wrong, in
-proportion to the change of J within 1 / K_0: on the UR10e with 2.8 kg at the flange as much as all
-friction is. With
+**The arm moves meanwhile.** With the present J even a constant force is read wrong, in proportion
+to the change of J within 1 / K_0. On the UR10e with 2.8 kg at the flange this error is as large as
+that of all friction. With
 
     J_seen = LP(J), column j through the observer's pole of joint j,
 
 LP(J^T F) = J_seen^T F holds exactly for a force that is constant in the axes of W.
 
-**The force changes meanwhile.** No reading can undo that without adding noise; the band covers it.
-For a force that changes at a steady rate LP is late by 1 / K_0, and the reading F minus its own
-low-pass at a corner omega is late by that rate over omega, so that
+**The force changes meanwhile.** No reading can undo this without adding noise; the band covers it.
+For a force that changes at a steady rate, LP lags by that rate over K_0. The reading F minus its
+own low-pass at a corner omega is that rate over omega. Therefore
 
     Sigma_F <- Sigma_F + f f^T,    f = (omega / K_0) (F - LP_omega(F))
 
-holds the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is
-omega / (2 pi). A force that jumps is outside the band until the reading shows about half of it:
-nothing known beforehand can foresee it. What F minus LP_omega(F) shows of noise is in Sigma_F
-already: f_i counts as f_i max(0, 1 - Sigma_F,ii / f_i^2), in full beyond the noise, not within it.
-Where a reading is not valid LP_omega follows a tenth as fast: what is read there, near a singular
-posture, is not the force.
+covers the lag of every force whose rate is steady over 1 / omega; `force_bandwidth_hz` is omega /
+(2 pi). A force that jumps is outside the band until the reading shows about half of it, since it
+cannot be foreseen. The noise of F minus LP_omega(F) is in Sigma_F already. f_i therefore counts as
+f_i max(0, 1 - Sigma_F,ii / f_i^2): in full far above the noise, not at all within it. Where a
+reading is not valid, LP_omega follows a tenth as fast, since a reading near a singular posture is
+not the force.
 
 **The scale** of all readings (torque per ampere, friction under a load that no log had) has a
 stated relative sd: Sigma_F <- Sigma_F + (scale F) (scale F)^T.
@@ -91,7 +91,7 @@ def see_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
 
 @kernel
 def take_jacobian(poles: Array, state: Array, J: Array, J_seen: Array) -> None:
-    """Single-sample kernel: takes a sample and its `see_jacobian` into `state`, in place.
+    """Single-sample kernel: updates `state` with a sample and its `see_jacobian`, in place.
 
     A J that is not finite starts it anew.
     """
@@ -127,7 +127,7 @@ def lag_tick(
 
 @kernel
 def _late(settings: Array, low_passed: float, value: float, variance: float) -> float:
-    """The lateness f_i of one component."""
+    """The lag f_i of one component."""
     if not np.isfinite(low_passed):
         return 0.0
     lateness = settings[_FACTOR] * (value - low_passed)
@@ -137,7 +137,7 @@ def _late(settings: Array, low_passed: float, value: float, variance: float) -> 
 
 @kernel
 def lag_update(settings: Array, state: Array, wrench: Array, valid: bool) -> None:
-    """Single-sample kernel: takes the reading of a sample into `state`, in place."""
+    """Single-sample kernel: updates `state` with the reading of a sample, in place."""
     pole = settings[_POLE] if valid else settings[_DOUBTED_POLE]
     for i in range(6):
         if np.isfinite(wrench[i]):

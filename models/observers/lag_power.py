@@ -1,9 +1,10 @@
 """The lag of a reading behind a force of limited bandwidth whose rate is unsteady.
 
-Behind K_0 / (s + K_0) a force F reads LP F, late by s LP F / K_0. `models.observers.lag` takes the
-reading's own rate, f = (omega / K_0) (F - LP_omega F), for that lateness at the very instant: right
-for a rate that is steady over 1 / omega. A hand's is not: f is itself late, and passes through zero
-where the lateness does not. So the band takes the power of f over the last 1 / omega in its place:
+Behind K_0 / (s + K_0) a force F reads LP F, late by s LP F / K_0. `models.observers.lag` uses the
+rate of the reading itself, f = (omega / K_0) (F - LP_omega F), as the lag at that instant. This is
+right for a rate that is steady over 1 / omega. A hand's is not: f is itself late, and passes
+through zero where the lateness does not. So the band takes the power of f over the last 1 / omega
+in its place:
 
     Sigma_F <- Sigma_F + LP_omega(g g^T) / share,   g_i = f_i sqrt(max(0, 1 - noise_i / f_i^2))
 

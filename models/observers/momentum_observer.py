@@ -5,27 +5,28 @@ In continuous time
     d/dt momentum_hat = u + tau_ext_hat,    u = tau_J - tau_f + CTv - G
     tau_ext_hat       = K_0 (momentum - momentum_hat)
 
-makes tau_ext_hat the true external torque through K_0 / (s + K_0) (Lu et al., eqs. 6-11, 30; the
-article's tau_ext has the opposite sign: what the motors spend against the environment). With
+makes tau_ext_hat the true external torque through K_0 / (s + K_0) (Lu et al., eqs. 6-11, 30). The
+article's tau_ext has the opposite sign: it is what the motors spend against the environment. With
 period T, a = exp(-K_0 T) and K' = (1 - a)/T the recursion
 
     tau_ext_k+1 = a tau_ext_k + K' (momentum_k+1 - momentum_k - T ubar_k)
 
-is the same filter fed with the mean of the true tau_ext over each period: the bracket is that
-mean times T, whatever the period, as long as ubar_k is the mean of u. A constant tau_ext is
-therefore read without a steady error, and the pole is exp(-K_0 T) for every K_0 T.
+is the same filter, with the mean of the true tau_ext over each period as its input. The bracket is
+that mean times T for any period, as long as ubar_k is the mean of u. A constant tau_ext is
+therefore estimated without a steady error, and the pole is exp(-K_0 T) for every K_0 T.
 
 ubar_k: the model's part of u (CTv - G - tau_f) changes along the period and is averaged over its
-two ends. The motor torque is held by the drive from one tick to the next, so its mean over
-the period is the sample at the period's start ("held"); averaged over both ends
-("trapezoidal") it suits a log whose current was sampled from a continuous signal.
+two ends. The drive holds the motor torque from one tick to the next. Its mean over the period is
+then the sample at the period's start ("held"). For a log whose current was sampled from a
+continuous signal it is averaged over both ends ("trapezoidal").
 
-Measured on the bundled arm, finely integrated (fourth-order Runge-Kutta, torque held for 1 ms, all
-joints moving up to 3.5 rad/s under a varying wrench), against K_0/(s + K_0) of the true tau_ext,
-largest rms error of a joint: as above 0.00015 N m, bias 0.00003; model's part taken at the
-period's start, or at its end, 0.02; motor torque averaged although it is held 0.027. A simulator
-that itself steps explicitly (velocity with the terms of the period's start) differs from that
-motion: there the same choice reads 0.021 rms, bias 0.002 N m.
+The error was measured on the bundled arm, finely integrated: fourth-order Runge-Kutta, torque held
+for 1 ms, all joints moving at up to 3.5 rad/s under a varying wrench. The reference is K_0/(s +
+K_0) of the true tau_ext. The largest rms error of a joint is 0.00015 N m with the rules above, with
+a bias of 0.00003. It is 0.02 if the model's part is taken at the period's start or at its end. It
+is 0.027 if the motor torque is averaged although it is held. A simulator that itself steps
+explicitly (velocity with the terms of the period's start) differs from that motion. There the rules
+above give 0.021 rms and a bias of 0.002 N m.
 """
 
 from dataclasses import dataclass, field, replace
@@ -75,8 +76,8 @@ class MomentumObserverConfig:
 def observer_output(table: Array, state: Array, signals: Array, J: Array) -> bool:
     """Writes the estimate right after a sample; see `observer`.
 
-    With "held" torque samples tau_J is not read: the estimate at a tick does not depend on the
-    motor torque that is commanded at that tick, and a controller may use it without a loop.
+    With "held" torque samples tau_J is not read. The estimate at a tick then does not depend on the
+    motor torque that is commanded at that tick: a controller may use it without an algebraic loop.
 
     Returns:
         Whether every joint's estimate is fresh: False where this sample or the one before it was
@@ -89,7 +90,7 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
         tau_ext = state[1, i]
         if abs(arrived) < LARGEST and np.isfinite(state[0, i]):
             tau_ext = table[i, _POLE] * state[1, i] + table[i, _GAIN] * (arrived - state[0, i])
-            # The second: a filter that hardly moves says nothing about the present.
+            # The second: the output of a filter that hardly moves does not depend on the present.
             if table[i, _POLE] * state[2, i] > START_SHARE or table[i, _GAIN] < LEAST_K_0:
                 is_fresh = False
         else:
@@ -100,11 +101,11 @@ def observer_output(table: Array, state: Array, signals: Array, J: Array) -> boo
 
 @kernel
 def observer_update(table: Array, state: Array, signals: Array, J: Array) -> None:
-    """Takes a sample and its `observer_output` into `state`, in place; see `observer`.
+    """Updates `state` with a sample and its `observer_output`, in place; see `observer`.
 
-    momentum_hat becomes what the model alone predicts for the coming sample, so that the bracket of
-    the recursion in the module's docstring is what then arrives, minus it. The state does not
-    depend on K_0: the gain can change while the observer runs, without a jump.
+    momentum_hat becomes the momentum that the model alone predicts for the next sample. The bracket
+    of the recursion in the module's docstring is then the next momentum minus this prediction. The
+    state does not depend on K_0: the gain can change while the observer runs, without a jump.
     """
     for i in range(table.shape[0]):
         model = table[i, _HALF] * (signals[CTV, i] - signals[GRAVITY, i] - signals[TAU_F, i])
@@ -112,7 +113,7 @@ def observer_update(table: Array, state: Array, signals: Array, J: Array) -> Non
         is_known = abs(predicted) < LARGEST
         if is_known and np.isfinite(state[0, i]):
             state[2, i] *= table[i, _POLE]
-        elif not is_known and np.isnan(state[0, i]):  # what is held grows old
+        elif not is_known and np.isnan(state[0, i]):  # a held estimate ages
             state[2, i] = min(1.0, max(state[2, i], HELD_SHARE) / table[i, _POLE])
         state[0, i] = predicted if is_known else np.nan
         state[1, i] = signals[TAU_EXT, i]
@@ -128,9 +129,10 @@ def _observer_log(table: Array, state: Array, signals: Array, J: Array, is_fresh
 class MomentumObserver:
     """The momentum observer of an arm with n joints; an `observer.Observer`.
 
-    Its state is one (3, n) array: row 0 momentum_hat in kg m^2/s, row 1 tau_ext in N m, row 2 the
-    share of tau_ext that is still its start. The observer starts at zero whatever acts. That share,
-    a power of the pole, must fall to START_SHARE before a reading counts as fresh.
+    Its state is one (3, n) array. Row 0 is momentum_hat in kg m^2/s, row 1 is tau_ext in N m. Row 2
+    is the share of the initial value that tau_ext still has. The observer starts at zero whatever
+    acts. That share, a power of the pole, must fall to START_SHARE before a reading counts as
+    fresh.
 
     A momentum_hat of inf means "not started": the first sample starts it with momentum_hat =
     momentum and tau_ext = 0. NaN means "lost", after a sample that is not finite: the next finite
@@ -192,7 +194,7 @@ class MomentumObserver:
     def step(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
     ) -> tuple[Array, bool]:
-        """Takes one sample ((n,) each, kg m^2/s and N m) into `state`, in place.
+        """Updates `state` in place with one sample ((n,) each, kg m^2/s and N m).
 
         Returns:
             tau_ext (n,) in N m right after it, and whether it is fresh (see `observer_output`).
@@ -205,7 +207,7 @@ class MomentumObserver:
     def run(
         self, state: Array, momentum: Array, CTv: Array, G: Array, tau_J: Array, tau_f: Array
     ) -> tuple[Array, Flags]:
-        """Takes a log ((N, n) each, kg m^2/s and N m) into `state`; splitting it changes nothing.
+        """Updates `state` with a log ((N, n) each, kg m^2/s and N m); a split log gives the same.
 
         Returns:
             tau_ext (N, n) in N m, row k right after sample k, and which rows are fresh (N,).

@@ -57,7 +57,7 @@ class ObserverKernels(NamedTuple):
 
 
 class WrenchPrior(NamedTuple):
-    """Prior standard deviations of the wrench, N m and N; inf where nothing is known.
+    """Prior standard deviations of the wrench, N m and N; inf without a prior.
 
     Attributes:
         moment_sd, force_sd: of the reading.
@@ -96,7 +96,7 @@ class Observer(Protocol):
     kernels: ClassVar[ObserverKernels]
 
     def __init__(self, config: Any, num_joints: int) -> None:
-        """Raises ValueError for settings that make no sense."""
+        """Raises ValueError for invalid settings."""
 
     @property
     def num_joints(self) -> int:

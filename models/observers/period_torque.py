@@ -1,9 +1,10 @@
 """The torque of a period, as an observer averages it over the period's two ends.
 
-With u = tau_J + C^T v - G - tau_f, every observer integrates the momentum over a period T with the
-mean of the model's part of u at both ends. The motor torque of a period is either "held", that is
-commanded at its start and constant, or "trapezoidal", the mean of both ends' samples. The part of a
-sample that belongs to the period before it is therefore known before the next period begins.
+With u = tau_J + C^T v - G - tau_f, every observer integrates the momentum over a period T. The
+model's part of u is the mean of its values at both ends. The motor torque of a period is either
+"held", that is commanded at its start and constant, or "trapezoidal", the mean of both ends'
+samples. The part of a sample that belongs to the period before it is therefore known before the
+next period begins.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ TORQUE_SAMPLES = ("held", "trapezoidal")
 
 @kernel
 def arrived_momentum(half_period: float, motor_time: float, signals: Array, i: int) -> float:
-    """Momentum of joint i less what the sample's torque adds to the period that it ends.
+    """Momentum of joint i minus the share of the sample's torque in the period that it ends.
 
     Args:
         half_period: T / 2, s.

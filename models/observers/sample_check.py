@@ -29,11 +29,12 @@ put on a grid.
 "before" is the last sample that was taken. After RESTART_TIME nothing is compared with it any
 more, so that a position that jumped for good is then accepted.
 
-Largest in the logs of four real arms (three makers, 100 Hz to 1 kHz): 1.01 of the speed limit; 1.14
-of the effort limit, .5 of it from one sample to the next; .09 of the rotor's acceleration; r .06 of
-the speed limit, .13 in a fast sweep after a rise; drift .0008 s; a current that stays the same for
-.006 s. Exactly zero it is for .008 s at most, from less than .073 of the effort limit before. Its
-size tells no spike: drives that start change their current by up to 1.5 of the limit in 2 ms.
+The largest values in the logs of four real arms (three makers, 100 Hz to 1 kHz) are: 1.01 of the
+speed limit. 1.14 of the effort limit, and .5 of it from one sample to the next. .09 of the rotor's
+acceleration. r: .06 of the speed limit, .13 in a fast sweep after a rise. Drift: .0008 s. A current
+that stays the same: .006 s. Exactly zero it is for .008 s at most, from less than .073 of the
+effort limit before. Its size tells no spike: drives that start change their current by up to 1.5 of
+the limit in 2 ms.
 """
 
 from typing import NamedTuple
@@ -204,7 +205,7 @@ def take_sample(
     current: Array,
     checked: Array,
 ) -> None:
-    """Single-sample kernel: takes a sample into `state`; `checked` is what both checks wrote."""
+    """Single-sample kernel: updates `state` with a sample; `checked` as both checks wrote it."""
     fade_age, rise_fade, fade = np.nan, np.nan, np.nan
     for j in range(q.shape[0]):
         joint = _Joint(table, state, period, j)
@@ -221,7 +222,7 @@ def take_sample(
         if code == BEYOND:
             state[_AGE, j] = age
             r = abs(_disagreement(joint, age, q[j], v[j])) if is_recent else np.inf
-            # A disagreement that goes on is not a spike: the bound follows it within some samples.
+            # A lasting disagreement is not a spike: the bound follows it within some samples.
             if r * age <= table[_DRIFT, j] and abs(v[j]) <= table[_SPEED, j]:
                 adapted = 1.25 * _bound(joint) / RISE
                 state[_LARGEST, j] = max(state[_LARGEST, j], min(r, adapted))

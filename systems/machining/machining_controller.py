@@ -37,7 +37,7 @@ _POSE_SIZE, _POSE = 12, 18  # of a pose, and of a pose's reference: R_WD first, 
 
 
 class MachiningController(LeafSystem):
-    """Machines with an arm: from its encoders to its drives, in two calls a tick.
+    """Controls an arm during machining, from its encoders to its drives, in two calls per tick.
 
     A tick runs the kernels of `MachiningReference`, of `WrenchEstimatorSystem` and of
     `ImpedanceController` one after the other. After an air pass it also corrects the estimator by

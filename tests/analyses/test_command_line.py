@@ -111,7 +111,7 @@ def test_one_line_and_exit_code_2(monkeypatch, arguments, expected):
         assert text in line
 
 
-def test_so_it_is_in_a_process_of_its_own():
+def test_a_mistyped_experiment_is_one_line_in_a_process_of_its_own():
     result = _run("study", "bandwith")
     assert result.returncode == 2
     assert result.stdout == ""

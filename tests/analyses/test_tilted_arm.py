@@ -222,7 +222,7 @@ def test_measured_torque_does_without_the_drives_sign(
     np.testing.assert_allclose(wrench[t > 1.0, :3] - _ORACLE.hung_force, 0.0, atol=1e-5)
 
 
-def test_three_joints_cannot_tell_six_components(
+def test_three_joints_cannot_determine_six_components(
     tilted_arm_file: Path, hung_log: Path, tmp_path: Path
 ) -> None:
     """Eq. 22 has no inverse here: finite, flagged throughout."""
@@ -290,8 +290,8 @@ def identified(tilted_arm_file: Path, tmp_path_factory: pytest.TempPathFactory) 
         logs.append(_write_log(folder / f"run_{seed}.csv", t, q, v, i=current))
     out = folder / "out"
     options = ("--robot", tilted_arm_file, "--validate", logs[2], "--out", out)
-    said = succeeded("identify", *logs[:2], *options)
-    assert "inconsistent gravity" not in said and "unexplained" not in said
+    output = succeeded("identify", *logs[:2], *options)
+    assert "inconsistent gravity" not in output and "unexplained" not in output
     return out
 
 
@@ -303,9 +303,9 @@ def test_identify_finds_the_arm(identified: Path, tilted_arm: Robot) -> None:
     np.testing.assert_allclose(law.viscous, _VISCOUS, rtol=0.02)
     np.testing.assert_allclose(law.offset, _OFFSET, atol=0.05)
     q, v, vdot = _motion(np.linspace(0.0, 10.0, 200), 7)
-    found = model.chain(tilted_arm).inverse_dynamics(q, v, vdot)
+    torque = model.chain(tilted_arm).inverse_dynamics(q, v, vdot)
     # 0.05 N m of 30: what sgn(v) on a grid leaves.
-    np.testing.assert_allclose(found, _ORACLE.motor_torque(q, v, vdot), atol=0.05)
+    np.testing.assert_allclose(torque, _ORACLE.motor_torque(q, v, vdot), atol=0.05)
     validation = json.loads((identified / "metrics.json").read_text())["validation"]["run_3"]
     assert max(validation["relative_pct"]) < 1.0
 
@@ -323,11 +323,11 @@ def test_torque_in_the_log_identifies_the_same_arm(
         tau = _ORACLE.motor_torque(q, v, vdot) + _friction(v)
         logs.append(_write_log(tmp_path / f"run_{seed}.csv", t, q, v, tau=tau))
     succeeded("identify", *logs, "--robot", tilted_arm_file, "--out", tmp_path / "out")
-    found, expected = (
+    coulomb, expected = (
         np.array(json.loads((folder / "metrics.json").read_text())["friction"]["coulomb_nm"])
         for folder in (tmp_path / "out", identified)
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(coulomb, expected, rtol=1e-6)
     # What the observer errs by is learnt with the drives' signs, though no drive was read.
     own, of_currents = (
         IdentifiedModel.load(folder / "model.yaml", tilted_arm).torque_error
@@ -452,7 +452,7 @@ def test_an_excitation_keeps_ranges_that_are_not_symmetric(tilted_arm: Robot) ->
         ("jcn-map", "--samples", "100", "--slice", "z=0.3"),
     ],
 )
-def test_what_needs_six_joints_says_so(
+def test_a_command_that_needs_six_joints_reports_it(
     tilted_arm_file: Path, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     line = refused(*words, "--robot", tilted_arm_file, "--out", tmp_path / "out")

@@ -218,21 +218,24 @@ def page(rows: list[dict[str, Any]]) -> str:
         "",
         "<!-- `make arms` writes this page. -->",
         "",
-        f"Arms of example-robot-data {metadata.version('example-robot-data')}, the arms among "
-        f"the examples of Drake {metadata.version('drake')}, and the bundled ones, from URDF to",
-        "`estimate`: `robot`, `excite` with 2 starts and 8 iterations, a simulated log of 10 s "
-        "with assumed friction, noise and resolution, `identify`, and `estimate` on a second",
-        f"motion that nothing touches. {len(through)} of {len(rows)} go through; wrong: "
-        f"{', '.join(wrong) or 'none'}. A motion of `excite`'s own defaults is better conditioned.",
+        "This page lists the arms of example-robot-data "
+        f"{metadata.version('example-robot-data')}, the arms among the examples of Drake "
+        f"{metadata.version('drake')}, and the bundled ones.",
+        "Each goes from URDF to `estimate`: `robot`, `excite` with 2 starts and 8 iterations, a "
+        "simulated log of 10 s, `identify`, and `estimate` on a second motion.",
+        "The log has assumed friction, noise and resolution. Nothing touches the arm in the second "
+        f"motion. {len(through)} of {len(rows)} go through; wrong: {', '.join(wrong) or 'none'}.",
+        "The default settings of `excite` give a better conditioned motion.",
         "",
-        "- **condition**: of the base parameters' regressor in `identify`; **valid**: share of the "
-        "readings of the second motion; **band**: share of the valid forces whose 95 % band holds "
-        "the truth, 0 N;",
-        "- **closest**: of any two shapes in both motions, as `excite` certifies it, – where it "
-        "claims none; **overlaps**: samples, every 20 ms of both motions, in which pinocchio and "
-        "coal find meshes of the package",
-        "  overlapping, but for pairs that always do; in brackets pairs that `excite` names as not "
-        "checked, as they overlap at home.",
+        "- **condition**: condition number of the base parameters' regressor in `identify`",
+        "- **valid**: share of the readings of the second motion that are valid",
+        "- **band**: share of the valid forces whose 95 % band contains the true force, 0 N",
+        "- **closest**: least distance of any two shapes in both motions, as `excite` certifies "
+        "it; – where it states none",
+        "- **overlaps**: samples, every 20 ms of both motions, in which pinocchio and coal find "
+        "overlapping meshes of the package. Pairs that always overlap are left out.",
+        "  Brackets hold the overlaps of pairs that `excite` reports as not checked, since they "
+        "overlap at home.",
         "",
         "| arm | from | joints | condition | valid [%] | band [%] | closest [mm] | overlaps |",
         "|---|---|---|---|---|---|---|---|",

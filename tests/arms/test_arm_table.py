@@ -37,7 +37,7 @@ def test_a_refused_arm_is_a_sentence(tmp_path: Path) -> None:
     assert f"| none | wheel | `robot` | {row['refused']} |" in page([row])
 
 
-def test_a_collision_that_nothing_says_is_wrong() -> None:
+def test_an_unreported_collision_is_wrong() -> None:
     row = {"arm": "a", "stage": "through", "closest_mm": 20.0, "collisions": {"a and b": 3}}
     assert is_wrong(row)
     assert not is_wrong(row | {"closest_mm": None})  # no clearance was claimed

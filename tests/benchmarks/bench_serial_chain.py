@@ -52,8 +52,8 @@ class PinocchioArm:
         return (*self.momentum_terms(q, v), J, placement.rotation, placement.translation)
 
     def terms(self, q: Array, v: Array) -> tuple[Array, ...]:
-        rest = self.observer_terms(q, v)
-        return (*rest, self.data.C @ v, self.data.M.copy(), rest[3] @ v)
+        remaining_terms = self.observer_terms(q, v)
+        return (*remaining_terms, self.data.C @ v, self.data.M.copy(), remaining_terms[3] @ v)
 
     def inverse_dynamics(self, q: Array, v: Array, vdot: Array) -> Array:
         return pinocchio.rnea(self.model, self.data, q, v, vdot)
@@ -164,8 +164,8 @@ def main() -> None:
     number, part = 500_000, 5_000
 
     def places_and_condition_numbers(q: Array) -> tuple[Array, Array]:
-        found = [(arm.jacobian(a).copy(), arm.data.oMf[arm.frame].translation.copy()) for a in q]
-        Js, places = (np.array(x) for x in zip(*found, strict=True))
+        pairs = [(arm.jacobian(a).copy(), arm.data.oMf[arm.frame].translation.copy()) for a in q]
+        Js, places = (np.array(x) for x in zip(*pairs, strict=True))
         return places, np.linalg.cond(Js)
 
     few_samples = sample(robot, part, 0)

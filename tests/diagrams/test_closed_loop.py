@@ -173,7 +173,7 @@ def test_a_model_of_another_robot_is_refused(ur10e, sts):
         make_closed_loop(QUIET, sts, IdentifiedModel.nominal(ur10e))
 
 
-def test_what_is_not_logged_changes_nothing_of_what_is(sts):
+def test_logging_fewer_signals_does_not_change_the_others(sts):
     scenario = replace(load_scenario("Default"), duration=0.1)
     _, everything = run(scenario, sts)
     wanted = ("current", "q")
@@ -223,7 +223,7 @@ def test_without_the_estimator_the_motion_is_the_same(sts):
     assert np.ptp(plain["current"], axis=0).all()
 
 
-def test_what_needs_the_estimator_is_refused_without_it(ur10e, sts):
+def test_a_controller_that_needs_the_estimator_is_refused_without_it(ur10e, sts):
     scenario = replace(QUIET, controller=ImpedanceConfig())
     with pytest.raises(ValueError, match="need the estimator"):
         make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), with_estimator=False)

@@ -46,7 +46,7 @@ def test_a_wrench_at_E_is_read_back_in_the_steady_state(sts):
     assert signals["valid"][200:].all()  # settled: 3 / K_0 is 150 ticks
 
 
-def test_the_rise_to_it_is_that_of_the_observer(sts):
+def test_the_estimate_rises_with_the_observers_lag(sts):
     push = WrenchStep(start=0.1, force=FORCE, moment=MOMENT)
     signals = simulate(sts, Scenario(duration=0.4, motion=HoldMotion(), wrench=[push]))
     t = np.arange(len(signals["tau_ext"]))[:, None] * 1e-3
@@ -56,7 +56,7 @@ def test_the_rise_to_it_is_that_of_the_observer(sts):
     np.testing.assert_allclose(signals["tau_ext"], expected, rtol=0.0, atol=0.02)
 
 
-def test_the_loops_log_is_read_alike_by_the_batch_estimator(sts):
+def test_the_batch_estimator_reproduces_the_loops_estimate(sts):
     """What was recorded in the loop, estimated afterwards: the same rows, without a shift."""
     push = WrenchStep(start=0.1, force=FORCE, moment=MOMENT)
     motion = JointSineMotion(amplitude=[0.2], frequency=FREQUENCY)

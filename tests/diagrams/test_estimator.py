@@ -121,21 +121,21 @@ def test_row_k_is_that_of_the_batch_estimator(sts, coupled_wrist, law, kind, fus
     for signal, row, joint in ((0, 50, 2), (1, 120, 4), (2, 200, 0), (2, 201, 0)):
         log[signal][row, joint] = np.nan
     configuration = config(kind, (5.0, 10.0, 20.0, 30.0, 50.0, 80.0))
-    found = played(robot, model, configuration, log, fused=fused)
+    outputs = played(robot, model, configuration, log, fused=fused)
     estimator = WrenchEstimator(robot, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
     scale = np.abs(batch.wrench).max()
-    np.testing.assert_allclose(found["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(found["wrench"], batch.wrench, rtol=0.0, atol=1e-9 * scale)
+    np.testing.assert_allclose(outputs["tau_ext"], batch.tau_ext, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(outputs["wrench"], batch.wrench, rtol=0.0, atol=1e-9 * scale)
     np.testing.assert_allclose(
-        found["covariance"].reshape(-1, 6, 6), batch.covariance, rtol=1e-9, atol=1e-9
+        outputs["covariance"].reshape(-1, 6, 6), batch.covariance, rtol=1e-9, atol=1e-9
     )
-    np.testing.assert_allclose(found["condition_number"][:, 0], batch.condition_number, rtol=1e-9)
-    np.testing.assert_array_equal(found["valid"][:, 0], batch.valid)
-    assert np.isfinite(found["wrench"]).all()
+    np.testing.assert_allclose(outputs["condition_number"][:, 0], batch.condition_number, rtol=1e-9)
+    np.testing.assert_array_equal(outputs["valid"][:, 0], batch.valid)
+    assert np.isfinite(outputs["wrench"]).all()
     # In "held" a current counts from the tick after it.
     broken = [50, 51, 120, 121] + ([201, 202] if kind == "held" else [200, 201, 202])
-    assert not found["valid"][broken].any()
+    assert not outputs["valid"][broken].any()
 
 
 def test_parameters_change_through_the_context(sts, model):

@@ -24,13 +24,13 @@ def test_what_is_kept_is_what_a_log_would_hold(loop, tmp_path, monkeypatch):
     plain.AdvanceTo(0.1)
     t, signals = loop.logged(plain.get_context())
 
-    kept = KeptSignals(loop)
+    stored = KeptSignals(loop)
     simulator = Simulator(loop.diagram)
     for end in (0.03, 0.04, 0.1):  # a first stretch, a short one, the rest
         simulator.AdvanceTo(end)
-        kept.take(simulator.get_mutable_context())
+        stored.take(simulator.get_mutable_context())
         assert loop.log.FindLog(simulator.get_context()).num_samples() == 0
-    kept_t, kept_signals = kept.logged()
+    kept_t, kept_signals = stored.logged()
     np.testing.assert_array_equal(kept_t, t)
     assert list(kept_signals) == list(signals)
     for name, values in signals.items():

@@ -102,7 +102,7 @@ def test_friction_changed_live_is_the_stiction_that_is_stated(
 
 def test_the_contact_detector_follows_too(sts: Robot, model: IdentifiedModel) -> None:
     log = moving_log(sts, T, 400)
-    found = []
+    outputs = []
     for fused in (False, True):
         for K_0, change in ((60.0, None), (20.0, 60.0)):
             diagram = make_estimator(
@@ -118,6 +118,6 @@ def test_the_contact_detector_follows_too(sts: Robot, model: IdentifiedModel) ->
                     diagram.GetInputPort(name).FixValue(context, signal[k])
                 simulator.AdvanceTo((k + 0.5) * T)
                 rows.append([diagram.GetOutputPort(name).Eval(context)[0] for name in DETECTION])
-            found.append(rows)
-    for rows in found[1:]:
-        np.testing.assert_allclose(rows, found[0], rtol=1e-9, atol=1e-12)
+            outputs.append(rows)
+    for rows in outputs[1:]:
+        np.testing.assert_allclose(rows, outputs[0], rtol=1e-9, atol=1e-12)

@@ -165,13 +165,13 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         planned = signals["reference"][:, 6:12]
         given = Correction(correction, planned, counts, signals["freed_sd"])
     log = (signals[n] for n in ("q", "v", "current"))
-    found = batch.run(batch.initial_state(), *log, correction=given)
-    np.testing.assert_allclose(signals["tau_ext"], found.tau_ext, atol=1e-9)
-    np.testing.assert_allclose(signals["wrench"], found.wrench, atol=1e-8)
-    np.testing.assert_array_equal(signals["valid"][:, 0] == 1.0, found.valid)
+    estimate = batch.run(batch.initial_state(), *log, correction=given)
+    np.testing.assert_allclose(signals["tau_ext"], estimate.tau_ext, atol=1e-9)
+    np.testing.assert_allclose(signals["wrench"], estimate.wrench, atol=1e-8)
+    np.testing.assert_array_equal(signals["valid"][:, 0] == 1.0, estimate.valid)
 
 
-def test_the_estimate_is_fed_back_where_what_was_taught_counts(hard):
+def test_the_estimate_is_fed_back_where_the_air_pass_correction_is_valid(hard):
     """Else where the feed is steady, which at this speed it never is."""
     scenario = short("PolishingSensorless")
     plan = make_machining_path(scenario, hard)
@@ -282,7 +282,7 @@ def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, 
     }
 
 
-def test_what_only_the_log_asks_for_runs_when_the_log_does(hard):
+def test_outputs_for_the_log_are_computed_only_when_it_logs(hard):
     """An arm held in the air: nobody but the log asks what acts on it, or reads the wrench."""
     scenario = Scenario(motion=HoldMotion(), wrench=[WrenchStep(0.0, 1.0, [3.0, 0.0, 0.0])])
     counted = {}

@@ -102,7 +102,7 @@ def test_every_engine_reads_the_same(
         np.testing.assert_array_equal(seen["valid"], found["valid"])
 
 
-def test_a_wrench_that_is_observed_takes_no_air_pass(sts: Robot) -> None:
+def test_an_observer_of_the_wrench_refuses_an_air_pass(sts: Robot) -> None:
     config = WrenchEstimatorConfig(KalmanObserverConfig())
     model = IdentifiedModel.nominal(sts)
     estimator = WrenchEstimator(sts, model, config)

@@ -12,11 +12,11 @@ LOADED = "ur-20_02_19_14harm50secLoad.csv"
 
 def examples():
     """Commands of the README's blocks, each with the lines that it shows of what is printed."""
-    found = {}
+    commands = {}
     for block in re.findall(r"^```\n\$ wrenchsight (.*?)```", README, re.MULTILINE | re.DOTALL):
         command, *lines = block.splitlines()
-        found[command.split()[0]] = command, lines
-    return found
+        commands[command.split()[0]] = command, lines
+    return commands
 
 
 README = (ROOT / "README.md").read_text()

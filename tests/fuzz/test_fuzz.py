@@ -23,7 +23,7 @@ def reading(sandbox, clean, tmp_path_factory):
 
 @pytest.mark.parametrize("first", range(FIRST, FIRST + COUNT, PER_TEST))
 def test_spoilt_inputs_end_well(sandbox, clean, reading, tmp_path, first):
-    found = []
+    problems = []
     for seed in range(first, first + PER_TEST):
         folder = tmp_path / str(seed)
         case = make_case(seed, clean, folder)
@@ -32,9 +32,9 @@ def test_spoilt_inputs_end_well(sandbox, clean, reading, tmp_path, first):
         fault = fault_of(case, ending, folder, before)
         fault = fault or beyond_its_band(case, ending, folder, reading, clean)[1]
         if fault is not None:
-            found.append(f"{seed} {case.kind}, {case.what}: {fault}: {ending.stderr[-500:]}")
+            problems.append(f"{seed} {case.kind}, {case.what}: {fault}: {ending.stderr[-500:]}")
         shutil.rmtree(folder)
-    assert not found, "\n".join(found)
+    assert not problems, "\n".join(problems)
 
 
 def _spoilt_log(clean, path, *spoils):
@@ -62,7 +62,7 @@ def test_a_leap_of_the_velocity_stays_within_the_band(
     assert stray(reading, tmp_path / "out" / "wrench.csv") is None
 
 
-def test_what_cannot_be_told_is_known(clean, tmp_path):
+def test_undetectable_faults_are_listed_with_their_reason(clean, tmp_path):
     def reason(*spoils, printed=""):
         log = _spoilt_log(clean, tmp_path / "log.csv", *spoils)
         return untellable(clean.log, log, clean.robot, printed)

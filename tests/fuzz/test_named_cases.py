@@ -603,10 +603,10 @@ def test_branches_that_collide_side_by_side(run, file, clean):
 
 def test_a_covariance_that_is_symmetric_but_for_rounding(estimate, file, clean):
     text = (clean.folder / "model.yaml").read_text()
-    head, _, rest = text.partition("residual_covariance:")
-    row = re.search(r"- \[0\.0, (0\.0)", rest)
-    rest = rest[: row.start(1)] + "1e-308" + rest[row.end(1) :]
-    estimate("--model", file("model.yaml", f"{head}residual_covariance:{rest}"), expect=0)
+    head, _, tail = text.partition("residual_covariance:")
+    row = re.search(r"- \[0\.0, (0\.0)", tail)
+    tail = tail[: row.start(1)] + "1e-308" + tail[row.end(1) :]
+    estimate("--model", file("model.yaml", f"{head}residual_covariance:{tail}"), expect=0)
 
 
 @pytest.mark.parametrize(

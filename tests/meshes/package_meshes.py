@@ -84,24 +84,26 @@ class PackageMeshes:
 
     def collisions(self, q: NDArray[np.float64]) -> dict[str, int]:
         """Over q (N, n): at how many samples which pair overlaps."""
-        found: dict[str, int] = {}
+        counts: dict[str, int] = {}
         for row in q:
             for pair in self._hit(row) - self.by_construction:
-                found[pair] = found.get(pair, 0) + 1
-        return found
+                counts[pair] = counts.get(pair, 0) + 1
+        return counts
 
     def smallest(self, q: ArrayLike) -> float:
         """Smallest distance of any pair that counts at q (n,), m."""
         self._place(q)
-        found = [np.inf]
+        distances = [np.inf]
         for i, pair in enumerate(self._shapes.collisionPairs):
             parts = (
                 self._shapes.geometryObjects[pair.first],
                 self._shapes.geometryObjects[pair.second],
             )
             if f"{parts[0].name} and {parts[1].name}" not in self.by_construction:
-                found.append(pinocchio.computeDistance(self._shapes, self._placed, i).min_distance)
-        return float(min(found))
+                distances.append(
+                    pinocchio.computeDistance(self._shapes, self._placed, i).min_distance
+                )
+        return float(min(distances))
 
     def lowest(self, q: NDArray[np.float64]) -> float:
         """Height in W of the lowest point of a moving link over q (N, n), m."""

@@ -127,7 +127,7 @@ def _write_v3(root: Path, info: Any, tables: Any, rows: Any, statistics: Any) ->
 
 
 def _table(columns: Mapping[str, np.ndarray], kept_as: str) -> pa.Table:
-    arrays, kept = {}, {}
+    arrays, shapes = {}, {}
     for name, values in columns.items():
         kind = pa.from_numpy_dtype(values.dtype)
         value = {"dtype": str(values.dtype), "_type": "Value"}
@@ -135,19 +135,19 @@ def _table(columns: Mapping[str, np.ndarray], kept_as: str) -> pa.Table:
             listed = pa.list_(kind, values.shape[1])
             flat = pa.array(values.ravel())
             arrays[name] = pa.FixedSizeListArray.from_arrays(flat, type=listed)
-            kept[name] = {"feature": value, "length": values.shape[1], "_type": kept_as}
+            shapes[name] = {"feature": value, "length": values.shape[1], "_type": kept_as}
         else:
             arrays[name] = pa.array(values)
-            kept[name] = value
-    metadata = {"huggingface": json.dumps({"info": {"features": kept}})}
+            shapes[name] = value
+    metadata = {"huggingface": json.dumps({"info": {"features": shapes}})}
     return pa.table(arrays).replace_schema_metadata(metadata)
 
 
 def _statistics(values: np.ndarray) -> dict[str, Any]:
     flat = values.reshape(len(values), -1)
-    found = {"min": flat.min(axis=0), "max": flat.max(axis=0), "mean": flat.mean(axis=0)}
-    found["std"] = flat.std(axis=0)
-    return {name: x.tolist() for name, x in found.items()} | {"count": [len(flat)]}
+    statistics = {"min": flat.min(axis=0), "max": flat.max(axis=0), "mean": flat.mean(axis=0)}
+    statistics["std"] = flat.std(axis=0)
+    return {name: x.tolist() for name, x in statistics.items()} | {"count": [len(flat)]}
 
 
 def _lines(path: Path, rows: Any) -> None:

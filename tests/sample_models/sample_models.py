@@ -80,8 +80,8 @@ def torque_sds(
     rates = error.K_0 if K_0 is None else K_0
     stage = TorqueErrorStage(error, friction, rates, time_step, resolution)
     J = np.zeros((len(q), 6, error.num_joints))
-    found = stage.run(stage.initial_state(), q, v, transmitted, J)
-    return found.sd, found.stiction
+    error_batch = stage.run(stage.initial_state(), q, v, transmitted, J)
+    return error_batch.sd, error_batch.stiction
 
 
 def jacobian_seen(J: Array, K_0: ArrayLike, time_step: float) -> Array:

@@ -73,21 +73,21 @@ def test_diagram_and_log_find_the_same(sts, model, log, method, torque_samples):
     estimator = WrenchEstimator(sts, model, config(method, torque_samples))
     detector = ContactDetector.of(estimator)
     batch = estimator.run(estimator.initial_state(), *log)
-    found = detector.run(detector.initial_state(), batch)
-    assert found.contact.any()
-    assert found.misfit.any()
-    assert found.rest.any()
-    assert found.out_of_range.any()
+    from_log = detector.run(detector.initial_state(), batch)
+    assert from_log.contact.any()
+    assert from_log.misfit.any()
+    assert from_log.rest.any()
+    assert from_log.out_of_range.any()
     detection = ContactDetectionConfig()
     seen = played(sts, model, config(method, torque_samples), log, detection=detection)
-    for name, port in zip(found._fields, DETECTION, strict=True):
+    for name, port in zip(from_log._fields, DETECTION, strict=True):
         # The chain for one sample and for many differ in the last digit of the momentum.
-        expected = np.asarray(getattr(found, name), float)
+        expected = np.asarray(getattr(from_log, name), float)
         np.testing.assert_allclose(seen[port][:, 0], expected, rtol=1e-9, atol=1e-12)
 
 
 def test_fused_has_the_same_ports_and_numbers(sts, model, log):
-    found = []
+    outputs = []
     for fused in (False, True):
         diagram = make_estimator(
             sts, model, config("bayesian"), fused=fused, detection=ContactDetectionConfig()
@@ -100,9 +100,9 @@ def test_fused_has_the_same_ports_and_numbers(sts, model, log):
                 diagram.GetInputPort(name).FixValue(context, signal[k])
             simulator.AdvanceTo((k - 440 + 0.5) * T)
             rows.append([diagram.GetOutputPort(name).Eval(context)[0] for name in DETECTION])
-        found.append(rows)
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
-    assert np.array(found[0])[:, DETECTION.index("contact")].any()
+        outputs.append(rows)
+    np.testing.assert_allclose(outputs[1], outputs[0], rtol=1e-9, atol=1e-12)
+    assert np.array(outputs[0])[:, DETECTION.index("contact")].any()
 
 
 def test_ports(sts, model):

@@ -70,13 +70,13 @@ def test_every_method_is_the_batch_estimator(chain, method):
     block = block_of(config(method), SIGMA)
     terms = chain.terms(Q, np.zeros(6))
     tau_ext = np.array([5.0, -20.0, 8.0, 1.0, -2.0, 0.5])
-    found = evaluate(block, block.CreateDefaultContext(), terms, tau_ext)
+    outputs = evaluate(block, block.CreateDefaultContext(), terms, tau_ext)
     batch = reconstruct_wrench(terms.J, tau_ext, SIGMA, config(method))
     # The errors' sds and correlation in place of their covariance: rounding.
-    np.testing.assert_allclose(found["wrench"], batch.wrench, rtol=1e-10)
-    np.testing.assert_allclose(found["covariance"], batch.covariance, rtol=1e-10, atol=1e-10)
-    assert found["condition_number"] == batch.condition_number
-    assert found["valid"] == batch.valid
+    np.testing.assert_allclose(outputs["wrench"], batch.wrench, rtol=1e-10)
+    np.testing.assert_allclose(outputs["covariance"], batch.covariance, rtol=1e-10, atol=1e-10)
+    assert outputs["condition_number"] == batch.condition_number
+    assert outputs["valid"] == batch.valid
 
 
 def test_along_a_motion_and_a_changing_torque(chain):
@@ -116,10 +116,10 @@ def test_parameters_change_through_the_context(chain):
     evaluate(block, context, terms, tau_ext)
     context.get_mutable_numeric_parameter(0).SetFromVector([5.0, 0.1])
     context.get_mutable_numeric_parameter(1).SetFromVector(np.eye(6).ravel())
-    found = evaluate(block, context, terms, tau_ext)
+    outputs = evaluate(block, context, terms, tau_ext)
     wrench, covariance = bayes(terms.J, tau_ext, 5.0, 0.1, np.eye(6))
-    np.testing.assert_allclose(found["wrench"], wrench, rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(found["covariance"], covariance, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(outputs["wrench"], wrench, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(outputs["covariance"], covariance, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize(("method", "index"), [("damped", 2), ("truncated", 3)])
@@ -129,9 +129,9 @@ def test_the_other_tools_constants_change_through_the_context(chain, method, ind
     terms = chain.terms(Q, np.zeros(6))
     tau_ext = terms.J.T @ WRENCH
     context.get_mutable_numeric_parameter(index).SetFromVector([1e-9])
-    found = evaluate(block, context, terms, tau_ext)
+    outputs = evaluate(block, context, terms, tau_ext)
     # With next to no damping or truncation both are eq. 22.
-    np.testing.assert_allclose(found["wrench"], WRENCH, rtol=1e-6)
+    np.testing.assert_allclose(outputs["wrench"], WRENCH, rtol=1e-6)
     context.get_mutable_numeric_parameter(index).SetFromVector([100.0])
     assert np.abs(evaluate(block, context, terms, tau_ext)["wrench"]).max() < 1.0
 
@@ -143,10 +143,10 @@ def test_a_broken_input_gives_no_wrench_and_is_flagged(chain, method):
     good = chain.terms(Q, np.zeros(6))
     broken = chain.terms(np.full(6, np.nan), np.zeros(6))
     for terms, tau_ext in ((good, np.full(6, np.nan)), (broken, np.ones(6))):
-        found = evaluate(block, context, terms, tau_ext)
-        np.testing.assert_array_equal(found["wrench"], np.zeros(6))
-        assert np.isfinite(found["covariance"]).all()
-        assert found["valid"] == 0.0
+        outputs = evaluate(block, context, terms, tau_ext)
+        np.testing.assert_array_equal(outputs["wrench"], np.zeros(6))
+        assert np.isfinite(outputs["covariance"]).all()
+        assert outputs["valid"] == 0.0
     assert evaluate(block, context, good, good.J.T @ WRENCH)["valid"] == 1.0
 
 

@@ -72,7 +72,7 @@ def test_a_diagram_reads_a_live_robot_as_the_estimator_reads_its_log(ur10e, log)
     assert not live.events
 
 
-def test_what_is_missing_is_unknown(ur10e, log):
+def test_missing_samples_give_readings_that_are_not_valid(ur10e, log):
     model = knowing_model(ur10e, 3.0, 5.0)
     items = samples(log)
     items[250:] = [replace(sample, running=False) for sample in items[250:]]

@@ -53,7 +53,7 @@ def test_terms_are_those_of_the_plant(sts):
     np.testing.assert_array_equal(terms.v, V)
 
 
-def test_one_computation_serves_all_and_a_new_state_makes_a_new_one(sts):
+def test_terms_are_computed_once_per_state(sts):
     system = RigidBodyTermsSystem(sts.chain)
     context = system.CreateDefaultContext()
     first = evaluate(system, context, Q, V)

@@ -35,10 +35,12 @@ SHORT = ("--starts", "4", "--iterations", "10", "--no-record", "--seed", "1")
 def run(*command: object, cwd: Path | None = None) -> str:
     """Runs a command with nothing of this environment; returns what it printed on stdout."""
     words = [str(word) for word in command]
-    kept = {
+    environment = {
         k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
     }
-    done = subprocess.run(words, cwd=cwd, env=kept, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        words, cwd=cwd, env=environment, capture_output=True, text=True, check=False
+    )
     if done.returncode != 0:
         sys.exit(f"{' '.join(words)}\nended with {done.returncode}:\n{done.stdout}{done.stderr}")
     return done.stdout

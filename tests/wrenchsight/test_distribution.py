@@ -103,6 +103,6 @@ def test_it_runs_from_where_it_is_installed(wheel: Path, tmp_path: Path) -> None
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    *places, found = done.stdout.split()
+    *places, version = done.stdout.split()
     assert all(place.startswith(str(tmp_path / "site")) for place in places)
-    assert found == "True"
+    assert version == "True"

@@ -219,7 +219,10 @@ def _comparison() -> list[ComparisonRow]:
         ComparisonRow("mean JCN over 21 points, initial", "initial.mean_jcn"),
         ComparisonRow("mean JCN over 21 points, optimised", "optimised.mean_jcn"),
         ComparisonRow(
-            "reduction of the mean JCN", "reduction_pct.mean_jcn", 46.28, "of unlike means"
+            "reduction of the mean JCN",
+            "reduction_pct.mean_jcn",
+            46.28,
+            "of two means of different kinds",
         ),
     ]
 

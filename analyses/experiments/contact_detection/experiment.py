@@ -335,8 +335,8 @@ def _simulated() -> dict[str, Any]:
 
 
 def _comparison() -> list[ComparisonRow]:
-    sample_remark = "with up to one sample of 10 ms before the first that shows the push"
-    rate_remark = "minutes at one an hour: they could contradict the rate, not confirm it"
+    sample_remark = "includes up to one sample of 10 ms before the first that shows the push"
+    rate_remark = "minutes of data at one alarm an hour could contradict the rate, not confirm it"
     rows = (
         ("30 N for .5 s put in, missed", f"{JUDGED}.missed_pct", 0.0, ""),
         ("their delay, median", f"{JUDGED}.delay_median_s", 0.05, sample_remark),

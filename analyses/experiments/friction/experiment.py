@@ -131,7 +131,7 @@ COMPARISON = (
         "Reduction of the largest error in Z",
         "reduction_max_z_pct",
         58.93,
-        "the observer's lag behind the hand has its part in it (see notes)",
+        "the observer's lag contributes to it (see notes)",
     ),
     ComparisonRow(
         "Reduction of the largest error in Z within 2 s of the reversal",

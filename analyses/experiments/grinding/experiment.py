@@ -11,7 +11,7 @@ TASK = MachiningTask(
     correlation=(0.7901, 0.5772, 0.4614),
     rmse_n=(12.9954, 19.2482, 22.9833),
     figure="Fig. 27",
-    remark="the tool's vibration is settled on 15 s",
+    remark="the tool's vibration is fitted to the run of 15 s",
 )
 
 

@@ -67,13 +67,13 @@ def run(context: ExperimentContext) -> ExperimentResult:
                 "JCN above 11",
                 "above_11_pct",
                 96.55,
-                "it does not say in what range its joints were drawn; here full turns",
+                "the article does not state the range of its joints; here full turns",
             ),
             ComparisonRow("JCN above 11 within limits", "within_limits.above_11_pct", 96.55),
             ComparisonRow(
-                "Mean JCN", "mean", 1052.9, "made by the few nearly singular samples of a draw"
+                "Mean JCN", "mean", 1052.9, "caused by the few nearly singular samples of a draw"
             ),
-            ComparisonRow("Median JCN", "median", None, "what the mean ought to tell"),
+            ComparisonRow("Median JCN", "median", None, "more robust than the mean"),
         ],
         notes=NOTES,
         configuration={"robot": robot.name, "num_samples": num_samples, "slice": plane},

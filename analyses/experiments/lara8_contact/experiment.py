@@ -273,7 +273,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
             "Joint 3 over its sweep, by the controller's target torque less the motor's: RMSE",
             "source.current.all_rows_rmse_nm",
             6.483,
-            "its way, repeated",
+            "the source's own method, repeated here",
             _THESIS,
         ),
         ComparisonRow(

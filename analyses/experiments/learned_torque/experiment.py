@@ -183,7 +183,7 @@ def _comparison() -> list[ComparisonRow]:
             "Torque error over motions of other weeks, a network on the model over the model alone",
             "hybrid.times_model",
             LAW_FROM,
-            "what the model leaves does not repeat in other motions",
+            "the model's residual does not repeat in other motions",
             "wanted of a law",
         )
     )

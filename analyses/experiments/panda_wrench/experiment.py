@@ -134,14 +134,14 @@ def _comparison() -> list[ComparisonRow]:
             "mean RMSE, Bayesian",
             "bayesian.mean_rmse_n",
             0.66,
-            "prior by evidence; there it was 20 N and 0.2 N m",
+            "prior of maximum evidence; plain tools: 20 N and 0.2 N m",
             plain,
         ),
         ComparisonRow(
             "mean RMSE, Bayesian with 20 N, 0.2 N m and torque sd 0.1 N m",
             "bayesian_fixed_prior.mean_rmse_n",
             0.66,
-            "its torque noise is not known",
+            "the torque noise of that arm is not known",
             plain,
         ),
         ComparisonRow(

@@ -11,7 +11,7 @@ TASK = MachiningTask(
     correlation=(0.9534, 0.9538, 0.9415),
     rmse_n=(3.0845, 3.5468, 4.7082),
     figure="Fig. 25",
-    remark="the simulated arm is settled on 15 s",
+    remark="the simulated arm is fitted to the run of 15 s",
 )
 
 

@@ -132,15 +132,14 @@ def _comparison() -> list[ComparisonRow]:
             "Torque RMSE over stretches held out, joints 1 to 6",
             "validation.rmse_nm",
             [1.83, 4.04, 1.08, 0.58, 1.00, 1.16],
-            "there: fitted on two thirds, the last third; inertias and friction by least squares, "
-            "40 Hz",
+            "plain tools: fitted on two thirds, judged on the last third, by least squares, 40 Hz",
             plain,
         ),
         ComparisonRow(
             "the same over thirds",
             "validation_thirds.rmse_nm",
             [1.83, 4.04, 1.08, 0.58, 1.00, 1.16],
-            "there the last third alone",
+            "plain tools: only the last third",
             plain,
         ),
         ComparisonRow(

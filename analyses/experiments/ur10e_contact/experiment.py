@@ -175,7 +175,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
                 text = f"RMSE of the force, {kind}, {label}"
                 share = look_up(metrics, key.replace("rmse_n", "share_valid_pct"))
                 valid = "" if share is None else f"; {share:.0f} % of the readings are valid"
-                remark = f"there: K (i - i_target){valid}"
+                remark = f"the check reads K (i - i_target){valid}"
                 rows.append(ComparisonRow(text, key, value, remark, _CHECK))
     for method, label in _SHOWN.items():
         plain = round(metrics["summary"]["gravity"]["rest"]["rmse_n"], 2)
@@ -193,7 +193,7 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         if look_up(metrics, key) is not None:
             text = f"share of its readings that are valid, at 0.{speed[1:]} m/s"
             text = f"ramp slide in force mode, {text}"
-            remark = "elsewhere the force moves as no filter here expects"
+            remark = "elsewhere the force changes faster than the filters assume"
             rows.append(ComparisonRow(text, key, remark=remark, more_is_better=True))
     return rows
 

@@ -231,7 +231,7 @@ def _comparison() -> list[ComparisonRow]:
         return ComparisonRow(label, key, value, remark, "plain tools")
 
     richer = "the plain tools' friction had memory, Stribeck and load terms"
-    by_hand = "prior of maximum evidence; there it was set by hand (30 N, 2 N m)"
+    by_hand = "prior of maximum evidence; plain tools: set by hand (30 N, 2 N m)"
     close = "it depends on how close the samples come to singular"
     stated = (  # of the reading in the metrics, and as a label of a row has it
         ("bayesian", "force RMSE {}, Bayesian", (7.3, 7.4, 10.0), (by_hand, "", "")),

@@ -59,7 +59,7 @@ def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, coun
     assert "The toy experiment" in (tmp_path / "campaign" / "campaign.html").read_text()
 
 
-def test_what_is_done_is_never_run_again(tmp_path, experiment, campaign, counted):
+def test_finished_worlds_are_never_run_again(tmp_path, experiment, campaign, counted):
     experiment("toy")
     experiment("other")
     campaign("toy", worlds=2, jobs=1)
@@ -150,7 +150,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_an_interrupt_keeps_what_is_done(tmp_path, experiment, ended, number):
+def test_an_interrupt_keeps_finished_worlds(tmp_path, experiment, ended, number):
     seed = draw_world(0, 1).seed
     module = experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
     out = tmp_path / "campaign"
@@ -187,7 +187,7 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
     assert (tmp_path / "campaign" / "campaign.html").exists()
 
 
-def test_a_kill_keeps_what_is_done(tmp_path, experiment, campaign, counted):
+def test_a_kill_keeps_finished_worlds(tmp_path, experiment, campaign, counted):
     experiment("toy")
     campaign("toy", worlds=2)
     # As if killed after its worlds, before the file: what is beside counts.
@@ -239,7 +239,7 @@ def test_another_campaign_s_folder_is_refused(tmp_path, experiment, campaign, co
         (["identification", "--cluster", "x", "--world", "0"], "leave --cluster out"),
     ],
 )
-def test_what_a_user_gets_wrong_is_one_line(tmp_path, words, message, capfd, monkeypatch):
+def test_a_wrong_option_is_one_line(tmp_path, words, message, capfd, monkeypatch):
     from wrenchsight.analyses.__main__ import main
     from wrenchsight.analyses.campaign import workers
 

@@ -108,7 +108,7 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
     assert [item.parameter for item in enough.moved_by] == ["load"]
 
 
-def test_a_world_without_the_figure_tells_nothing_of_what_moves_it():
+def test_a_world_without_the_figure_is_left_out_of_its_influences():
     record = record_of(40)
     for number, world in record.worlds.items():
         world.parameters = {"load": 0.5 + 0.01 * number}
@@ -118,7 +118,7 @@ def test_a_world_without_the_figure_tells_nothing_of_what_moves_it():
     assert moved.drawn == pytest.approx((0.51, 0.89))
 
 
-def test_a_row_says_yes_or_no():
+def test_a_row_states_whether_the_figure_is_within_the_range():
     rows = [table_row(item) for item in distributions(record_of(101), ["toy"])]
     assert [rows[0][key] for key in ("article", "median", "range")] == ["10", "50.0", "5.0 to 95.0"]
     assert [item["holds"] for item in rows] == ["yes", "no", "yes", "no", "–"]

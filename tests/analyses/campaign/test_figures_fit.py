@@ -93,7 +93,7 @@ def test_an_earlier_fit_that_is_gone_is_named(tmp_path, experiment, figures):
         fit(figures(narrow=tmp_path / "fit"), 12, tmp_path / "nearer")
 
 
-def test_what_figures_are_off_by_and_back(figures):
+def test_deviations_in_tolerances_convert_back_to_figures(figures):
     """A share of 5 %: 1.3 * 1.05^2 is two tolerances off; in its own unit: 40 +- 10."""
     rows = {
         "level": ROWS["level"],
@@ -122,7 +122,7 @@ def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, fi
     assert [item.parameter for item in late.moved_by] == ["coulomb"]
 
 
-def test_too_few_arms_are_one_line_and_what_is_done_stays(tmp_path, experiment, figures, counted):
+def test_too_few_arms_are_one_line_and_finished_ones_stay(tmp_path, experiment, figures, counted):
     experiment("toy")
     with pytest.raises(InputError, match="3 arms have"):
         fit(figures(), 3, tmp_path / "fit")
@@ -148,7 +148,7 @@ def test_too_few_arms_are_one_line_and_what_is_done_stays(tmp_path, experiment, 
         ({"rows": {"a": {"keys": "toy.coulomb", "figure": 1.0}}}, "keys"),
     ],
 )
-def test_a_file_that_makes_no_sense_is_one_line(figures, changes, match):
+def test_an_invalid_file_of_figures_is_one_line(figures, changes, match):
     with pytest.raises(InputError, match=match):
         figures(**changes)
 

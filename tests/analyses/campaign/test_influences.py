@@ -17,7 +17,7 @@ def drawn(seed, count=12):
     return draws | {"individual": generator.integers(2**31, size=WORLDS).astype(float)}, generator
 
 
-def test_what_a_figure_depends_on_is_found_in_order_and_with_its_sign():
+def test_influences_are_found_in_order_and_with_their_sign():
     draws, generator = drawn(0)
     figure = 3.0 * draws["p3"] - 1.5 * draws["p7"] + 0.3 * generator.standard_normal(WORLDS)
     result = influences(figure, draws, 6.0)
@@ -74,7 +74,7 @@ def test_errors_either_way_count_by_their_size():
     assert [item.parameter for item in influences(figure, draws, 0.0)] == ["|payload - 1|"]
 
 
-def test_no_more_than_the_strongest_and_nothing_of_what_stands_still():
+def test_only_the_strongest_influences_and_none_of_a_constant_parameter():
     draws, _ = drawn(3, 5)
     figure = sum(draws[f"p{k}"] for k in range(5))
     draws["fixed"] = np.ones(WORLDS)

@@ -31,7 +31,7 @@ def test_of_a_linear_figure_with_noise_the_posterior_is_gaussian():
     assert np.mean(sharp) == pytest.approx(0.4, abs=0.03)
 
 
-def test_what_the_figures_do_not_say_stays_as_wide_as_it_was_drawn():
+def test_a_parameter_that_no_figure_determines_keeps_its_prior_range():
     rng = np.random.default_rng(1)
     ranges = np.array([[0.5, 1.5], [1.0, 3.0]])
     drawn = rng.uniform(*ranges.T, (300, 2))

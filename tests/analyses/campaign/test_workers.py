@@ -34,17 +34,17 @@ def test_memory_that_a_world_frees_is_its_own_the_next_time(tmp_path, experiment
 
 def test_no_more_processes_are_started_than_there_are_worlds(tmp_path, monkeypatch):
     """Each takes half a second of a processor to begin."""
-    asked = []
+    requested_counts = []
 
     def executor(jobs, log):
-        asked.append(jobs)
+        requested_counts.append(jobs)
         raise InterruptedError
 
     monkeypatch.setattr(workers, "_executor", executor)
     for tasks in (1, 3):
         with pytest.raises(InterruptedError):
             next(workers.on_this_machine([None] * tasks, 2, tmp_path / "log"))
-    assert asked == [1, 2]
+    assert requested_counts == [1, 2]
 
 
 def test_no_warning_of_a_process_that_is_replaced(tmp_path):

@@ -83,7 +83,7 @@ def _estimate_settings():
     return settings
 
 
-def test_a_file_says_all_that_a_run_needs(call):
+def test_a_config_file_holds_all_settings_of_a_run(call):
     seen = call("estimate", config=_estimate_settings())["values"]
     expected = _estimate_settings()
     assert seen[:3] == (Path("log.csv"), "ur10e", Path("m.yaml"))
@@ -139,7 +139,7 @@ def test_a_file_that_is_not_there_is_one_line(call):
     assert (result.exit_code, result.stderr) == (2, "nowhere.yaml: no such file; check the path\n")
 
 
-def test_what_neither_file_nor_options_give_is_a_usage_error(call):
+def test_a_setting_given_nowhere_is_a_usage_error(call):
     result = call("estimate", "log.csv", config={"estimate": {"max_gap": 0.5}})
     assert result.exit_code == 2
     assert "--robot" in result.stderr
@@ -244,7 +244,7 @@ def test_options_reach_the_estimate(call, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scenario", "asked"),
+    ("scenario", "expected"),
     [
         ((), "Default"),
         (("--scenario", "HandGuiding"), "HandGuiding"),
@@ -252,13 +252,13 @@ def test_options_reach_the_estimate(call, tmp_path):
         (("--scenario", "file.yaml", "--name", "Mine"), "file.yaml:Mine"),
     ],
 )
-def test_options_reach_the_simulation(call, tmp_path, scenario, asked):
+def test_options_reach_the_simulation(call, tmp_path, scenario, expected):
     arguments = ("--robot", "r", "--model", "m", "--out", tmp_path, "--duration", 2.5, "--seed", 4)
     arguments += ("--quick", "--no-recording", "--graphviz", "--truth", "plain")
     asked_for, out, _progress = call("simulate", *scenario, *arguments)["values"]
     assert out == tmp_path
     assert asked_for == SimulateSettings(
-        scenario=asked,
+        scenario=expected,
         robot="r",
         model="m",
         truth="plain",
@@ -324,16 +324,16 @@ def test_an_observer_by_its_name_and_from_a_file(call, words, config, expected):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ("kalman --k0 7", "--k0: KalmanObserverConfig has no K_0; leave it out\n"),
         ("luenberger", "give momentum or kalman"),
     ],
 )
-def test_a_setting_of_another_observer_is_one_line(call, words, said):
+def test_a_setting_of_another_observer_is_one_line(call, words, message):
     result = call("estimate", "log.csv", "--robot", "r", "--observer", *words.split())
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
 
 
 def test_a_method_that_the_observer_does_not_know(ur10e):
@@ -378,7 +378,7 @@ class _Settings:
 
 
 @pytest.mark.parametrize("settings", [_Settings(), _Settings(_Other(3.0), None)])
-def test_what_a_result_writes_is_read_back(tmp_path, settings):
+def test_the_config_of_a_result_is_read_back(tmp_path, settings):
     """Also one of several kinds, and nothing where the default is something."""
     path = OutputFolder(tmp_path).write_settings("config.yaml", settings)
     assert load_configuration(path, _Settings) == settings

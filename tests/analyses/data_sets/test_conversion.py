@@ -102,5 +102,5 @@ def test_the_robot_beside_a_description_is_the_one_known(data, tmp_path):
     assert Robot.load(data("neura_lara8/robot.yaml")).num_joints == 6
 
 
-def test_what_is_converted_has_a_conversion():
+def test_every_converted_set_has_a_conversion():
     assert set(CONVERSIONS) == {name for name, one in DATA_SETS.items() if one.converted}

@@ -44,7 +44,7 @@ def test_files_come_from_their_commit_and_are_checked(host, cache):
     assert (place.kind, place.folder) == ("fetched", cache / "toy")
 
 
-def test_what_is_there_is_not_fetched_again(host, cache):
+def test_present_files_are_not_fetched_again(host, cache):
     fetched(host.url)
     host.requests.clear()
     assert fetched(host.url).num_files == 0
@@ -220,6 +220,6 @@ def test_two_processes_take_turns(host, cache, fetching_process):
     assert is_whole(cache / "toy", host)
 
 
-def test_only_what_is_published_is_fetched(cache):
+def test_only_published_sets_are_fetched(cache):
     with pytest.raises(InputError, match="staubli_tx40: cannot be fetched; ask"):
         fetch_data_sets(["staubli_tx40"], "file:///nowhere")

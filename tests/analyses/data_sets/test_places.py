@@ -66,7 +66,7 @@ def test_the_repository_holds_three_sets(tmp_path):
         assert find_data_set(name, tmp_path).kind == "bundled"
 
 
-def test_what_is_nowhere_is_said_with_the_command_that_gets_it(tmp_path):
+def test_a_missing_set_is_reported_with_the_command_that_gets_it(tmp_path):
     with pytest.raises(InputError, match=r"^ur10e: .* not there; `wrenchsight data fetch ur10e`$"):
         data_set_folder("ur10e", tmp_path)
     with pytest.raises(InputError, match=r"^mine: .* not there; mine: give it with --data$"):
@@ -93,7 +93,7 @@ def test_every_set_can_be_had_in_some_way():
             )
 
 
-def test_one_line_says_who_lacks_what():
+def test_one_line_lists_experiments_and_their_missing_sets():
     line = missing_recordings({"one": ("ur10e", "staubli_tx40"), "two": ("ur10e", "ur10e_more")})
     assert line == (
         "missing recordings: ur10e (one, two), staubli_tx40 (one), ur10e_more (two); to get them: "

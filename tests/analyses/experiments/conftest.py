@@ -33,13 +33,13 @@ def run_experiment(
 
     def run(experiment: Experiment, data: Path = Path("absent"), **options: Any) -> Ran:
         out = tmp_path_factory.mktemp(experiment.name)
-        told: list[float] = []
+        shares: list[float] = []
         context = ExperimentContext(
-            out=out, data=data, progress=lambda share, what: told.append(share), **options
+            out=out, data=data, progress=lambda share, step: shares.append(share), **options
         )
         with sharing_in(common_work):
             result = experiment.run(context)
-        assert (np.diff(told) > -1e-9).all()
+        assert (np.diff(shares) > -1e-9).all()
         write_result(out, experiment, result, {}, {})
         metrics, stored = (
             json.loads((out / name).read_text(encoding="utf-8"))

@@ -50,7 +50,7 @@ def test_a_logarithmic_axis_has_no_other_labels():
     assert {"10", "20", "30"} <= set(labels)
 
 
-def test_what_is_cut_is_said():
+def test_values_beyond_the_axis_are_reported():
     _, axes = new_figure()
     panel = axes[0, 0]
     t = np.arange(3.0)
@@ -64,7 +64,7 @@ def test_what_is_cut_is_said():
     assert panel.get_ylim() == (-50.0, 50.0)
 
 
-def test_what_is_not_cut_is_not_said():
+def test_values_within_the_axis_are_not_reported():
     _, axes = new_figure()
     axes[0, 0].plot([0.0, 1.0], [0.0, 5.0], label="read")
     limit_y(axes[0, 0], -50.0, 50.0, "N")

@@ -11,9 +11,9 @@ _ODD = "a\x1b[31mb\x9b2J\rc"
 _SHOWN = r"a\x1b[31mb\x9b2J\rc"
 
 
-def _printed(what) -> str:
+def _printed(show) -> str:
     console = Console(file=io.StringIO(), width=120)
-    what(console)
+    show(console)
     return console.file.getvalue()
 
 
@@ -25,7 +25,7 @@ def test_escape_sequences_are_shown():
     assert plain_text(f"`{_ODD}`").plain == _SHOWN
 
 
-def test_so_are_those_in_progress():
+def test_control_characters_in_progress_are_escaped():
     def follow(console):
         with ProgressDisplay(console, ("work",)) as watch:
             watch(Progress("work", "failed", action=_ODD))

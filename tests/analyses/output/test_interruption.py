@@ -41,8 +41,8 @@ def test_an_end_inside_a_callback_that_drops_exceptions_is_raised_again(number, 
         pass
 
     node = Node()
-    told = weakref.ref(node, lambda _: os.kill(os.getpid(), number))
-    assert told() is node
+    reference = weakref.ref(node, lambda _: os.kill(os.getpid(), number))
+    assert reference() is node
     before = sys.unraisablehook
     with pytest.raises(KeyboardInterrupt) as caught, ends_are_interrupts() as came:
         del node  # the handler runs inside the callback
@@ -59,11 +59,13 @@ def test_other_exceptions_that_python_drops_are_told_as_before(monkeypatch):
         def __del__(self):
             raise ValueError("lost")
 
-    told = []
-    monkeypatch.setattr(sys, "unraisablehook", lambda what: told.append(str(what.exc_value)))
+    messages = []
+    monkeypatch.setattr(
+        sys, "unraisablehook", lambda unraisable: messages.append(str(unraisable.exc_value))
+    )
     with ends_are_interrupts():
         Careless()
-    assert told == ["lost"]
+    assert messages == ["lost"]
 
 
 def test_an_ignored_end_stays_ignored():

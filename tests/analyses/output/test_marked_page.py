@@ -17,7 +17,7 @@ def test_an_earlier_page_is_replaced(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "my log", "<html></html>", "<!-- written by wrenchsight"])
-def test_what_is_the_users_stays(tmp_path, content):
+def test_a_file_without_the_marker_is_refused_and_stays(tmp_path, content):
     page = tmp_path / "log.csv"
     page.write_text(content)
     for attempt in (lambda: refuse_unmarked(page), lambda: write_marked(page, "<html></html>")):

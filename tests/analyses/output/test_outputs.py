@@ -63,7 +63,7 @@ def test_numpy_and_dataclasses_become_plain():
 
 
 @pytest.mark.parametrize("value", [{"a": {1, 2}}, {"a": 1j}, {"a": b"x"}, {"a": object()}])
-def test_what_has_no_plain_form_is_named(value):
+def test_a_value_without_a_plain_form_is_named(value):
     with pytest.raises(TypeError, match=r"^a: "):
         plain(value)
 

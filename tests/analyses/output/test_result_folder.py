@@ -155,7 +155,7 @@ def _linked_folder(path):
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "said"),
+    ("name", "spoil", "message"),
     [
         ("notes.txt", _change, "notes.txt"),
         ("figures/mine.png", _change, "figures/mine.png"),
@@ -165,7 +165,7 @@ def _linked_folder(path):
         ("figures/b.png", _linked_folder, "figures"),
     ],
 )
-def test_a_folder_with_something_of_the_user_s_is_refused_as_it_is(out, name, spoil, said):
+def test_a_folder_with_something_of_the_user_s_is_refused_as_it_is(out, name, spoil, message):
     path = out / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()
@@ -176,7 +176,7 @@ def test_a_folder_with_something_of_the_user_s_is_refused_as_it_is(out, name, sp
         with result_folder(out, "estimate"):
             raise AssertionError("before any work")
 
-    assert f"{out}: holds {said}, which is not as wrenchsight wrote it" in _refused(run)
+    assert f"{out}: holds {message}, which is not as wrenchsight wrote it" in _refused(run)
     assert _files(out.parent) == before
 
 
@@ -194,7 +194,7 @@ def test_the_results_of_another_command_are_refused(out):
 
 
 @pytest.mark.parametrize("name", ["a.txt", "new.txt", "figures"])
-def test_what_appears_while_it_runs_is_not_overwritten(out, name):
+def test_a_file_that_appears_during_a_run_is_not_overwritten(out, name):
     with pytest.raises(InputError), result_folder(out, "estimate") as folder:
         for file in ("a.txt", "new.txt", "figures/b.png"):
             folder.write_text(file, "2")
@@ -316,7 +316,7 @@ def test_a_kill_while_files_change_places_is_completed(out, monkeypatch, steps):
     assert sorted(p.name for p in out.iterdir()) == [MARKER, "a.txt", "figures"]
 
 
-def test_what_was_changed_after_such_a_kill_is_not_overwritten(out, monkeypatch):
+def test_a_file_changed_after_a_kill_is_not_overwritten(out, monkeypatch):
     assert _stopped_after(out, monkeypatch, 1)
     (out / "c.txt").write_text("mine")
     assert "c.txt: is not as wrenchsight wrote it" in _refused(lambda: _write(out, "3"))
@@ -427,7 +427,7 @@ def test_a_full_disk_leaves_the_older_results(out, monkeypatch, full_for):
         b"\xff\xfe\x00",
     ],
 )
-def test_what_is_no_marker_of_ours_is_none(out, content):
+def test_a_foreign_file_under_the_markers_name_is_no_marker(out, content):
     (out.parent / "mine").write_text("mine")
     (out / MARKER).write_bytes(content)
     assert ResultMarker.read(out) is None

@@ -52,7 +52,7 @@ def packages(tmp_path, monkeypatch):
         ("analyses/__pycache__/one.nbi", False),
     ],
 )
-def test_what_is_reached_by_imports_counts(packages, changed, counts):
+def test_imported_modules_are_part_of_the_fingerprint(packages, changed, counts):
     hash_before = software_hash("wrenchsight.analyses.one")
     assert software_hash("wrenchsight.analyses.one") == hash_before
     with (packages / changed).open("a") as file:

@@ -72,7 +72,7 @@ def test_an_entry_point_is_a_method_without_an_option(folder, monkeypatch):
         ),
     ],
 )
-def test_what_is_no_method_is_refused_in_one_line(folder, text, content, words):
+def test_an_object_that_is_no_method_is_refused_in_one_line(folder, text, content, words):
     if content is not None:
         module(folder, text.partition("=")[2].partition(":")[0] or text.partition(":")[0], content)
     with pytest.raises(InputError) as refused:

@@ -167,11 +167,11 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
             row["readme"] = True
     text = results_table(results, worlds)
     assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; " in text
-    assert "; goes with load (−), wander (+); a" in text
+    assert "; correlates with load (−), wander (+); a" in text
     assert "median of 200 worlds" in text.splitlines()[-1]
     table = results_table(results, worlds, whole=True)  # the documentation's has the one run's too
     assert "| Median of 200 worlds (5 to 95 %) |" in table
-    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | goes with load (−)" in table
+    assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | correlates with load (−)" in table
     assert "| 2.00 (1.00 to 3.00), 3.00 (2.00 to 4.00) |" in table
     first = worlds | {"constant-wrench": {"rmse.0": worlds["constant-wrench"]["rmse.0"]}}
     assert "| 2.00 (1.00 to 3.00), – |" in results_table(results, first, whole=True)
@@ -266,9 +266,9 @@ def test_an_experiment_s_page_gets_its_tables_and_their_metrics(study, readme, c
         "# Page\n\n<!-- table first: begin -->\n|  | ours |\n|---|---:|\n"
         "| error \\| N | 1.0 (0.5 to 2.0) |\n\nA remark.\n<!-- table first: end -->\n\nRest.\n"
     )
-    kept = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
-    assert kept["metrics"] == {"reduction_rmse_x_pct": 20.5}
-    assert kept["tables"] == stored["tables"]
+    page_metrics = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    assert page_metrics["metrics"] == {"reduction_rmse_x_pct": 20.5}
+    assert page_metrics["tables"] == stored["tables"]
     page.write_text("no place")
     assert main([str(study), str(readme)]) == 2
     assert "table first: begin" in capsys.readouterr().err

@@ -105,8 +105,10 @@ def render(tmp_path):
         for name in ("metrics.json", "timings.json"):
             folder.write_json(name, {})
         both = ("one", "two")
-        asked = StudySettings(both, both, Path("data"), seed=5, quick=False, version="0.1.0")
-        path = write_report(folder, outcomes, replace(asked, **settings))
+        study_settings = StudySettings(
+            both, both, Path("data"), seed=5, quick=False, version="0.1.0"
+        )
+        path = write_report(folder, outcomes, replace(study_settings, **settings))
         return _Page(path.read_text(encoding="utf-8"))
 
     return render
@@ -153,7 +155,7 @@ def test_the_summary_comes_first_and_compares(outcome, render):
     assert "A second sentence." not in summary
 
 
-def test_what_has_no_result_is_named_with_why(outcome, render, tmp_path):
+def test_an_experiment_without_result_is_named_with_the_reason(outcome, render, tmp_path):
     page = render(
         outcome("one"),
         Outcome("bad", "failed", reason="ValueError: <odd>"),

@@ -47,7 +47,7 @@ def test_inside_a_study_it_is_computed_once_per_arguments(tmp_path):
     assert len(calls) == 5
 
 
-def test_the_first_gets_what_the_others_get(tmp_path):
+def test_the_first_caller_gets_the_same_layout_as_the_others(tmp_path):
     """A view becomes contiguous in the file: sums over it could differ in the last digit."""
     strided = np.arange(12.0).reshape(3, 4)[:, ::2]
     with sharing_in(tmp_path):

@@ -191,8 +191,8 @@ def test_other_options_run_it_again_and_leave_others_out_unharmed(
         experiments(name)
     run()
     before = (tmp_path / "study" / "two" / "metrics.json").read_bytes()
-    what, state = _again(run, **other)
-    assert what == f"changed since its earlier result: {next(iter(other))}; it runs again"
+    names, state = _again(run, **other)
+    assert names == f"changed since its earlier result: {next(iter(other))}; it runs again"
     assert state == "done"
     assert list(_read(tmp_path / "study" / "metrics.json")) == ["one"]
     assert (tmp_path / "study" / "two" / "metrics.json").read_bytes() == before
@@ -206,9 +206,9 @@ return measured(context, plain=truth.mechanisms is None)"""
     result = run("one", truth=truth)
     assert result.metrics["one"]["plain"] is (truth == "plain")
     assert result.outcomes[0].stored["truth"] == truth
-    said = result.report.read_text()
-    assert ("plain friction alone" in said) is (truth == "plain")
-    assert ("--truth plain" in said) is (truth == "plain")
+    report = result.report.read_text()
+    assert ("plain friction alone" in report) is (truth == "plain")
+    assert ("--truth plain" in report) is (truth == "plain")
 
 
 def test_changed_software_runs_it_again(experiments, run):
@@ -249,7 +249,7 @@ def test_a_result_of_which_a_file_was_removed_does_not_count(experiments, run, t
 
 
 @pytest.mark.parametrize("name", ["one/metrics.json", "one/figures/mine.png", "report.html"])
-def test_what_the_user_changed_or_added_is_refused_and_stays(experiments, run, tmp_path, name):
+def test_a_folder_with_the_users_changes_is_refused_and_stays(experiments, run, tmp_path, name):
     experiments("one")
     run("one")
     path = tmp_path / "study" / name
@@ -311,8 +311,8 @@ def test_what_was_printed_is_in_a_file_with_the_stack_until_it_succeeds(experime
     for end, stack in (("1 / 0", "ZeroDivisionError"), ("os.kill(os.getpid(), 11)", "in run")):
         experiments("bad", text + end)
         run("bad")
-        said = (tmp_path / "study" / "failures" / "bad.txt").read_text()
-        assert all(words in said for words in ("working", "from C", stack))
+        failure = (tmp_path / "study" / "failures" / "bad.txt").read_text()
+        assert all(words in failure for words in ("working", "from C", stack))
     experiments("bad")
     run("bad")
     assert not (tmp_path / "study" / "failures").exists()
@@ -427,8 +427,8 @@ def test_an_end_ends_the_experiments_too_and_keeps_what_is_finished(
     experiments("done")
     run("done")
     errors, experiment = end_slow(experiments("slow", _SLOW), number)
-    said = "KeyboardInterrupt" if number == signal.SIGINT else "TerminatedError: SIGTERM"
-    assert errors.count(said) == 1  # the experiment's process says nothing
+    reason = "KeyboardInterrupt" if number == signal.SIGINT else "TerminatedError: SIGTERM"
+    assert errors.count(reason) == 1  # the experiment's process says nothing
     assert not _is_running(experiment)
     names = {path.name for path in (tmp_path / "study").iterdir()}
     assert names == {".wrenchsight.json", "metrics.json", "timings.json", "report.html", "done"}
@@ -452,10 +452,10 @@ def test_after_a_kill_no_experiment_runs_on_and_the_next_study_tidies_up(
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [({"jobs": 0}, "--jobs"), ({"truth": "soft"}, "'soft', expected own, plain, hard")],
 )
-def test_options_that_cannot_be_are_refused(experiments, run, options, said):
+def test_options_that_cannot_be_are_refused(experiments, run, options, message):
     experiments("one")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         run("one", **options)

@@ -91,13 +91,13 @@ def test_the_loop_leaves_them_out_and_its_numbers_stay(hard, polishing, monkeypa
     law = CoulombViscous(hard.truth.stiction, hard.truth.viscous, np.zeros(6))
     model = replace(IdentifiedModel.nominal(hard), friction=SemiParametricFriction(law))
     plan, logs = make_machining_path(polishing, hard), []
-    for kept in (False, True):
-        if kept:
+    for keep_shapes in (False, True):
+        if keep_shapes:
             monkeypatch.setattr(
                 wrenchsight.diagrams.closed_loop, "links_apart", lambda *_: frozenset()
             )
         loop = make_closed_loop(polishing, hard, model, machining_path=plan)
-        assert ("link_3_collision_0" in solid_shapes(loop)) is kept
+        assert ("link_3_collision_0" in solid_shapes(loop)) is keep_shapes
         assert {f"{TOOL}_collision_0", f"{TOOL}_collision_1", "workpiece"} <= solid_shapes(loop)
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(0.4)

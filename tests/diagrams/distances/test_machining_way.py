@@ -60,10 +60,10 @@ def test_the_bundled_pass_is_free_and_one_within_a_wide_plate_is_not(
     assert polishing.machining is not None and polishing.workpiece is not None
     phases = polishing.machining.phases
     assert overlaps(sts, plan, phases, polishing.workpiece) == ()
-    found = overlaps(sts, plan, phases, wide(polishing))
-    assert [overlap.part for overlap in found] == ["approach", "pass", "lift"]
-    assert all("workpiece" in (overlap.pair.first, overlap.pair.second) for overlap in found)
-    assert all("and workpiece by" in overlap.sentence() for overlap in found)
+    overlap_list = overlaps(sts, plan, phases, wide(polishing))
+    assert [overlap.part for overlap in overlap_list] == ["approach", "pass", "lift"]
+    assert all("workpiece" in (overlap.pair.first, overlap.pair.second) for overlap in overlap_list)
+    assert all("and workpiece by" in overlap.sentence() for overlap in overlap_list)
 
 
 def test_a_floor_above_the_path_is_hit(
@@ -72,8 +72,8 @@ def test_a_floor_above_the_path_is_hit(
     assert polishing.machining is not None and polishing.workpiece is not None
     raised = copy(sts)
     raised.floor = float(plan.path.p_WS[:, 2].max()) + 0.05
-    found = overlaps(raised, plan, polishing.machining.phases, polishing.workpiece)
-    assert "floor" in {name for way in found for name in (way.pair.first, way.pair.second)}
+    overlap_list = overlaps(raised, plan, polishing.machining.phases, polishing.workpiece)
+    assert "floor" in {name for way in overlap_list for name in (way.pair.first, way.pair.second)}
 
 
 def test_a_lift_out_of_reach_is_refused(

@@ -44,15 +44,15 @@ def test_the_distance_to_a_table_is_that_of_the_tools_ball(sts: Robot) -> None:
         config = ClearanceConfig(0.01, [table(p[2] - gap)])
         cell = PlacementCell(sts, config)
         # E is the lowest point of the tool's ball; distances are exact to some micrometres.
-        found = cell.distances(Q_DOWN[np.newaxis], *shared(sts, Q_DOWN))[0]
-        assert found == pytest.approx(gap, abs=2e-5)
+        measured = cell.distances(Q_DOWN[np.newaxis], *shared(sts, Q_DOWN))[0]
+        assert measured == pytest.approx(gap, abs=2e-5)
         expected = max(0.0, 0.01 - gap)
         deficit = cell.deficit(Q_DOWN[np.newaxis], *shared(sts, Q_DOWN))
         assert deficit == pytest.approx(expected, abs=2e-5)
         margin = cell.margins_and_gradients(Q_DOWN[np.newaxis], *shared(sts, Q_DOWN))[0][0]
         assert (margin > 0.0) == (gap > 0.011)
         distance, index, *names = cell.closest(Q_DOWN[np.newaxis], *shared(sts, Q_DOWN))
-        assert (distance, index) == (found, 0)
+        assert (distance, index) == (measured, 0)
         assert set(names) == {"table", "polishing_tool"}
 
 

@@ -34,7 +34,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="folder for the inputs of defects")
     options = parser.parse_args()
     totals: collections.Counter[str] = collections.Counter()
-    told: collections.Counter[str] = collections.Counter()
+    outcomes: collections.Counter[str] = collections.Counter()
     defects = done = 0
     began = time.monotonic()
     with (
@@ -59,7 +59,7 @@ def main() -> int:
                     case, ending, work, reading / "clean" / "wrench.csv", clean
                 )
                 if reason is not None:
-                    told[f"{case.kind}, {reason}"] += 1
+                    outcomes[f"{case.kind}, {reason}"] += 1
                     print(f"{seed} beyond its band, {case.what}: {reason}", flush=True)
             if fault is not None:
                 defects += 1
@@ -75,7 +75,7 @@ def main() -> int:
                 print(f"{done} done, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
     for name, count in sorted(totals.items()):
         print(f"{count:6d}  {name}")
-    for name, count in sorted(told.items()):
+    for name, count in sorted(outcomes.items()):
         print(f"{count:6d}  beyond the band, which cannot be told: {name}")
     print(f"{defects} defects in {done}, {time.monotonic() - began:.0f} s")
     return int(defects > 0)

@@ -162,9 +162,9 @@ def make_case(seed: int, clean: CleanInputs, folder: Path) -> Case:
     (name,) = rng.choices(names, [_KINDS[name].weight for name in names])
     kind = _KINDS[name]
     path = folder / kind.file
-    data, what = spoilt(path.read_bytes(), kind.mutators, rng)
+    data, description = spoilt(path.read_bytes(), kind.mutators, rng)
     path.write_bytes(data)
-    return Case(seed, name, kind.file, what, rng.choice(kind.commands))
+    return Case(seed, name, kind.file, description, rng.choice(kind.commands))
 
 
 def _odd_options(seed: int, rng: random.Random) -> Case:
@@ -172,12 +172,12 @@ def _odd_options(seed: int, rng: random.Random) -> Case:
     words = [command, *_PLAIN[command]]
     pick: Callable[[], str] = lambda: rng.choice((*NUMBERS, *WORDS, *_MEANT, *_MEANT, *_FILES))  # noqa: E731
     for _ in range(rng.choice((1, 1, 2, 3))):
-        what = rng.randrange(6)
-        if what < 4:
+        choice = rng.randrange(6)
+        if choice < 4:
             option = rng.choice(_OPTIONS[command])
             value = pick()
             words += [f"{option}={value}"] if rng.random() < 0.5 else [option, value]
-        elif what == 4 and len(words) > 1:
+        elif choice == 4 and len(words) > 1:
             del words[rng.randrange(1, len(words))]
         else:
             words.insert(rng.randrange(1, len(words) + 1), pick())

@@ -147,7 +147,7 @@ def _ends_within(child: int, seconds: float) -> bool:
 
 def _warm_up(question: dict[str, Any]) -> dict[str, Any]:
     os.chdir(question["folder"])
-    kept = os.dup(1), os.dup(2)
+    descriptors = os.dup(1), os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)
@@ -158,9 +158,9 @@ def _warm_up(question: dict[str, Any]) -> dict[str, Any]:
         gc.freeze()  # or each child's first collection copies all pages of this process
         sys.stdout.flush()
         sys.stderr.flush()
-        os.dup2(kept[0], 1)
-        os.dup2(kept[1], 2)
-        for descriptor in (*kept, nowhere):
+        os.dup2(descriptors[0], 1)
+        os.dup2(descriptors[1], 2)
+        for descriptor in (*descriptors, nowhere):
             os.close(descriptor)
 
 

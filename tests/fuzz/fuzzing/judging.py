@@ -55,13 +55,13 @@ def fault_of(case: Case, ending: Ending, folder: Path, before: Mapping[str, str]
 
 def readings(table: Path) -> dict[float, tuple[list[float], list[float], bool]]:
     """Force, its standard deviation and validity, by time."""
-    found = {}
+    columns = {}
     with table.open(newline="") as file:
         for row in csv.DictReader(file):
             force = [float(row[axis] or "nan") for axis in _AXES]
             sd = [float(row[f"sd_{axis}"] or "nan") for axis in _AXES]
-            found[round(float(row["t"]), 4)] = (force, sd, float(row["valid"]) == 1.0)
-    return found
+            columns[round(float(row["t"]), 4)] = (force, sd, float(row["valid"]) == 1.0)
+    return columns
 
 
 def stray(clean: Path, spoilt: Path) -> tuple[float, float] | None:
@@ -102,15 +102,15 @@ def beyond_its_band(
     table = folder / "out" / "wrench.csv"
     if case.kind not in LOGS or not table.is_file():
         return None, None
-    found = stray(reading, table)
-    if found is None:
+    stray_samples = stray(reading, table)
+    if stray_samples is None:
         return None, None
-    if math.isfinite(found[0]):
+    if math.isfinite(stray_samples[0]):
         log = next(name for name in case.arguments if name.startswith("log."))
         reason = untellable(clean.log, folder / log, clean.robot, ending.stdout + ending.stderr)
         if reason is not None:
             return reason, None
-    return None, f"{found[0]:.3g} N beyond the band at {found[1]} s, and valid"
+    return None, f"{stray_samples[0]:.3g} N beyond the band at {stray_samples[1]} s, and valid"
 
 
 def untellable(clean: Path, spoilt: Path, robot: Path, printed: str = "") -> str | None:
@@ -141,8 +141,10 @@ def untellable(clean: Path, spoilt: Path, robot: Path, printed: str = "") -> str
     after = {name: getattr(b, name)[other] for name in signals}
     for name in signals:
         for j in range(after[name].shape[1]):
-            found = after[name][:, j]
-            others = [k for k in range(after[name].shape[1]) if _same(found, before[name][:, k])]
+            spoilt_column = after[name][:, j]
+            others = [
+                k for k in range(after[name].shape[1]) if _same(spoilt_column, before[name][:, k])
+            ]
             if others and j not in others:
                 return "a signal of another joint"
     if not all(_same(after[name], before[name]) for name in ("q", "v")):

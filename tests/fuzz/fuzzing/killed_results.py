@@ -71,9 +71,9 @@ class Folder(Results):
         after, marker = self._content(), ResultMarker.read(self.path)
         if marker is None:
             return "no marker"
-        found = next(strangers(self.path, marker), None)
-        if found is not None:
-            return f"{found} is not as it was written"
+        stranger = next(strangers(self.path, marker), None)
+        if stranger is not None:
+            return f"{stranger} is not as it was written"
         if set(marker.files) != set(after):
             return "files that the marker does not know, or that are gone"
         if self.telling not in after:
@@ -81,7 +81,7 @@ class Folder(Results):
         changed = {name for name in after if self._older.get(name) != after[name]}
         # A search that is told to end in time gives what it has by then, and says so.
         ended = any(
-            b"interrupted: " in kept.get("metrics.json", b"") for kept in (self._older, after)
+            b"interrupted: " in files.get("metrics.json", b"") for files in (self._older, after)
         )
         if changed and not ended and self._older.get(self.telling) == after[self.telling]:
             return f"{sorted(changed)} beside the older {self.telling}"
@@ -100,8 +100,8 @@ class CampaignFolder(Folder):
         if wrong is not None:
             return wrong
         record = read_table(self.path / "campaign.parquet")
-        said = json.loads((self.path / "metrics.json").read_bytes())["campaign"]
-        if record is None or said["seed"] != record.settings["seed"]:
+        reported = json.loads((self.path / "metrics.json").read_bytes())["campaign"]
+        if record is None or reported["seed"] != record.settings["seed"]:
             return "figures of one seed beside the table of another"
         return None if record.worlds else "no world is left"
 

@@ -127,14 +127,14 @@ class Kills:
         end = time.time() + after
         ending = self._run(seed + 2, (after, number, group))
         self.results.ended = min(end, time.time())
-        what = f"{number.name}{' of all' if group else ''}"
+        description = f"{number.name}{' of all' if group else ''}"
         if "Traceback" in ending.stderr and "frozen" not in ending.stderr:
-            return what, ending.stderr[-600:]
+            return description, ending.stderr[-600:]
         if ending.left_running:
-            return what, "a process is left running"
+            return description, "a process is left running"
         if ending.code not in (0, -number, 128 + number) and "frozen" not in ending.stderr:
-            return what, f"exit code {ending.code}: {ending.stderr[-300:]}"
-        return what, self.results.fault()
+            return description, f"exit code {ending.code}: {ending.stderr[-300:]}"
+        return description, self.results.fault()
 
     def left_behind(self) -> list[str]:
         """What there is after one more run that is no result."""

@@ -141,14 +141,14 @@ def other_line_ends(data: bytes, rng: random.Random) -> bytes:
 def shuffle_lines(data: bytes, rng: random.Random) -> bytes:
     lines = data.split(b"\n")
     a, b = (rng.randrange(len(lines)) for _ in range(2))
-    what = rng.randrange(5)
-    if what == 0:
+    choice = rng.randrange(5)
+    if choice == 0:
         lines[a], lines[b] = lines[b], lines[a]
-    elif what == 1:
+    elif choice == 1:
         del lines[min(a, b) : min(a, b) + rng.choice((1, 1, 5, 50))]
-    elif what == 2:
+    elif choice == 2:
         lines.insert(a, lines[b])
-    elif what == 3:
+    elif choice == 3:
         lines[min(a, b) : max(a, b)] = lines[min(a, b) : max(a, b)][::-1]
     else:
         lines = lines[: a + 1] + lines
@@ -215,17 +215,17 @@ def stuck_column(data: bytes, rng: random.Random) -> bytes:
 def other_columns(data: bytes, rng: random.Random) -> bytes:
     rows = _rows(data)
     a, b = (rng.randrange(len(rows[0])) for _ in range(2))
-    what = rng.randrange(5)
+    choice = rng.randrange(5)
     for row in rows:
-        if what == 0:
+        if choice == 0:
             row[a], row[b] = row[b], row[a]
-        elif what == 1:
+        elif choice == 1:
             del row[a]
-        elif what == 2:
+        elif choice == 2:
             row.append(row[a])
-        elif what == 3 and row is not rows[0]:
+        elif choice == 3 and row is not rows[0]:
             row[a], row[b] = row[b], row[a]
-        elif what == 4 and row is not rows[0]:
+        elif choice == 4 and row is not rows[0]:
             row[a] = row[b]
     return _bytes(rows)
 
@@ -240,17 +240,17 @@ def odd_header(data: bytes, rng: random.Random) -> bytes:
 def odd_clock(data: bytes, rng: random.Random) -> bytes:
     rows = _rows(data)
     begin = rng.randrange(1, len(rows))
-    what = rng.randrange(4)
+    choice = rng.randrange(4)
     shift = rng.choice((1e-4, 0.01, 0.5, 1e3, 1e9, -0.01, -1.0))
     for k, row in enumerate(rows[1:], start=1):
         t = float(row[0])
-        if what == 0 and k >= begin:
+        if choice == 0 and k >= begin:
             row[0] = repr(t + shift)
-        elif what == 1:
+        elif choice == 1:
             row[0] = repr(t + 1e-4 * rng.random())
-        elif what == 2 and k == begin:
+        elif choice == 2 and k == begin:
             row[0] = rows[max(1, k - 1)][0]
-        elif what == 3:
+        elif choice == 3:
             row[0] = f"{t:.2f}"
     return _bytes(rows)
 
@@ -282,12 +282,12 @@ TABLE: Sequence[Mutator] = (
 
 def _replace_one(pattern: str, data: bytes, rng: random.Random, new: Sequence[str]) -> bytes:
     text = data.decode("utf-8")
-    found = list(re.finditer(pattern, text))
-    if not found:
+    matches = list(re.finditer(pattern, text))
+    if not matches:
         return data
-    for match in rng.sample(found, min(len(found), rng.choice((1, 1, 1, 3)))):
+    for match in rng.sample(matches, min(len(matches), rng.choice((1, 1, 1, 3)))):
         text = text[: match.start(1)] + rng.choice(new) + text[match.end(1) :]
-        if len(found) > 1:
+        if len(matches) > 1:
             break
     return text.encode("utf-8", "surrogatepass")
 

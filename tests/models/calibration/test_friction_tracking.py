@@ -208,7 +208,7 @@ def test_columns_are_those_of_the_law_through_the_observers_pole(sts):
     np.testing.assert_array_equal(correction, 0.0)
 
 
-def test_what_cannot_be_tracked_is_refused(sts, model, coupled_wrist):
+def test_models_that_cannot_be_tracked_are_refused(sts, model, coupled_wrist):
     with pytest.raises(ValueError, match="time_step"):
         FrictionTracker(model, None, 0.0, FORCE_SD)
     coupled = CoupledFriction(model.friction, coupled_wrist.motor_rates)
@@ -225,7 +225,7 @@ class Whole(FrictionTracker):
     share = np.ones(6)
 
 
-def test_what_was_friction_for_seconds_alone_is_applied_no_longer(sts, model):
+def test_a_correction_that_held_for_seconds_only_is_no_longer_applied(sts, model):
     """Of a joint whose error looks like friction for 4 s, and then is gone."""
     t, q, v = motion(sts)
     change = np.zeros((6, 3))
@@ -242,7 +242,7 @@ def test_what_was_friction_for_seconds_alone_is_applied_no_longer(sts, model):
     assert size[0] < 0.9 * size[1]
 
 
-def test_the_share_is_of_what_is_borne_out(sts, model):
+def test_the_share_is_the_confirmed_part_of_the_correction(sts, model):
     _, q, v = motion(sts)
     change = np.zeros((6, 3))
     change[:, 1] = 3.0
@@ -257,7 +257,7 @@ def test_the_share_is_of_what_is_borne_out(sts, model):
     np.testing.assert_array_equal(tracker.share, 1.0)
 
 
-def test_a_load_says_nothing_about_the_share(sts, model):
+def test_a_load_does_not_change_the_share(sts, model):
     """An unknown load, whose torque may rise and fall with a joint's velocity."""
     _, q, v = motion(sts)
     change = np.zeros((6, 3))

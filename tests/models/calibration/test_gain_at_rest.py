@@ -36,7 +36,7 @@ def test_the_gain_is_that_of_the_rest_whatever_the_motion_holds():
     assert gain(samples(gravity=-40.0), -40.0).value == pytest.approx(GAIN, rel=1e-9)
 
 
-def test_a_joint_in_motion_says_nothing():
+def test_a_joint_in_motion_gives_no_gain():
     assert gain(samples(rest=0.0)) is None
     assert gain(samples(rest=0.5)) is None  # nothing is left between the edges
 
@@ -46,7 +46,7 @@ def test_a_target_that_is_ahead_of_the_joint_does_no_harm():
     assert gain(samples(rest=1.2, lag=0.15)).value == pytest.approx(GAIN, rel=1e-9)
 
 
-def test_a_joint_that_gravity_does_not_load_says_nothing():
+def test_a_joint_that_gravity_does_not_load_gives_no_gain():
     assert gain(samples(gravity=1.0), 1.0) is None
     # The targets hold a torque that gravity does not ask for.
     assert gain(samples(), gravity=0.0) is None
@@ -57,6 +57,6 @@ def test_a_joint_that_creeps_does_not_rest():
     assert gain(creeping) is None
 
 
-def test_nothing_is_said_of_no_samples():
+def test_no_samples_give_no_gain():
     none = np.empty((0, 2))
     assert gain(TargetSamples(np.empty(0), none, none, none, none)) is None

@@ -45,7 +45,7 @@ def test_a_tilted_base_is_reported_with_its_vector(sts, degrees):
     )
 
 
-def test_an_upright_base_says_nothing(sts):
+def test_an_upright_base_reports_no_tilt(sts):
     q = motion(sts)
     rng = np.random.default_rng(1)
     slow = np.cumsum(rng.normal(size=q.shape), axis=0) * 0.05
@@ -73,7 +73,7 @@ def test_friction_of_another_day_is_no_tilt(sts):
     assert read(sts, q, -4.0 * np.sign(v) - 2.0 * v) is None
 
 
-def test_an_arm_at_rest_tells_too_little(sts):
+def test_an_arm_at_rest_does_not_determine_a_tilt(sts):
     q = np.tile(sts.home, (1000, 1))
     g = tilted(sts.chain, 10.0)
     tau_ext = sts.chain.gravity_torque(q) - replace(sts.chain, gravity=g).gravity_torque(q)
@@ -90,13 +90,13 @@ def noisy_tilt(robot, N, share):
     return q, tau_ext + noise * np.sqrt(np.mean(clean**2) * (1.0 - share) / share)
 
 
-def test_what_explains_little_is_no_tilt(sts):
+def test_a_turn_that_explains_little_is_no_tilt(sts):
     """Ten minutes: sure to many standard errors, and still a small part of what is read."""
     assert read(sts, *noisy_tilt(sts, 60_000, 0.6)) is not None
     assert read(sts, *noisy_tilt(sts, 60_000, 0.15)) is None
 
 
-def test_what_is_not_sure_is_no_tilt(sts):
+def test_an_insignificant_turn_is_no_tilt(sts):
     """Four seconds, 4 * 6 independent numbers, of which half of the square is explained."""
     assert read(sts, *noisy_tilt(sts, 400, 0.5)) is None
     assert read(sts, *noisy_tilt(sts, 400, 0.9)) is not None

@@ -139,7 +139,7 @@ def test_no_load_is_found_in_a_log_without_one(ur10e):
     assert abs(estimate.mass) < 3.0 * estimate.standard_deviation[0]
 
 
-def test_what_the_motion_does_not_tell_has_wide_errors(ur10e):
+def test_parameters_that_the_motion_does_not_determine_have_wide_errors(ur10e):
     """Joint 1 alone, about a vertical axis: gravity never changes, so neither does what it says."""
     log = quiet(ur10e, 3, only=[0])
     estimate = estimate_load(

@@ -56,7 +56,7 @@ def test_the_true_hypothesis_has_the_odds(ur10e, seed, load, drift, expected):
         assert ("drifted friction" in line) == (expected == "both")
 
 
-def test_what_comes_half_way_is_no_load_since_the_start(ur10e):
+def test_a_force_from_half_way_is_no_load_since_the_start(ur10e):
     weighed = weigh(log_of(ur10e, 1, LOAD, since=12.5), LAW, PRIOR)
     assert not weighed.is_steady
     assert not weighed.is_shown
@@ -92,7 +92,7 @@ def test_the_time_is_found_to_a_row_in_a_long_log(ur10e):
     assert weighed.begin == pytest.approx(97.3, abs=0.15)
 
 
-def test_what_comes_and_goes_again_is_not_taken_up(ur10e):
+def test_a_force_that_ends_again_is_no_load_taken_up(ur10e):
     """A weight of a few seconds in the middle: the halves of what follows disagree."""
     log, gone = (log_of(ur10e, 4, LOAD, since=since) for since in (8.0, 14.0))
     torque = gone.rows.residual - log_of(ur10e, 4).rows.residual
@@ -104,7 +104,7 @@ def test_too_short_on_either_side_of_a_beginning(ur10e):
     assert weigh_begin(log_of(ur10e, 1, LOAD)[: 2 * FEWEST], LAW, PRIOR) is None
 
 
-def test_what_lifts_the_arm_is_no_load(ur10e):
+def test_a_lifting_force_is_no_load(ur10e):
     assert not weigh(log_of(ur10e, 2, -LOAD), LAW, PRIOR).is_shown
 
 
@@ -128,6 +128,6 @@ def test_errors_of_the_arms_own_model_are_no_load(ur10e):
     assert weigh(replace(log, rows=rows), LAW, PRIOR).is_shown
 
 
-def test_a_log_of_seconds_says_nothing(ur10e):
+def test_a_log_of_seconds_is_not_judged(ur10e):
     log = log_of(ur10e, 5, LOAD)
     assert weigh(log[: FEWEST - 1], LAW, PRIOR) is None

@@ -37,7 +37,7 @@ def test_seconds_determine_a_load_with_its_error(ur10e, seed):
 
 
 @pytest.mark.parametrize("joint", [1, 2])
-def test_what_one_joint_shows_alone_is_no_load(ur10e, joint):
+def test_torque_of_one_joint_alone_is_no_load(ur10e, joint):
     # An error of the one joint that moves has the shape of a load; the others rest in stiction.
     log = log_of(ur10e, 1, 3.0, joints=[joint], duration=20.0, moving=[joint])
     weighed = weigh(log, LAW, PRIOR)

@@ -66,7 +66,7 @@ def test_columns_are_a_bodys_weight(ur10e):
         np.testing.assert_allclose(payload[:, j], expected, atol=1e-5)
 
 
-def test_three_postures_and_the_way_between_them_tell_it_for_all_others(ur10e):
+def test_three_postures_and_the_motion_between_them_determine_the_payload(ur10e):
     gravity = np.asarray(ur10e.gravity)
     scores, worst = [], 0.0
     for seed in range(12):

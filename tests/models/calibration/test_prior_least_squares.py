@@ -88,6 +88,6 @@ def test_scatter_widens_the_standard_errors():
         ([np.ones((5, 4))], np.full(3, np.inf), "neither rows nor prior"),
     ],
 )
-def test_what_cannot_be_solved_is_refused(rows, sd, message):
+def test_unsolvable_rows_are_refused(rows, sd, message):
     with pytest.raises(ValueError, match=message):
         fit_with_prior(rows, sd, np.zeros(3))

@@ -109,7 +109,7 @@ def test_long_logs_are_taken_block_by_block():
         ({"residual": np.full((40, 2), np.nan)}, "finite"),
     ],
 )
-def test_rows_that_make_no_sense_are_refused(changes, message):
+def test_invalid_rows_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         rows(**changes)
 

@@ -89,7 +89,7 @@ def test_hand_push_axes_differ():
         (HandPush(each=1.0, pause=-1.0), "pause"),
     ],
 )
-def test_bad_segment_is_one_line(segment, words):
+def test_an_invalid_segment_is_one_line(segment, words):
     with pytest.raises(InputError, match=words) as error:
         WrenchScript([WrenchStep(), segment], source="my.yaml")
     assert "my.yaml: wrench segment 2" in str(error.value)

@@ -120,7 +120,7 @@ def test_where_joint_7_is_silent_link_6_stays_possible(J: np.ndarray, f: float) 
     assert 0.1 < odds.bodies[6] < 0.9
 
 
-def test_odds_presuppose_what_they_are_said_to() -> None:
+def test_odds_have_the_stated_prior() -> None:
     nothing = np.zeros(8)
     np.testing.assert_allclose(PlaceOdds.of(nothing).links, 1.0 / 8.0)
     assert PlaceOdds.of(nothing).at_E == pytest.approx(1.0 / 8.0)
@@ -186,7 +186,7 @@ def test_a_loaded_joint_rules_out_the_links_before_it(J: np.ndarray) -> None:
 def test_the_evidence_is_that_of_the_densities_written_out() -> None:
     rng = np.random.default_rng(5)
     B, y = rng.normal(size=(3, 4, 5)), rng.normal(size=5)
-    found = link_odds._log_likelihood(B, y, inwards=True)
+    log_likelihood = link_odds._log_likelihood(B, y, inwards=True)
     for m in range(3):
         for k, F in enumerate(link_odds.SIZES):
             C = np.eye(5) + F**2 * B[m].T @ B[m]
@@ -196,10 +196,10 @@ def test_the_evidence_is_that_of_the_densities_written_out() -> None:
             mean = with_force @ y
             variance = F**2 - F**2 * with_force @ B[m][0]
             expected += np.log(2.0) + norm.logcdf(mean / np.sqrt(variance))
-            assert found[m, k] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+            assert log_likelihood[m, k] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-def test_what_is_not_finite_is_refused(J: np.ndarray) -> None:
+def test_values_that_are_not_finite_are_refused(J: np.ndarray) -> None:
     tau = np.zeros((1, 7))
     tau[0, 3] = np.nan
     with pytest.raises(ValueError, match="not finite"):

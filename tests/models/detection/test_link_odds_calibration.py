@@ -125,7 +125,7 @@ def touches() -> list[Touched]:
     return result
 
 
-def test_what_is_said_is_as_often_right(touches: list[Touched]) -> None:
+def test_stated_odds_match_the_rate_of_right_links(touches: list[Touched]) -> None:
     stated = np.array([one.bodies.max() for one in touches])
     right = np.array([np.argmax(one.bodies) + 1 == one.link for one in touches])
     for low, high in ((0.5, 0.7), (0.7, 0.85), (0.85, 1.01)):
@@ -136,7 +136,7 @@ def test_what_is_said_is_as_often_right(touches: list[Touched]) -> None:
     assert np.mean([one.bodies[one.link - 1] >= 0.1 for one in touches]) > 0.95
 
 
-def test_a_touch_of_link_6_is_seldom_said_to_be_surely_on_link_7(touches: list[Touched]) -> None:
+def test_a_touch_of_link_6_seldom_has_high_odds_for_link_7(touches: list[Touched]) -> None:
     called = np.array([one.bodies[6] > 0.9 for one in touches if one.link == 6])
     assert called.mean() < 0.1
     assert np.mean([one.bodies[6] for one in touches if one.link == 7]) > 0.75

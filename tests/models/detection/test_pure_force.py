@@ -24,8 +24,8 @@ def test_a_moment_is_no_force_alone(ur10e: Robot) -> None:
     assert force_alone_explains(t, J, force, sd, correlation).all()
     F[300:, :3] = (4.0, 0.0, 4.0)  # N m
     both = np.einsum("kij,ki->kj", J, F) + noise
-    found = force_alone_explains(t, J, both, sd, correlation)
-    assert found[:280].all()
-    assert not found[330:].any()
+    is_explained = force_alone_explains(t, J, both, sd, correlation)
+    assert is_explained[:280].all()
+    assert not is_explained[330:].any()
     both[10] = np.nan  # a sample that is missing leaves nothing over
     assert force_alone_explains(t, J, both, sd, correlation)[:280].all()

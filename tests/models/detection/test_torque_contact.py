@@ -40,13 +40,13 @@ def spans(contact):
 
 
 def test_every_touch_is_found_and_nothing_else(touched) -> None:
-    found = found_in(*touched)
-    assert len(spans(found.contact)) == len(TOUCHES)
-    for (begin, end), (first, last) in zip(spans(found.contact), TOUCHES, strict=True):
+    contacts = found_in(*touched)
+    assert len(spans(contacts.contact)) == len(TOUCHES)
+    for (begin, end), (first, last) in zip(spans(contacts.contact), TOUCHES, strict=True):
         assert first <= begin <= first + 8
         assert last - 8 <= end <= last + 1
-    assert not found.moving.any()
-    assert (found.statistic[found.contact].max()) > 1.0
+    assert not contacts.moving.any()
+    assert (contacts.statistic[contacts.contact].max()) > 1.0
 
 
 def test_the_error_is_noise_step_and_a_floor(touched) -> None:
@@ -85,20 +85,20 @@ def test_one_wild_sample_is_no_contact(touched) -> None:
     error = learn_torque_error(t, tau, J)
     tau = np.full_like(tau, 0.4)
     tau[500, 2] += 50.0
-    found = found_in(t, tau, J, error)
-    assert found.statistic[500] > LEVEL
-    assert not found.contact.any()
+    contacts = found_in(t, tau, J, error)
+    assert contacts.statistic[500] > LEVEL
+    assert not contacts.contact.any()
 
 
-def test_what_is_missing_is_passed(touched) -> None:
+def test_missing_samples_are_skipped(touched) -> None:
     t, tau, J = touched
     tau = tau.copy()
     tau[:40] = np.nan
     tau[600:610, 4] = np.nan
-    found = found_in(t, tau, J)
-    assert np.isfinite(found.baseline).all()
-    assert not found.contact[:190].any()
-    assert len(spans(found.contact)) == len(TOUCHES)
+    contacts = found_in(t, tau, J)
+    assert np.isfinite(contacts.baseline).all()
+    assert not contacts.contact[:190].any()
+    assert len(spans(contacts.contact)) == len(TOUCHES)
 
 
 def test_motion_has_an_error_of_its_own() -> None:

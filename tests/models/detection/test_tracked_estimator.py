@@ -143,7 +143,7 @@ def test_what_is_unknown_makes_a_reading_invalid(sts, model, log):
     assert late > 0.9
 
 
-def test_what_cannot_be_tracked_is_refused(sts, model):
+def test_models_that_cannot_be_tracked_are_refused(sts, model):
     with pytest.raises(ValueError, match="no torque error"):
         TrackedEstimator(sts, IdentifiedModel.nominal(sts), config())
     with pytest.raises(ValueError, match="method damped has no prior"):
@@ -212,7 +212,7 @@ def test_after_a_break_it_knows_what_it_had_learnt(sts, model, log):
     assert inside(batch, slice(50, None)).min() > 0.9
 
 
-def test_on_what_another_estimator_has_read(sts, model, log):
+def test_follows_the_readings_of_another_estimator(sts, model, log):
     _, q, v, current, _ = log
     rows = slice(0, 400)
     plain = WrenchEstimator(sts, model, config())

@@ -131,7 +131,9 @@ def test_after_exchanged_joints_a_force_waits_until_readings_were_free(
     assert not batch.valid[PUSHED].any()
 
 
-def test_and_so_it_does_live(estimator: WrenchEstimator, log: Log) -> None:
+def test_live_readings_after_exchanged_joints_stay_not_valid(
+    estimator: WrenchEstimator, log: Log
+) -> None:
     """There samples are checked before they are put on a grid."""
     config = LiveConfig(replace(estimator.config, position_resolution=[0.0] * 6))
     live = LiveEstimator(estimator.robot, estimator.model, config)

@@ -34,13 +34,13 @@ def test_jacobian_at_a_point_is_that_of_a_moved_tool(case):
 
 def test_point_mean_and_sds_come_back(case):
     _, _, J, R, p_EP, tau, Sigma = case
-    found = find_point_of_action(J, R, tau, Sigma)
+    estimate = find_point_of_action(J, R, tau, Sigma)
     # 300 samples of 3 N deviations and about 1 N m of noise on 25 N: some millimetres, 0.2 N.
-    np.testing.assert_allclose(found.p_EP, p_EP, atol=0.01)
-    np.testing.assert_allclose(found.mean_force_W, [2.0, 0.0, -25.0], atol=1.0)
-    assert found.force_sd == pytest.approx(3.0, rel=0.15)
-    assert found.noise_scale == pytest.approx(1.5, rel=0.1)
-    assert found.moment_sd < 0.3
+    np.testing.assert_allclose(estimate.p_EP, p_EP, atol=0.01)
+    np.testing.assert_allclose(estimate.mean_force_W, [2.0, 0.0, -25.0], atol=1.0)
+    assert estimate.force_sd == pytest.approx(3.0, rel=0.15)
+    assert estimate.noise_scale == pytest.approx(1.5, rel=0.1)
+    assert estimate.moment_sd < 0.3
 
 
 def test_a_force_at_the_flange_is_found_there(case):
@@ -48,9 +48,9 @@ def test_a_force_at_the_flange_is_found_there(case):
     rng = np.random.default_rng(5)
     force = np.array([0.0, 10.0, -30.0])
     tau = np.einsum("kij,i->kj", J[:, 3:], force) + 0.3 * rng.normal(size=(300, 6))
-    found = find_point_of_action(J, R, tau, Sigma)
-    np.testing.assert_allclose(found.p_EP, 0.0, atol=0.01)
-    np.testing.assert_allclose(found.mean_force_W, force, atol=0.5)
+    estimate = find_point_of_action(J, R, tau, Sigma)
+    np.testing.assert_allclose(estimate.p_EP, 0.0, atol=0.01)
+    np.testing.assert_allclose(estimate.mean_force_W, force, atol=0.5)
 
 
 def test_bad_input_is_refused(case):

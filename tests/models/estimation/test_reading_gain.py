@@ -52,7 +52,7 @@ def test_a_change_of_torque_changes_the_wrench_by_the_gain(sts, method):
     )
 
 
-def test_what_makes_a_force_too_uncertain_makes_it_invalid(sts):
+def test_a_too_uncertain_force_is_not_valid(sts):
     estimator = estimator_of(sts, "bayesian", max_force_sd=30.0)
     batch = read(estimator, sts, np.zeros(6))
     gain = ReadingGain(estimator)

@@ -204,7 +204,9 @@ def interval_smoother(own: WrenchEstimator) -> IntervalSmoother:
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])
-def test_what_a_change_explains(ur10e: Robot, model: IdentifiedModel, method: str) -> None:
+def test_evidence_of_a_change_is_its_likelihood_ratio(
+    ur10e: Robot, model: IdentifiedModel, method: str
+) -> None:
     """Bayes factor and generalized least squares of the dense log, and its posterior with them."""
     own, rows = estimator(ur10e, model, method), 40
     n = own.num_joints

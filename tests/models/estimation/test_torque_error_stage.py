@@ -41,13 +41,13 @@ def test_J_is_low_passed_and_the_drift_is_its_part_of_the_sd(
     model: IdentifiedModel, log: Log
 ) -> None:
     stage, (q, v, load, J) = stage_of(model), log
-    found = stage.run(stage.initial_state(), *log)
-    np.testing.assert_array_equal(found.J_seen, jacobian_seen(J, 20.0, T))
+    error = stage.run(stage.initial_state(), *log)
+    np.testing.assert_array_equal(error.J_seen, jacobian_seen(J, 20.0, T))
     law = model.friction.sampled(T)
     known, stiction = torque_sds(stage.error.with_drift(0.0), law, q, v, load, T)
-    np.testing.assert_array_equal(found.stiction, stiction)
-    np.testing.assert_allclose(found.sd**2 - found.drift**2, known**2, rtol=1e-9)
-    np.testing.assert_array_equal(np.sign(found.drift), np.sign(v))
+    np.testing.assert_array_equal(error.stiction, stiction)
+    np.testing.assert_allclose(error.sd**2 - error.drift**2, known**2, rtol=1e-9)
+    np.testing.assert_array_equal(np.sign(error.drift), np.sign(v))
 
 
 def test_parts_are_the_whole(model: IdentifiedModel, log: Log) -> None:
@@ -79,10 +79,10 @@ def test_an_error_that_nobody_learnt_is_constant(model: IdentifiedModel, log: Lo
     np.testing.assert_allclose(error.covariance, Sigma, rtol=1e-12)
     for K_0 in (5.0, 80.0):
         stage = TorqueErrorStage(error, model.friction.sampled(T), np.full(N, K_0), T, None)
-        found = stage.run(stage.initial_state(), *log)
-        np.testing.assert_allclose(found.sd, np.tile(np.sqrt(np.diag(Sigma)), (ROWS, 1)))
-        assert not found.stiction.any() and not found.drift.any()
-        np.testing.assert_array_equal(found.J_seen, log[3])
+        torque_error = stage.run(stage.initial_state(), *log)
+        np.testing.assert_allclose(torque_error.sd, np.tile(np.sqrt(np.diag(Sigma)), (ROWS, 1)))
+        assert not torque_error.stiction.any() and not torque_error.drift.any()
+        np.testing.assert_array_equal(torque_error.J_seen, log[3])
 
 
 def test_a_posture_in_which_gravity_is_open_has_a_larger_sd(
@@ -106,8 +106,8 @@ def test_a_posture_in_which_gravity_is_open_has_a_larger_sd(
     fitted = replace(error, fitted_spread=np.abs(more).max(axis=0) * (1.0 + 1e-9))
     within = TorqueErrorStage(fitted, *own, sts.chain)
     np.testing.assert_array_equal(within.run(within.initial_state(), *log).sd, a.sd)
-    kept = within.retuned(law, np.full(N, 20.0))
-    np.testing.assert_array_equal(kept.table, within.table)
+    retuned = within.retuned(law, np.full(N, 20.0))
+    np.testing.assert_array_equal(retuned.table, within.table)
 
 
 def test_the_estimator_states_the_sd_of_an_open_posture(

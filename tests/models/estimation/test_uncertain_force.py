@@ -29,13 +29,13 @@ def judged(robot, sd, max_force_sd=None):
     return UncertainForce.of(estimator, batch.J[5:], batch.torque_sd[5:]), batch
 
 
-def test_the_sd_is_what_the_estimator_states_and_the_limit_is_where_it_stops(robot):
+def test_the_sd_is_the_estimators_and_valid_ends_at_the_limit(robot):
     sd = [3.0, 2.5, 1.5, 0.3, 0.5, 0.2]
-    found, batch = judged(robot, sd)
+    judgement, batch = judged(robot, sd)
     # By the same formula, inverted instead of factorised; the prior is the live one.
-    assert found.sd == pytest.approx(stated(batch), rel=1e-9)
-    assert judged(robot, sd, 1.01 * found.sd)[1].valid[-1]
-    assert not judged(robot, sd, 0.99 * found.sd)[1].valid[-1]
+    assert judgement.sd == pytest.approx(stated(batch), rel=1e-9)
+    assert judged(robot, sd, 1.01 * judgement.sd)[1].valid[-1]
+    assert not judged(robot, sd, 0.99 * judgement.sd)[1].valid[-1]
     assert judged(robot, sd, 12.0)[0].limit == 12.0
 
 
@@ -45,23 +45,24 @@ def stated(batch):
 
 def test_the_joint_that_counts_most_is_named_with_the_remedy(robot):
     sd = np.array([30.0, 25.0, 15.0, 3.0, 5.0, 2.0])
-    found, _ = judged(robot, sd)
+    judgement, _ = judged(robot, sd)
     # By what the estimator states where one joint after the other is ten times better.
     better = [stated(judged(robot, sd / np.where(np.arange(6) == j, 10, 1))[1]) for j in range(6)]
     worst = int(np.argmin(better))
-    assert found.joint == robot.joint_names[worst]
-    message = found.sentence(0.0)
+    assert judgement.joint == robot.joint_names[worst]
+    message = judgement.sentence(0.0)
     assert message.startswith("no reading is valid: the force's sd is ")
     assert "payload 4 kg in robot.yaml" in message
     assert (
-        f"of {found.joint}, {sd[worst]:g} N m, counts most; it is assumed: pass --model" in message
+        f"of {judgement.joint}, {sd[worst]:g} N m, counts most; it is assumed: pass --model"
+        in message
     )
-    fitted = replace(found, assumed=False).sentence(0.2)
+    fitted = replace(judgement, assumed=False).sentence(0.2)
     assert fitted.startswith("20 % of readings are valid")
     assert "--max-force-sd" in fitted
 
 
 def test_where_the_sd_would_do_rest_and_foreign_contact_are_named(robot):
-    found, _ = judged(robot, [0.01] * 6)
-    assert found.sd < found.limit
-    assert "joints rest or reverse" in found.sentence(0.0)
+    judgement, _ = judged(robot, [0.01] * 6)
+    assert judgement.sd < judgement.limit
+    assert "joints rest or reverse" in judgement.sentence(0.0)

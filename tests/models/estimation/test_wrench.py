@@ -103,9 +103,9 @@ def test_damped_and_truncated_are_the_textbook_pseudo_inverses() -> None:
     J, Sigma = jacobians(20), noise_covariance()
     tau = np.random.default_rng(3).normal(size=(20, 6)) * 10.0
     U, s, Vt = np.linalg.svd(J.transpose(0, 2, 1))
-    kept = s > 0.2 * s[:, :1]
-    gains = {"damped": s / (s**2 + 0.3**2), "truncated": np.where(kept, 1.0 / s, 0.0)}
-    assert 0 < np.sum(kept) < s.size
+    is_large = s > 0.2 * s[:, :1]
+    gains = {"damped": s / (s**2 + 0.3**2), "truncated": np.where(is_large, 1.0 / s, 0.0)}
+    assert 0 < np.sum(is_large) < s.size
     for method, gain in gains.items():
         H = Vt.transpose(0, 2, 1) * gain[:, None, :] @ U.transpose(0, 2, 1)
         settings = WrenchReconstructionConfig(method, 30.0, 2.0, damping=0.3, truncation=0.2)
@@ -199,10 +199,10 @@ def test_the_estimate_turns_with_the_frame() -> None:
     tau = np.random.default_rng(4).normal(size=(5, 6)) * 5.0
     for method in METHODS:
         here = reconstruct_wrench(J, tau, Sigma, config(method))
-        there = reconstruct_wrench(R @ J, tau, Sigma, config(method))
-        np.testing.assert_allclose(there.wrench, here.wrench @ R.T, rtol=1e-8, atol=1e-9)
-        np.testing.assert_allclose(there.covariance, R @ here.covariance @ R.T, atol=1e-8)
-        np.testing.assert_array_equal(there.valid, here.valid)
+        turned = reconstruct_wrench(R @ J, tau, Sigma, config(method))
+        np.testing.assert_allclose(turned.wrench, here.wrench @ R.T, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(turned.covariance, R @ here.covariance @ R.T, atol=1e-8)
+        np.testing.assert_array_equal(turned.valid, here.valid)
 
 
 # ---- singular configurations -------------------------------------------------------------------
@@ -396,11 +396,11 @@ def synthetic_log(
 
 @pytest.mark.parametrize(("force_sd", "moment_sd"), [(20.0, 1.0), (5.0, 5.0), (100.0, 0.5)])
 def test_evidence_recovers_the_sds_of_a_log(force_sd: float, moment_sd: float) -> None:
-    found = evidence_prior(*synthetic_log(force_sd, moment_sd))
+    prior = evidence_prior(*synthetic_log(force_sd, moment_sd))
     # 2000 samples: the force sd has 6000 components, 1 % each way; a moment sd near the torque
     # noise is known five times worse.
-    assert found[0] == pytest.approx(force_sd, rel=0.04)
-    assert found[1] == pytest.approx(moment_sd, rel=0.15)
+    assert prior[0] == pytest.approx(force_sd, rel=0.04)
+    assert prior[1] == pytest.approx(moment_sd, rel=0.15)
 
 
 def test_evidence_near_its_lower_bound() -> None:
@@ -410,8 +410,8 @@ def test_evidence_near_its_lower_bound() -> None:
     F = rng.normal(size=(len(J), 6)) * np.array([0.08] * 3 + [1.3] * 3)
     quiet = 1e-3 * Sigma
     error = rng.normal(size=(6000, 6)) @ np.linalg.cholesky(quiet).T
-    found = evidence_prior(J, np.einsum("kij,ki->kj", J, F) + error, quiet)
-    assert found == pytest.approx((1.3, 0.08), rel=0.1)
+    prior = evidence_prior(J, np.einsum("kij,ki->kj", J, F) + error, quiet)
+    assert prior == pytest.approx((1.3, 0.08), rel=0.1)
     found_too = evidence_prior_and_noise(J, np.einsum("kij,ki->kj", J, F) + error, Sigma)
     assert found_too[0] == pytest.approx(1.3, rel=0.1)
 
@@ -504,14 +504,14 @@ def test_sds_of_each_sample_are_a_covariance_of_their_own() -> None:
     )
     for method in METHODS:
         config = WrenchReconstructionConfig(method, prior_force_sd=30.0, prior_moment_sd=2.0)
-        found = WrenchReconstruction(config, R).reconstruct(J, tau, sd)
+        readings = WrenchReconstruction(config, R).reconstruct(J, tau, sd)
         for k in range(20):
             one = reconstruct_wrench(J[k], tau[k], np.outer(sd[k], sd[k]) * R, config)
-            np.testing.assert_allclose(found.wrench[k], one.wrench, rtol=1e-7, atol=1e-9)
+            np.testing.assert_allclose(readings.wrench[k], one.wrench, rtol=1e-7, atol=1e-9)
             np.testing.assert_allclose(
-                found.covariance[k], one.covariance, rtol=1e-7, atol=1e-9 * one.covariance.max()
+                readings.covariance[k], one.covariance, rtol=1e-7, atol=1e-9 * one.covariance.max()
             )
-            assert found.valid[k] == one.valid
+            assert readings.valid[k] == one.valid
 
 
 def seen_directions(sds: list[float]) -> tuple[np.ndarray, np.ndarray]:

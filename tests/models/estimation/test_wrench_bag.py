@@ -47,7 +47,7 @@ def test_the_messages_are_what_ros_expects(tmp_path: Path) -> None:
         for connection, stamp, data in reader.messages():
             message = types.deserialize_cdr(data, connection.msgtype)
             seen.setdefault(connection.topic, []).append((stamp, message))
-    assert {topic: len(found) for topic, found in seen.items()} == dict.fromkeys(
+    assert {topic: len(messages) for topic, messages in seen.items()} == dict.fromkeys(
         ("/tf", "/wrench", "/wrench/covariance"), _ROWS
     )
     k = 123

@@ -50,12 +50,12 @@ def balanced_gain(J: Array, force_sd: float = np.inf) -> Array:
 
 def test_the_force_is_weighted_by_the_means_and_its_covariance_is_that_of_the_sample() -> None:
     J, tau = posture(), np.random.default_rng(5).normal(size=N)
-    found = read(J, tau)
+    reading = read(J, tau)
     gain, errors = balanced_gain(J), np.outer(SD, SD) * correlation()
-    np.testing.assert_allclose(found.wrench[3:], gain @ tau, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance[3:, 3:], gain @ errors @ gain.T, rtol=1e-9)
-    assert not found.wrench[:3].any()
-    assert not found.covariance[:3].any() and not found.covariance[:, :3].any()
+    np.testing.assert_allclose(reading.wrench[3:], gain @ tau, rtol=1e-9)
+    np.testing.assert_allclose(reading.covariance[3:, 3:], gain @ errors @ gain.T, rtol=1e-9)
+    assert not reading.wrench[:3].any()
+    assert not reading.covariance[:3].any() and not reading.covariance[:, :3].any()
 
 
 def test_the_stated_covariance_is_that_of_many_readings() -> None:
@@ -63,10 +63,10 @@ def test_the_stated_covariance_is_that_of_many_readings() -> None:
     J, rng, force = posture(), np.random.default_rng(6), np.array([10.0, -20.0, 5.0])
     root = SD[:, None] * np.linalg.cholesky(correlation())
     tau = J[3:].T @ force + rng.normal(size=(20_000, N)) @ root.T
-    found = read(J, tau)
-    error = found.wrench[:, 3:] - force
+    reading = read(J, tau)
+    error = reading.wrench[:, 3:] - force
     np.testing.assert_allclose(error.mean(axis=0), 0.0, atol=5.0 * error.std(axis=0).max() / 141.0)
-    stated = found.covariance[0, 3:, 3:]
+    stated = reading.covariance[0, 3:, 3:]
     ratios = np.linalg.eigvals(np.linalg.solve(stated, error.T @ error / len(error)))
     np.testing.assert_allclose(ratios, 1.0, atol=0.05)
     # The information that the weights claim is not that of these errors.
@@ -96,8 +96,8 @@ def test_what_stiction_feigns_goes_through_the_balanced_gain() -> None:
     gain = balanced_gain(J, 60.0)
     feigned = float(np.sqrt(3.0 * np.linalg.eigvalsh(gain @ np.diag(held**2) @ gain.T)[-1]))
     for limit, expected in ((1.0001 * feigned, True), (0.9999 * feigned, False)):
-        found = read(J, np.ones(N), held, max_phantom=limit, **live)
-        assert bool(found.valid) is expected
+        reading = read(J, np.ones(N), held, max_phantom=limit, **live)
+        assert bool(reading.valid) is expected
 
 
 def test_valid_rests_on_the_live_prior_and_on_the_samples_errors() -> None:
@@ -106,19 +106,19 @@ def test_valid_rests_on_the_live_prior_and_on_the_samples_errors() -> None:
     left = np.eye(3) - gain @ J[3:].T
     worst = float(np.sqrt(np.linalg.eigvalsh(gain @ errors @ gain.T + 60.0**2 * left @ left.T)[-1]))
     for limit, expected in ((1.0001 * worst, True), (0.9999 * worst, False)):
-        found = read(J, np.ones(N), live_force_sd=60.0, live_moment_sd=3.0, max_force_sd=limit)
-        assert bool(found.valid) is expected
+        reading = read(J, np.ones(N), live_force_sd=60.0, live_moment_sd=3.0, max_force_sd=limit)
+        assert bool(reading.valid) is expected
 
 
 def test_a_direction_that_no_joint_feels_stays_unknown() -> None:
     J, blind = posture(), np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8])
     J = J - np.outer(blind, blind @ J)
-    found = read(J, np.ones(N), live_force_sd=60.0, live_moment_sd=3.0)
-    assert np.isfinite(found.wrench).all()
-    assert abs(blind @ found.wrench) < 0.1  # of an sd of 1e6: rounding of a gain of 1e12
+    reading = read(J, np.ones(N), live_force_sd=60.0, live_moment_sd=3.0)
+    assert np.isfinite(reading.wrench).all()
+    assert abs(blind @ reading.wrench) < 0.1  # of an sd of 1e6: rounding of a gain of 1e12
     # Rounding of J, 1e-16, beside 1e-6: a hundredth of the variance, also by full weights.
-    assert blind @ found.covariance @ blind == pytest.approx(UNKNOWN_SD**2, rel=0.03)
-    assert not found.valid
+    assert blind @ reading.covariance @ blind == pytest.approx(UNKNOWN_SD**2, rel=0.03)
+    assert not reading.valid
 
 
 @pytest.mark.parametrize("usual", [0.0, -1.0, np.nan, np.inf])

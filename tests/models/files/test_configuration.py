@@ -68,7 +68,7 @@ def test_null_optional_and_default_union_are_read(tmp_path: Path) -> None:
     assert thing.shape == Ball(3.0)
 
 
-def test_what_is_saved_is_read_back_to_the_last_digit(tmp_path: Path) -> None:
+def test_saved_numbers_are_read_back_to_the_last_digit(tmp_path: Path) -> None:
     thing = Thing("a", 2, 1 / 3, True, Path("x"), np.array([[0.1, 1e-17]]), Box([1e300]), [Ball()])
     path = tmp_path / "saved.yaml"
     save_configuration(thing, path)
@@ -102,7 +102,7 @@ def test_a_table_of_configurations_and_yaml_templates(tmp_path: Path) -> None:
     }
 
 
-def test_what_is_read_again_is_the_file_s_whatever_became_of_the_first(tmp_path: Path) -> None:
+def test_a_second_read_is_independent_of_changes_to_the_first(tmp_path: Path) -> None:
     path = write(tmp_path, "name: a\nballs: [{radius: 2}]\n")
     first = load_configuration(path, Thing)
     first.balls[0].radius = 5.0
@@ -138,9 +138,7 @@ def test_what_is_read_again_is_the_file_s_whatever_became_of_the_first(tmp_path:
         ("", "the file is empty"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line_with_its_place(
-    tmp_path: Path, text: str, expected: str
-) -> None:
+def test_an_error_is_one_line_with_its_place(tmp_path: Path, text: str, expected: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(InputError) as error:
         load_configuration(path, Thing)
@@ -224,7 +222,7 @@ def test_a_file_without_an_end_is_one_line():
         load_configuration("/dev/zero", Thing)
 
 
-def test_what_a_terminal_would_obey_is_written_out():
+def test_control_characters_are_escaped():
     line = str(InputError("a\udcff.csv", "line 3", "found \x1b]0;title\x07"))
     assert line == "a\\udcff.csv: line 3: found \\x1b]0;title\\x07"
     line.encode()

@@ -49,7 +49,7 @@ def test_a_full_disk_is_one_line() -> None:
         raise OSError(28, "No space left on device")
 
 
-def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
+def test_a_partial_file_of_a_killed_process_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     code = (
         "import os, sys\nfrom wrenchsight.models.files.whole_file import whole_file\n"
@@ -67,7 +67,7 @@ def test_what_a_kill_left_is_removed(tmp_path: Path) -> None:
     assert set(tmp_path.iterdir()) == {path, *others}
 
 
-def test_what_another_process_is_writing_stays(tmp_path: Path) -> None:
+def test_a_file_that_another_process_writes_stays(tmp_path: Path) -> None:
     code = (
         "import sys\nfrom wrenchsight.models.files.whole_file import whole_file\n"
         "with whole_file(sys.argv[1]) as partial:\n"

@@ -49,16 +49,16 @@ def test_kernels_sample_by_sample_are_the_law_along_a_log(below):
     """Also the load of a motor: the joints', as its own gear transmits it."""
     law = CoupledFriction(below, D)
     q, v, load = motion()
-    state, found = law.initial_state(), np.empty_like(q)
+    state, torque = law.initial_state(), np.empty_like(q)
     assert state.shape == (law.state_rows, 3)
     for k in range(len(q)):
         law.kernels.update(law.slip_table, state.copy(), q[k], v[k], load[k])
         if below.state_rows:  # as `torque_along`: the load of the sample itself
             state[1] = np.linalg.inv(D).T @ load[k]
-        friction_torque(law.velocity_law.table, v[k], found[k])
-        law.kernels.add_torque(law.slip_table, state, q[k], v[k], found[k])
+        friction_torque(law.velocity_law.table, v[k], torque[k])
+        law.kernels.add_torque(law.slip_table, state, q[k], v[k], torque[k])
         law.kernels.update(law.slip_table, state, q[k], v[k], load[k])
-    np.testing.assert_allclose(found, law.torque_along(q, v, load), atol=1e-9)
+    np.testing.assert_allclose(torque, law.torque_along(q, v, load), atol=1e-9)
 
 
 def test_a_missing_sample_spares_the_joints_that_it_does_not_move():
@@ -83,10 +83,10 @@ def test_a_joint_that_moves_alone_meets_all_its_motors():
 def test_a_motor_s_encoder_step_is_that_of_all_joints_it_moves_with():
     """Where the law below is sampled on a step of its own, motor by motor."""
     step = np.array([1e-4, 2e-4, 3e-4])
-    found = CoupledFriction(presliding(), D).sampled(0.002, step)
+    sampled = CoupledFriction(presliding(), D).sampled(0.002, step)
     expected = presliding().sampled(0.002, np.array([1e-4, 2.5e-4, 5e-4]))
-    np.testing.assert_array_equal(found.law.slip_table, expected.slip_table)
-    assert not np.array_equal(found.law.slip_table, presliding().sampled(0.002, step).slip_table)
+    np.testing.assert_array_equal(sampled.law.slip_table, expected.slip_table)
+    assert not np.array_equal(sampled.law.slip_table, presliding().sampled(0.002, step).slip_table)
 
 
 def test_sizes_of_motors_are_summed_up_where_they_turn_a_joint():

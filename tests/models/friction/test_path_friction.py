@@ -73,7 +73,7 @@ def test_torque_is_the_kernel_regression(law: PathFriction) -> None:
     np.testing.assert_array_equal(added[:, 4], 0.0)  # a joint that did not slide tells nothing
 
 
-def test_a_place_knows_what_its_sliding_samples_say() -> None:
+def test_a_place_has_the_mean_of_its_sliding_samples() -> None:
     q, v = np.zeros((8, 2)), np.full((8, 2), 0.1)
     torque = np.column_stack([np.full(8, 2.0), [1.0] * 4 + [50.0] * 4])
     slides = np.column_stack([np.ones(8, bool), np.arange(8) < 4])
@@ -96,16 +96,16 @@ def test_elsewhere_the_law_is_as_it_was(law: PathFriction, change: str) -> None:
     np.testing.assert_allclose(np.nan_to_num(added), 0.0, atol=0.01)
 
 
-def test_another_speed_tells_less(law: PathFriction) -> None:
+def test_another_speed_reduces_the_weight_of_a_place(law: PathFriction) -> None:
     q, v = (x[200:201] for x in _path())
     load = np.zeros((1, 6))
-    found = [
+    residuals = [
         float((law.torque_along(q, k * v, load) - law.law.torque_along(q, k * v, load))[0, 0])
         for k in (1.0, 1.3, 2.0, 4.0)
     ]
-    assert found == sorted(found, reverse=True)
-    assert found[0] > 2.0
-    assert found[-1] == 0.0
+    assert residuals == sorted(residuals, reverse=True)
+    assert residuals[0] > 2.0
+    assert residuals[-1] == 0.0
 
 
 def test_the_estimator_reads_as_with_that_torque_taken_off(ur10e: Robot, law: PathFriction) -> None:

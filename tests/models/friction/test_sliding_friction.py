@@ -121,12 +121,12 @@ def test_stiction_is_the_laws_torque_where_it_breaks_away(law):
 def test_stiction_is_at_least_half_of_the_friction_that_slides():
     """5 + 0.05 * 8 - 4.8 N m would be 0.6; of 2 N m, 1.6 are left as they are."""
     law = replace(presliding(), stribeck=np.array([-4.8, -0.4]))
-    found = stiction(law, np.full((3, 2), -8.0))
-    np.testing.assert_allclose(found, np.tile([2.5 + 0.4, 1.6], (3, 1)))
+    torque = stiction(law, np.full((3, 2), -8.0))
+    np.testing.assert_allclose(torque, np.tile([2.5 + 0.4, 1.6], (3, 1)))
 
 
 @pytest.mark.parametrize("below", ["coulomb-viscous", "presliding"])
-def test_what_slides_is_that_of_the_law_at_the_bottom(below: str) -> None:
+def test_the_sliding_table_of_layers_is_that_of_the_bottom_law(below: str) -> None:
     law, ripple = LAWS[below](), FrictionTerm("ripple", njit(lambda q, v: q))
     own = sliding_table(law)
     np.testing.assert_array_equal(own[:, COULOMB], SLIDING.coulomb)

@@ -36,7 +36,7 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass():
     np.testing.assert_allclose(pseudo_inertia(points(masses, positions)), expected, atol=1e-12)
 
 
-def test_what_belongs_to_no_body_is_named():
+def test_a_link_without_a_physical_body_is_named():
     rng = np.random.default_rng(1)
     good = points(np.ones(6), rng.normal(size=(6, 3)))
     negative = good * np.r_[-1.0, np.ones(9)]

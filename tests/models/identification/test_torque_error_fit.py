@@ -130,7 +130,7 @@ def test_a_part_of_many_samples_locates_the_minimum(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-80, 1e80])
-def test_what_is_minimised_is_the_likelihood_whatever_the_unit(size: float) -> None:
+def test_the_fit_maximises_the_likelihood_in_any_unit(size: float) -> None:
     """Of variances so small or large that a product of few of them is no number any more."""
     rng = np.random.default_rng(3)
     A, c = rng.uniform(0.1, 2.0, (3000, 5)), rng.uniform(0.1, 2.0, 5)

@@ -346,6 +346,6 @@ def test_plain_numbers_and_back(shown: Any) -> None:
         ("fitted_spread", -1.0),
     ],
 )
-def test_what_cannot_be(key: str, value: object) -> None:
+def test_impossible_constants_are_refused(key: str, value: object) -> None:
     with pytest.raises(ValueError, match=key):
         model(**{key: value})

@@ -64,8 +64,8 @@ def test_touches_read_as_estimate_reads_them_and_those_of_links_are_not_valid(
     same = np.abs(table["t"].to_numpy()[at] - t) < 1e-6  # the others are interpolated
     assert same.any()
     for k, axis in ((3, "fx"), (5, "fz"), (1, "my")):
-        found = np.array([reading.wrench[k] for reading in readings])
-        np.testing.assert_allclose(found[same], table[axis].to_numpy()[at][same], atol=1e-3)
+        wrench = np.array([reading.wrench[k] for reading in readings])
+        np.testing.assert_allclose(wrench[same], table[axis].to_numpy()[at][same], atol=1e-3)
 
     label = touched[np.searchsorted([sample.t for sample in samples], t + 1e-6) - 1]
     contact, valid, misfit = (

@@ -54,9 +54,9 @@ def test_the_reading_is_the_filter_s_of_the_last_whole_block(ur10e, pressed):
     R_WE, _ = ur10e.chain.pose(q)
     pressing = t > 1.1
     n_W = R_WE[pressing, :, 2]
-    found = [reading for reading, k in zip(readings, pressing, strict=True) if k]
-    press = -np.array([r.wrench[3:] @ n for r, n in zip(found, n_W, strict=True)])
-    sd = np.sqrt([n @ r.covariance[3:, 3:] @ n for r, n in zip(found, n_W, strict=True)])
+    in_contact = [reading for reading, k in zip(readings, pressing, strict=True) if k]
+    press = -np.array([r.wrench[3:] @ n for r, n in zip(in_contact, n_W, strict=True)])
+    sd = np.sqrt([n @ r.covariance[3:, 3:] @ n for r, n in zip(in_contact, n_W, strict=True)])
     error = np.abs(press - FORCE)
     assert np.mean(error < 1.96 * sd) >= 0.95 and (error < 2.5 * sd).all()
     assert sd.max() < 0.5 * FORCE

@@ -51,8 +51,8 @@ def test_a_stream_in_order_reads_as_the_estimator_does(ur10e, model, samples):
     q, v, current = (np.array([getattr(s, n) for s in samples]) for n in ("q", "v", "effort"))
     batch = by.run(by.initial_state(), q, v, current)
     # The grid's interpolation on steps that are off by rounding is the identity to 1e-12.
-    found = np.array([reading.wrench for reading in readings])
-    np.testing.assert_allclose(found, batch.wrench, rtol=1e-9, atol=1e-9)
+    wrench = np.array([reading.wrench for reading in readings])
+    np.testing.assert_allclose(wrench, batch.wrench, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal([reading.valid for reading in readings], batch.valid)
     assert batch.valid.any()
 
@@ -63,8 +63,8 @@ def test_torque_reads_as_the_current_that_it_takes(ur10e, model, samples):
     ]
     readings, _ = taken(LiveEstimator(ur10e, model, CONFIG), turned)
     plain, _ = taken(LiveEstimator(ur10e, model, CONFIG), samples[:200])
-    found, expected = (np.array([r.wrench for r in part]) for part in (readings, plain))
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    wrench, expected = (np.array([r.wrench for r in part]) for part in (readings, plain))
+    np.testing.assert_allclose(wrench, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(("stated", "expected"), [(H, H), (None, H), (0.008, H)])
@@ -100,7 +100,7 @@ def test_a_clock_that_jumps_begins_anew(ur10e, model, samples, jump, kind):
     assert after[-1].valid
 
 
-def test_a_gap_begins_anew_and_is_said(ur10e, model, samples):
+def test_a_gap_restarts_the_estimator_and_is_reported(ur10e, model, samples):
     readings, events = taken(LiveEstimator(ur10e, model, CONFIG), samples[:500] + samples[700:])
     assert kinds(events) == {EventKind.GAP}
     assert not any(0.9985 < r.t - 100.0 < 1.3985 for r in readings)
@@ -169,7 +169,7 @@ def test_an_interruption_ends_validity_and_settles_anew(ur10e, model, samples):
     assert readings[-1].valid
 
 
-def test_numbers_that_are_none_never_leave_it(ur10e, model, samples):
+def test_readings_never_contain_nan(ur10e, model, samples):
     rng = np.random.default_rng(4)
     spoilt = []
     for s in samples:
@@ -203,7 +203,7 @@ def test_the_encoders_step_is_found_in_the_stream(ur10e, model, samples):
     assert len(readings) == len(coarse)
     assert readings[-1].valid
     stated = replace(CONFIG.estimator, position_resolution=[4e-4] * 6)
-    told, none = taken(LiveEstimator(ur10e, model, LiveConfig(stated)), coarse)
+    with_resolution, none = taken(LiveEstimator(ur10e, model, LiveConfig(stated)), coarse)
     assert not none
     # What was read before settles.
-    np.testing.assert_allclose(readings[-1].wrench, told[-1].wrench, atol=1e-3)
+    np.testing.assert_allclose(readings[-1].wrench, with_resolution[-1].wrench, atol=1e-3)

@@ -64,12 +64,12 @@ def test_packets_come_in_any_pieces(cut):
     sent = [(PacketType.TEXT, b"x" * 300), (PacketType.DATA, b""), (PacketType.DATA, b"\x01ab")]
     data = b"".join(packet(kind, payload) for kind, payload in sent)
     reader = PacketReader()
-    found = [p for k in range(0, len(data), cut) for p in reader.feed(data[k : k + cut])]
-    assert found == sent
+    packets = [p for k in range(0, len(data), cut) for p in reader.feed(data[k : k + cut])]
+    assert packets == sent
 
 
 @pytest.mark.parametrize("data", [b"\x00\x02U", b"\x00\x04?a", b"HTTP/1.1 400"])
-def test_what_is_no_packet_is_refused(data):
+def test_bytes_that_are_no_packet_are_refused(data):
     with pytest.raises(ProtocolError):
         list(PacketReader().feed(data))
 

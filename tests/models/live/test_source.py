@@ -20,7 +20,7 @@ def test_an_address_is_scheme_place_and_options():
 @pytest.mark.parametrize(
     "url", ["", "robot", "://x", "rtde://", "rtde://h:99999", "rtde://h/path", "rtde://\x1b[2J"]
 )
-def test_what_is_no_address_is_one_line(url):
+def test_an_invalid_address_is_one_line(url):
     with pytest.raises(InputError) as error:
         SourceAddress.parse(url).host(30004)
     assert "\n" not in str(error.value)

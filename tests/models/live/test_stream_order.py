@@ -14,9 +14,9 @@ def test_it_is_the_grid_of_a_log_bit_by_bit(jitter, lost):
     rng = np.random.default_rng(5)
     T, h = 400, 0.002
     t = 1.7e9 + h * (np.arange(T) + jitter * rng.uniform(-1.0, 1.0, T))
-    there = rng.uniform(size=T) > lost
-    there[:20] = True
-    t = t[there]
+    is_received = rng.uniform(size=T) > lost
+    is_received[:20] = True
+    t = t[is_received]
     signals = rng.normal(size=(3, len(t), 2))
     dropout = rng.uniform(size=len(t)) < 0.05
     signals[:, dropout] = np.nan
@@ -24,14 +24,14 @@ def test_it_is_the_grid_of_a_log_bit_by_bit(jitter, lost):
     expected = resampled(log, h)
 
     grid = SampleGrid(h)
-    found = []
+    grid_rows = []
     for k in range(len(t)):
         x = signals[:, k].ravel()
-        found += grid.take(GridSample(float(t[k]), x, bool(dropout[k])))
+        grid_rows += grid.take(GridSample(float(t[k]), x, bool(dropout[k])))
 
-    assert len(found) == expected.num_samples
-    np.testing.assert_array_equal([one.t for one in found], expected.t)
-    np.testing.assert_array_equal([one.dropout for one in found], expected.dropout)
+    assert len(grid_rows) == expected.num_samples
+    np.testing.assert_array_equal([one.t for one in grid_rows], expected.t)
+    np.testing.assert_array_equal([one.dropout for one in grid_rows], expected.dropout)
     together = np.hstack([expected.q, expected.v, expected.current])
-    np.testing.assert_array_equal([one.x for one in found], together)
+    np.testing.assert_array_equal([one.x for one in grid_rows], together)
     assert np.isfinite(together[~expected.dropout]).all()

@@ -72,7 +72,7 @@ def test_the_last_sample_counts(num_samples):
         ([0.0, 0.0, 0.0], np.zeros((3, 6)), "evenly from 0"),
     ],
 )
-def test_what_is_no_taught_torque_is_refused(t, tau_ext, words):
+def test_an_invalid_correction_is_refused(t, tau_ext, words):
     with pytest.raises(ValueError, match=words):
         AirPassCorrection(np.array(t), tau_ext)
 
@@ -134,19 +134,19 @@ def test_steady_must_be_one_number_a_sample():
     np.testing.assert_array_equal(steady, [1.0, 1.0, 0.0, 0.0])
 
 
-def test_a_tick_takes_off_what_the_record_says():
+def test_a_tick_subtracts_the_recorded_torque():
     rng = np.random.default_rng(0)
     known = AirPassCorrection(
         0.01 * np.arange(40), rng.normal(size=(40, 6)), rng.integers(0, 2, 40)
     )
-    found = CorrectionSample.zeros(6)
+    sample = CorrectionSample.zeros(6)
     for feed_time in (*rng.uniform(-0.05, 0.45, 60), 0.0, 0.39, 0.385, 0.005, np.nan):
-        sample_correction(CorrectionTable.of(known), feed_time, found)
-        np.testing.assert_array_equal(found.correction, -known.at(feed_time))
+        sample_correction(CorrectionTable.of(known), feed_time, sample)
+        np.testing.assert_array_equal(sample.correction, -known.at(feed_time))
         inside = 0.0 <= feed_time <= known.t[-1]
         spread = known.spread[round(feed_time / 0.01)] if inside else np.zeros(6)
-        np.testing.assert_array_equal(found.spread, spread)
-        assert found.counts[0] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
+        np.testing.assert_array_equal(sample.spread, spread)
+        assert sample.counts[0] == (known.counts_at(feed_time) if np.isfinite(feed_time) else 0.0)
 
 
 def test_a_correction_spreads_where_it_changes_nearby():

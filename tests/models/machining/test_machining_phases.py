@@ -76,8 +76,8 @@ def test_contact_on_top_of_a_biased_reading_is_seen():
     ],
 )
 def test_trouble_ends_in_a_retreat(force, room, fault):
-    met, found = play(force, work=2.0, room=lambda t: room if t > 5.0 else 1.0)
-    assert found == fault
+    met, fault_found = play(force, work=2.0, room=lambda t: room if t > 5.0 else 1.0)
+    assert fault_found == fault
     assert met[-2:] == [Phase.RETREAT, Phase.DONE]
 
 
@@ -105,7 +105,7 @@ def test_the_setpoint_joins_the_force_that_is_there_to_the_path():
 
 
 @pytest.mark.parametrize("reading", [0.0, 150.0])
-def test_what_cannot_be_trusted_breaks_nothing_off(reading):
+def test_readings_that_are_not_valid_cause_no_retreat(reading):
     """While joints turn round an estimate says anything, or nothing."""
 
     def force(t, phase, target):
@@ -120,7 +120,7 @@ def test_what_cannot_be_trusted_breaks_nothing_off(reading):
 
 @pytest.mark.parametrize("reading", [301.0, np.nan])
 @pytest.mark.parametrize("during", [Phase.APPROACH, Phase.TOUCH, Phase.WORK, Phase.RELEASE])
-def test_what_no_stiction_explains_is_too_much_at_any_time(reading, during):
+def test_a_force_beyond_any_stiction_ends_the_pass_in_every_phase(reading, during):
     """Three times the limit of 100 N, or no number at all."""
 
     def force(t, phase, target):
@@ -137,7 +137,7 @@ def test_a_joint_at_its_limit_needs_no_feedback():
     assert met[-2:] == [Phase.RETREAT, Phase.DONE]
 
 
-def test_loss_counts_anew_after_what_cannot_be_trusted():
+def test_the_time_without_contact_restarts_after_readings_that_are_not_valid():
     """Two gaps that only together are long enough, with an untrusted tick between them."""
     state, met = initial_state(), []
     state[PHASE] = Phase.WORK
@@ -151,24 +151,24 @@ def test_loss_counts_anew_after_what_cannot_be_trusted():
 @pytest.mark.parametrize("bias", [-12.0, 0.0, 9.0])
 def test_in_the_approach_the_setpoint_is_the_force_beyond_that_of_free_motion(bias):
     """So that force control takes over from what the spring presses with, without a jump."""
-    state, t, said = initial_state(), 0.0, []
+    state, t, setpoints = initial_state(), 0.0, []
     while state[PHASE] == Phase.APPROACH:
-        said.append(setpoint(TABLE, state, t, 40.0, 40.0, 40.0))
+        setpoints.append(setpoint(TABLE, state, t, 40.0, 40.0, 40.0))
         force = bias + wall(t, Phase.APPROACH, 0.0)
         t += STEP
-        advance(TABLE, PhaseInputs(STEP, t, force, said[-1], 1.0, 1.0, True), state)
+        advance(TABLE, PhaseInputs(STEP, t, force, setpoints[-1], 1.0, 1.0, True), state)
     assert state[PHASE] == Phase.TOUCH
     free = round((CONTACT - 0.02) / STEP)
     # The baseline has met the bias by e^-10 and less; a positive one is a force at first.
-    np.testing.assert_allclose(said[free - 200 : free], 0.0, atol=0.01)
-    assert min(said) >= 0.0
+    np.testing.assert_allclose(setpoints[free - 200 : free], 0.0, atol=0.01)
+    assert min(setpoints) >= 0.0
     rise = force - bias
     # What the baseline has followed in the .3 s since contact is missing.
     assert 0.7 * rise < state[FORCE_THERE] <= rise + 0.01
     first = setpoint(TABLE, state, t, 40.0, 40.0, 40.0)
     assert first == pytest.approx(state[FORCE_THERE])
     # 40 N/s in a tick.
-    assert abs(first - said[-1]) < 0.05
+    assert abs(first - setpoints[-1]) < 0.05
 
 
 @pytest.mark.parametrize(("speed", "distance"), [(0.01, 0.03), (0.5, 0.02)])

@@ -74,17 +74,17 @@ def reference(robot, path, t, state, anchor, pushes_on=0.0):
 def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = phase, 5.0, 8.0
-    (pose, joints, rest), _ = reference(sts, path, 5.7, state, np.zeros(15))
+    (pose, joints, control), _ = reference(sts, path, 5.7, state, np.zeros(15))
     q, v, vdot = path[0].sample(time)
     np.testing.assert_allclose(joints, np.concatenate([q, v, vdot]), atol=1e-13)
     terms = sts.chain.terms(q, v)
     np.testing.assert_allclose(pose[:9], terms.R_WE.ravel(), atol=1e-13)
     np.testing.assert_allclose(pose[9:12], terms.p_WE, atol=1e-13)
     np.testing.assert_allclose(pose[12:], terms.V_WE, atol=1e-13)
-    assert rest[0] == (pytest.approx(force) if force else rest[0])
+    assert control[0] == (pytest.approx(force) if force else control[0])
     feed_time = time if phase == Phase.WORK else -1.0
     expected = [1.0, phase, 0.0, time / 2.0, feed_time, 1.0]
-    np.testing.assert_allclose(rest[1:], expected, atol=1e-13)
+    np.testing.assert_allclose(control[1:], expected, atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -95,20 +95,20 @@ def test_under_force_control_it_is_the_path(sts, path, phase, time, force):
         (Phase.DONE, PHASES.lift, 0.0),
     ],
 )
-def test_else_it_moves_along_the_anchors_direction(sts, path, phase, way, speed):
+def test_approach_and_retreat_move_along_the_anchors_direction(sts, path, phase, way, speed):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 3.0
     outward = np.array([0.6, 0.0, 0.8])
     anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], outward])
-    (pose, joints, rest), terms = reference(sts, path, 4.0, state, anchor)
+    (pose, joints, control), terms = reference(sts, path, 4.0, state, anchor)
     np.testing.assert_array_equal(pose[:9], anchor[:9])
     np.testing.assert_allclose(pose[9:12], anchor[9:12] + way * outward, atol=1e-13)
     np.testing.assert_allclose(pose[12:], [0.0, 0.0, 0.0, *(speed * outward)], atol=1e-13)
     mobility = terms.J @ terms.J.T + 1e-6 * np.eye(6)
     v = terms.J.T @ np.linalg.solve(mobility, pose[12:])
     np.testing.assert_allclose(joints, np.concatenate([terms.q, v, np.zeros(6)]), atol=1e-13)
-    np.testing.assert_array_equal(rest[:3], [0.0, 0.0, phase])
-    np.testing.assert_array_equal(rest[-2:], [-1.0, 1.0])
+    np.testing.assert_array_equal(control[:3], [0.0, 0.0, phase])
+    np.testing.assert_array_equal(control[-2:], [-1.0, 1.0])
 
 
 def tick(robot, path, state, anchor, push, q=None, pushes_on=0.0, t=5.0):
@@ -150,7 +150,7 @@ def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     """Their friction is fed forward into the surface, the place stays."""
     state = initial_state()
     state[[PHASE, SINCE, FORCE_THERE]] = Phase.TOUCH, 5.0, 8.0
-    (pose, joints, rest), _ = reference(sts, path, 5.7, state, np.zeros(15))
+    (pose, joints, control), _ = reference(sts, path, 5.7, state, np.zeros(15))
     (same_pose, pushing, blind), _ = reference(sts, path, 5.7, state, np.zeros(15), 0.008)
     np.testing.assert_array_equal(pose, same_pose)
     np.testing.assert_array_equal(
@@ -161,8 +161,8 @@ def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     # The damping of J, 1e-6, against its smallest singular value squared.
     np.testing.assert_allclose(terms.J @ pushing[6:12], inward, atol=1e-5)
     assert np.abs(joints[6:12] - pushing[6:12]).max() > 1e-3
-    np.testing.assert_array_equal(rest[:-1], blind[:-1])
-    assert rest[-1] == 1.0 and blind[-1] == 0.0
+    np.testing.assert_array_equal(control[:-1], blind[:-1])
+    assert control[-1] == 1.0 and blind[-1] == 0.0
 
 
 @pytest.mark.parametrize("phase", [Phase.WORK, Phase.RELEASE, Phase.APPROACH, Phase.LIFT])
@@ -170,10 +170,10 @@ def test_elsewhere_the_motion_is_the_same_without_a_sensor(sts, path, phase):
     state = initial_state()
     state[[PHASE, SINCE]] = phase, 5.0
     anchor = np.concatenate([np.eye(3).ravel(), [0.1, 0.2, 0.3], [0.0, 0.0, 1.0]])
-    (*motion, rest), _ = reference(sts, path, 5.7, state, anchor)
+    (*motion, control), _ = reference(sts, path, 5.7, state, anchor)
     (*blind_motion, blind), _ = reference(sts, path, 5.7, state, anchor, 0.008)
     np.testing.assert_array_equal(np.concatenate(motion), np.concatenate(blind_motion))
-    np.testing.assert_array_equal(rest[:-1], blind[:-1])
+    np.testing.assert_array_equal(control[:-1], blind[:-1])
 
 
 @pytest.mark.parametrize(
@@ -197,9 +197,9 @@ def test_an_estimate_counts_where_the_feed_is_steady(sts, path, phase, time, val
     state[[PHASE, SINCE]] = phase, 5.0
     anchor = np.zeros(15)
     for pushes_on, expected in ((0.008, valid), (0.0, 1.0)):
-        (_, _, rest), _ = reference(sts, path, 5.0 + time, state, anchor, pushes_on)
-        assert rest[-1] == expected
-        assert rest[-2] == (pytest.approx(min(time, 2.0)) if phase == Phase.WORK else -1.0)
+        (_, _, control), _ = reference(sts, path, 5.0 + time, state, anchor, pushes_on)
+        assert control[-1] == expected
+        assert control[-2] == (pytest.approx(min(time, 2.0)) if phase == Phase.WORK else -1.0)
 
 
 @pytest.mark.parametrize(("time", "retreats"), [(0.2, False), (1.0, True), (1.8, False)])

@@ -86,9 +86,9 @@ def test_a_slope_is_the_derivative_of_the_height():
     step = 1e-6
     for x, y in ((0.0, 0.0), (0.03, -0.11)):
         _, along_x, along_y = field_at(waves, x, y)
-        for found, dx, dy in ((along_x, step, 0.0), (along_y, 0.0, step)):
+        for slope, dx, dy in ((along_x, step, 0.0), (along_y, 0.0, step)):
             expected = field_at(waves, x + dx, y + dy)[0] - field_at(waves, x - dx, y - dy)[0]
-            assert found == pytest.approx(expected / (2.0 * step), rel=1e-6)
+            assert slope == pytest.approx(expected / (2.0 * step), rel=1e-6)
 
 
 def test_another_seed_is_another_workpiece():
@@ -186,8 +186,8 @@ def test_patches_are_the_workpieces_own():
 
 def test_run_out_presses_once_a_turn():
     of = law(replace(NOTHING, run_out=RunOutConfig(amplitude=3e-6)), friction=0.0)
-    found = [varied(of, np.zeros(3), np.zeros(3), t=t)[2] for t in (0.0, 0.005, 0.01, 0.02)]
-    np.testing.assert_allclose(found, [0.6, 0.0, -0.6, 0.6], atol=1e-9)  # 2e5 N/m, 50 Hz
+    heights = [varied(of, np.zeros(3), np.zeros(3), t=t)[2] for t in (0.0, 0.005, 0.01, 0.02)]
+    np.testing.assert_allclose(heights, [0.6, 0.0, -0.6, 0.6], atol=1e-9)  # 2e5 N/m, 50 Hz
 
 
 def test_a_zone_runs_over_an_edge_by_its_circles_segment():
@@ -213,7 +213,7 @@ def test_cutting_begins_and_ends_a_margin_inside_the_path():
         np.testing.assert_allclose(force, [0.0, -4.0 * share, 0.0], atol=1e-9)
 
 
-def test_a_turn_is_remembered_for_a_turn():
+def test_a_bump_acts_again_one_turn_later():
     """A bump of one tick, felt at once and, turned round, two thirds of it, a turn later."""
     config = replace(NOTHING, chatter=ChatterConfig(ratio=0.5, overlap=2.0 / 3.0, corner=0.01))
     of = law(config, spindle_frequency=100.0)

@@ -164,13 +164,13 @@ def test_entries_of_a_matrix_that_the_logs_hardly_determined_are_shrunk():
     sd = np.full((N, N), 0.01)
     M[1, 2] = M[2, 1] = 0.03
     M[2, 3] = M[3, 2] = -0.019
-    expected, out, found = M + np.diag(np.diag(sd)), np.empty(2 * N), np.empty(2 * N)
+    expected, out, solution = M + np.diag(np.diag(sd)), np.empty(2 * N), np.empty(2 * N)
     expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE / 3.0) ** 2)
     expected[2, 3] = expected[3, 2] = 0.0
     _, J, normal = _masses()
     expected_shares(M, sd, J, normal, out)
-    expected_shares(expected, np.zeros((N, N)), J, normal, found)
-    np.testing.assert_allclose(out[:N], found[:N], rtol=1e-12)
+    expected_shares(expected, np.zeros((N, N)), J, normal, solution)
+    np.testing.assert_allclose(out[:N], solution[:N], rtol=1e-12)
 
 
 def test_a_matrix_that_is_not_positive_definite_is_made_so():
@@ -189,10 +189,10 @@ def test_an_entry_of_a_matrix_is_known_by_the_better_of_two_joints(sts):
         residual_covariance=np.diag(sd**2),
         validity=Validity(vdot_max=fastest.tolist()),
     )
-    found = inertia_sd(model)
-    np.testing.assert_array_equal(found, found.T)
-    assert found[3, 3] == pytest.approx(INERTIA * 0.3 / 7.0)
-    assert found[1, 3] == pytest.approx(INERTIA * min(0.3 / 6.0, 3.0 / 7.0))
+    entry_sd = inertia_sd(model)
+    np.testing.assert_array_equal(entry_sd, entry_sd.T)
+    assert entry_sd[3, 3] == pytest.approx(INERTIA * 0.3 / 7.0)
+    assert entry_sd[1, 3] == pytest.approx(INERTIA * min(0.3 / 6.0, 3.0 / 7.0))
     np.testing.assert_array_equal(inertia_sd(IdentifiedModel.nominal(sts)), 0.0)
 
 
@@ -208,7 +208,7 @@ def test_a_joint_that_no_log_moved_has_no_share_and_all_stays_finite(sts):
 
 
 @pytest.mark.parametrize(("share", "sd"), [(2.8, 0.0), (2.8, 0.7), (2.0, 1.5), (0.2, 2.0)])
-def test_what_is_loose_is_the_mean_over_the_shares_that_may_be(share, sd):
+def test_the_freed_share_is_the_mean_over_possible_shares(share, sd):
     draws = share + sd * np.random.default_rng(3).standard_normal(20_000)
     loose = [1.0 - held_share(0.036, abs(d) * 0.019) for d in draws]
     mean, spread = loose_share(0.036, share, sd, 0.019)
@@ -243,7 +243,7 @@ def test_the_amplitude_is_found_and_what_it_frees_taken_off(tracker, sts, amplit
     assert np.mean(np.abs(error) < 2.0 * taken[:, N : 2 * N] + 0.01) > 0.95
 
 
-def test_what_an_air_pass_taught_of_friction_is_freed_with_it(tracker, sts):
+def test_the_friction_in_an_air_pass_correction_is_freed_as_well(tracker, sts):
     law, taught = (follow(tracker, sts, 0.019, lesson=share) for share in (0.0, 0.4))
     np.testing.assert_allclose(taught[0], law[0], atol=1e-12)
 
@@ -260,7 +260,7 @@ def test_joints_that_are_shaken_less_than_the_model_says_stay_in_the_band(tracke
     assert np.mean(error < 2.0 * taken[3000:, [N + 1, N + 4]] + 0.01) > 0.95
 
 
-def test_what_is_taken_off_is_a_mean_and_its_sd_that_of_all_that_may_be_off(tracker):
+def test_the_freed_friction_is_a_mean_with_the_sd_of_all_errors(tracker):
     rng, m = np.random.default_rng(4), len(AMPLITUDES)
     state, out = rng.uniform(0.0, 2.0, len(tracker.initial_state)), np.empty(2 * N + 1)
     state[-2 * N : -N] = departed = np.array([0.0, 0.1, 0.5, 0.9, 1.0, 0.0])
@@ -337,9 +337,7 @@ def test_without_vibration_next_to_nothing_is_taken_off(tracker, sts):
     assert np.abs(taken[-1, :N]).max() < 0.03 * np.abs(DRY).max()
 
 
-def test_a_reading_that_does_not_count_tells_nothing_but_may_be_off_by_what_any_vibration_frees(
-    tracker, sts
-):
+def test_without_a_valid_reading_the_band_covers_any_vibration(tracker, sts):
     taken, freed, state = follow(tracker, sts, 0.019, seconds=0.5, counts=0.0)
     np.testing.assert_array_equal(state[: len(AMPLITUDES)], 0.0)
     off = np.abs(taken[-1, :N] - freed[-1])
@@ -347,8 +345,8 @@ def test_a_reading_that_does_not_count_tells_nothing_but_may_be_off_by_what_any_
     assert np.all(off < 2.0 * taken[-1, N : 2 * N] + 0.01)
 
 
-@pytest.mark.parametrize(("fault", "told"), [(0.0, True), (1.0, False)])
-def test_a_start_before_what_was_taught_counts_tells_the_amplitude(tracker, sts, fault, told):
+@pytest.mark.parametrize(("fault", "is_shown"), [(0.0, True), (1.0, False)])
+def test_a_start_without_valid_correction_shows_the_amplitude(tracker, sts, fault, is_shown):
     """Where no lesson counts no reading does, but its torque is one: of a sample that can be."""
     reading, state = np.zeros(sum(tick_sizes(N).values())), tracker.initial_state.copy()
     tick = tick_of(reading, N)
@@ -359,10 +357,10 @@ def test_a_start_before_what_was_taught_counts_tells_the_amplitude(tracker, sts,
         np.testing.assert_array_equal(state[: len(AMPLITUDES)], 0.0)
         work = work_of(SHARES, counts=counts)
         track_vibration(tracker.constants, reading, np.zeros(2 * N + 1), work, state)
-    assert np.any(state[: len(AMPLITUDES)] != 0.0) == told
+    assert np.any(state[: len(AMPLITUDES)] != 0.0) == is_shown
 
 
-def test_a_joint_off_its_plan_may_have_another_lesson_and_amplitude(tracker, sts):
+def test_a_joint_off_its_plan_widens_the_band_of_correction_and_amplitude(tracker, sts):
     """At one speed as planned and not: the band is wider, of the lesson and of what is freed."""
     reading, taken = np.zeros(sum(tick_sizes(N).values())), np.zeros(2 * N + 1)
     tick = tick_of(reading, N)

@@ -50,7 +50,7 @@ def test_the_deeper_minimum_counts_wherever_the_first_start_is():
     assert x[0] < 0.0
 
 
-def test_what_makes_no_difference_is_at_its_lower_bound():
+def test_a_parameter_without_effect_is_at_its_lower_bound():
     def flat(x):
         return (x[0] - 2.0) ** 2, np.array([2.0 * (x[0] - 2.0), 0.0])
 

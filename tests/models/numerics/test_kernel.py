@@ -46,7 +46,7 @@ def _stamps(package: Path) -> tuple[str, str]:
         ("scale.py", "UNUSED = 3", "UNUSED = 5", False, False),
     ],
 )
-def test_a_stamp_follows_what_a_kernel_uses(
+def test_a_stamp_depends_on_all_that_a_kernel_uses(
     package: Path, file: str, before: str, after: str, outer_changes: bool, apart_changes: bool
 ) -> None:
     outer, apart = _stamps(package)

@@ -29,7 +29,7 @@ def test_the_factor_solves_what_numpy_solves(n: int) -> None:
     np.testing.assert_allclose(x, np.linalg.solve(A, b), atol=1e-12)
 
 
-def test_a_pivot_that_is_too_small_is_told() -> None:
+def test_a_pivot_that_is_too_small_is_reported() -> None:
     assert factorise_in_place(np.diag([1.0, 1e-3]), 2, 1e-4)
     assert not factorise_in_place(np.diag([1.0, 1e-3]), 2, 1e-2)
     assert not factorise_in_place(np.ones((2, 2)), 2, 1e-12)

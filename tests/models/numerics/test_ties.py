@@ -29,14 +29,14 @@ def test_of_equals_the_first_is_taken_whatever_the_last_bits(seed):
     assert not better(costs[1], costs[3])
 
 
-def test_what_is_better_by_more_than_rounding_is_taken():
+def test_a_cost_better_by_more_than_rounding_is_chosen():
     costs = np.array([3.0, 3.0 - 1e-7, 3.0])
     assert first_of_least(costs) == 1
     np.testing.assert_array_equal(in_order(costs), [1, 0, 2])
     assert better(costs[1], costs[0])
 
 
-def test_what_cannot_be_done_comes_last():
+def test_infeasible_costs_come_last():
     costs = np.array([np.inf, 2.0, np.inf, 1.0])
     assert first_of_least(costs) == 3
     np.testing.assert_array_equal(in_order(costs), [3, 1, 0, 2])
@@ -65,7 +65,7 @@ def test_half_a_turn_stays_the_same_half_turn(turns, rounding, half):
 
 
 @given(st.floats(-50.0, 50.0))
-def test_what_is_left_of_an_angle_is_the_same_angle_nearest_to_zero(angle):
+def test_an_angle_is_reduced_to_the_equivalent_nearest_to_zero(angle):
     left = angle - 2.0 * math.pi * float(whole_turns(angle))
     assert -math.pi < left <= math.pi + 1e-8
     assert math.cos(left) == pytest.approx(math.cos(angle), abs=1e-13)

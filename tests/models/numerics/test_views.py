@@ -25,10 +25,10 @@ def viewed(flat: Array, start: int, rows: int, columns: int) -> Array:
 def test_a_view_is_the_reshaped_slice_and_writes_through() -> None:
     flat = np.arange(30.0)
     for start, rows, columns in ((0, 5, 6), (3, 4, 2), (7, 0, 3), (30, 0, 0)):
-        found = viewed(flat, start, rows, columns)
+        view = viewed(flat, start, rows, columns)
         expected = flat[start : start + rows * columns].reshape(rows, columns)
-        np.testing.assert_array_equal(found, expected)
-        assert found.flags.c_contiguous and (not rows or np.shares_memory(found, flat))
+        np.testing.assert_array_equal(view, expected)
+        assert view.flags.c_contiguous and (not rows or np.shares_memory(view, flat))
     viewed(flat, 3, 4, 2)[1, 0] = -1.0
     assert flat[5] == -1.0
 

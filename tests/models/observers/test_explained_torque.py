@@ -67,7 +67,7 @@ def test_seven_joints_whose_errors_go_together_are_held_to_it() -> None:
     np.testing.assert_allclose(found, tau @ np.linalg.solve(S, tau), rtol=1e-9)
 
 
-def test_a_prior_that_knows_nothing_is_none_or_without_bounds() -> None:
+def test_no_prior_is_none_or_unbounded() -> None:
     without = explained_table(np.eye(N), None, FORCE_SD, SCALE, T)
     for moment_sd in (np.inf, 1e300):
         endless = explained_table(np.eye(N), moment_sd, FORCE_SD, SCALE, T)
@@ -112,7 +112,7 @@ def explained_log(table, state, J, tau, sd, explained):
         )
 
 
-def test_a_log_goes_on_where_it_was_left() -> None:
+def test_a_log_in_two_parts_gives_the_same() -> None:
     rng = np.random.default_rng(2)
     J, tau, sd = rng.normal(size=(80, 6, N)), 0.3 * rng.normal(size=(80, N)), np.full((80, N), 0.3)
     tau[30:33] *= 3000.0

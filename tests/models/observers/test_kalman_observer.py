@@ -129,7 +129,7 @@ def plain_filter(
         (1.0 - WHITE_SHARE) * (1.0 + K_0 * times) / (K_0 * times) * moving + stiction**2
     )
     white = WHITE_SHARE * 2.0 / K_0 * moving
-    kept, added, start = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
+    decay, added, start = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
     share = 1.0 - stiction**2 / smooth**2
     a = np.exp(-STEP * share / times)
     a[1:] *= np.minimum(smooth[1:] / smooth[:-1], smooth[:-1] / smooth[1:])
@@ -181,7 +181,7 @@ def plain_filter(
             np.diag(STEP * smooth[k]),
             np.diag(STEP * slow[k]),
         )
-        A[F, F] = np.diag(kept)
+        A[F, F] = np.diag(decay)
         noise = np.zeros((size, size))
         noise[p, p], noise[F, F] = np.diag(STEP * white[k]), np.diag(added)
         m = A @ m
@@ -225,13 +225,13 @@ def test_its_covariance_settles_where_the_riccati_equation_says() -> None:
     obedient(signals, J, np.zeros(6))  # nothing that the filter could take for a change
     _, covariance, _ = read(observer, signals, J)
 
-    kept, added, _ = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
+    decay, added, _ = changing_wrench(prior, CONFIG.bandwidth_hz, STEP)
     K_0, time = 20.0, 0.3
     share = (1.0 - WHITE_SHARE) * (1.0 + K_0 * time) / (K_0 * time)
     size = 2 * N + 6
     A = np.eye(size)
     A[:N, N : N + 6], A[:N, N + 6 :] = STEP * J[0].T, np.diag(STEP * np.sqrt(share) * sd)
-    A[N:, N:] = np.diag(np.concatenate([kept, np.full(N, np.exp(-STEP / time))]))
+    A[N:, N:] = np.diag(np.concatenate([decay, np.full(N, np.exp(-STEP / time))]))
     noise = np.concatenate(
         [
             STEP * WHITE_SHARE * 2.0 / K_0 * sd**2,
@@ -289,7 +289,7 @@ def obedient(signals: np.ndarray, J: np.ndarray, F: np.ndarray) -> None:
 
 @pytest.mark.parametrize("joint", [0, 2, 5])
 @pytest.mark.parametrize("size", [10.0, 100.0])
-def test_what_a_fault_leaves_behind_is_in_the_sd(joint: int, size: float) -> None:
+def test_the_sd_covers_the_error_after_a_fault(joint: int, size: float) -> None:
     """A drive reports 10 or 100 N m too much for .4 s, which no check of a sample can see.
 
     Without doubt the filter is 6 to 79 sd off .31 s later, settled though it is by then.
@@ -319,7 +319,7 @@ def noisy(
     rows, n = len(signals), signals.shape[2]
     K_0, time, sd = 20.0, 0.3, signals[0, TORQUE_SD]
     smooth = np.sqrt((1.0 - WHITE_SHARE) * (1.0 + K_0 * time) / (K_0 * time)) * sd
-    kept = np.exp(-step / time)
+    decay = np.exp(-step / time)
     x = rng.normal(size=n)
     total = np.zeros(n)
     for k in range(rows):
@@ -327,7 +327,7 @@ def noisy(
         signals[k, MOMENTUM] = total + 0.5 * step * u
         white = np.sqrt(step * WHITE_SHARE * 2.0 / K_0) * sd * rng.normal(size=n)
         total = total + step * (u + J[k, 3:].T @ forces[k] + smooth * x) + white
-        x = kept * x + np.sqrt(1.0 - kept**2) * rng.normal(size=n)
+        x = decay * x + np.sqrt(1.0 - decay**2) * rng.normal(size=n)
 
 
 FORCE_ONLY = WrenchPrior(0.0, np.inf, 0.0, 20.0)

@@ -116,7 +116,7 @@ def test_after_a_jump_the_band_holds_the_truth_from_the_time_constant_on() -> No
     assert sd[100, 4] < 0.1  # half a second later it is gone
 
 
-def test_what_is_not_valid_is_followed_slowly() -> None:
+def test_readings_that_are_not_valid_are_followed_slowly() -> None:
     wrench = np.zeros((100, 6))
     wrench[50:, 3] = 100.0
     assert band(wrench, valid=False)[60, 3] > 0.8 * 100.0 * 2.0 * np.pi * 3.0 / 20.0
@@ -145,6 +145,6 @@ def test_no_bandwidth_no_band() -> None:
 
 
 @pytest.mark.parametrize(("bandwidth", "scale"), [(-1.0, 0.0), (np.nan, 0.0), (1.0, -0.1)])
-def test_what_makes_no_sense(bandwidth: float, scale: float) -> None:
+def test_invalid_settings_are_refused(bandwidth: float, scale: float) -> None:
     with pytest.raises(ValueError, match="must be zero or more"):
         lag_settings(20.0, STEP, bandwidth, scale)

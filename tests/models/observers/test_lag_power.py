@@ -67,17 +67,17 @@ def test_a_step_is_late_from_its_own_sample_on_and_what_lasts_is_not():
     read = np.full((3, 6), 7.0)
     read[1:] += 2.0
     noise = np.full((3, 6), 0.5)
-    found = added(read, noise)[:, 0, 0] * SHARE
+    variance = added(read, noise)[:, 0, 0] * SHARE
     omega = 2.0 * np.pi * BAND
     pole, factor = np.exp(-omega * STEP), omega / K_0
     first, second = ((factor * 2.0 * pole**k) ** 2 - 0.5 for k in (1, 2))
     power = (1.0 - pole) * first
     np.testing.assert_allclose(
-        found, [0.0, power, pole * power + (1.0 - pole) * second], rtol=1e-12
+        variance, [0.0, power, pole * power + (1.0 - pole) * second], rtol=1e-12
     )
 
 
-def test_what_noise_explains_is_not_lateness(force):
+def test_noise_does_not_count_as_lag(force):
     read = low_passed(force)[:5000]
     loud = np.full_like(read, 1e4)
     assert not added(read, loud).any()
@@ -87,7 +87,7 @@ def test_without_a_low_pass_nothing_is_late(force):
     assert not added(force[:5000], np.zeros((5000, 6)), K_0=None).any()
 
 
-def test_part_by_part_is_what_one_pass_gives(force):
+def test_a_log_in_parts_gives_the_same(force):
     read = low_passed(force)[:5000]
     noise = np.full_like(read, 0.5)
     np.testing.assert_array_equal(added(read, noise), added(read, noise, parts=7))

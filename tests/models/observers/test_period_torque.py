@@ -34,7 +34,7 @@ def test_held_torque_is_not_read_at_the_period_s_end():
     assert np.isnan(arrived_momentum(0.005, motor_share(0.01, "trapezoidal"), signals, 0))
 
 
-def test_what_is_no_period_is_refused():
+def test_an_invalid_period_is_refused():
     assert checked_period(0.002, "held") == 0.002
     with pytest.raises(ValueError, match="time_step must be positive"):
         checked_period(float("nan"), "held")

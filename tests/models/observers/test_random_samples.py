@@ -8,5 +8,5 @@ _TICKS = 5000  # of each here; `make fuzz` takes a million
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, _ in estimators()])
-def test_what_leaves_an_estimator_is_finite_and_recovers(name: str) -> None:
+def test_outputs_are_finite_and_recover_after_bad_samples(name: str) -> None:
     assert faults(dict(estimators())[name], _TICKS, seed=1) == []

@@ -91,10 +91,10 @@ def test_one_absurd_tick_is_missing_and_soon_forgotten(spike: str, method: str) 
     signals[signal][500, joint] = change(signals[signal][500, joint])
     batch = run(signals, method)
     assert finite(batch)
-    told = 501 if signal == 2 else 500  # no reading rests on the current of its own tick
-    assert batch.fault[told] == BEYOND
-    assert np.flatnonzero(batch.fault).tolist() == [told]
-    assert not batch.valid[told]
+    first_flagged = 501 if signal == 2 else 500  # no reading rests on the current of its own tick
+    assert batch.fault[first_flagged] == BEYOND
+    assert np.flatnonzero(batch.fault).tolist() == [first_flagged]
+    assert not batch.valid[first_flagged]
     settled = 500 + round(3.0 / 20.0 / T)  # 3 / K_0
     np.testing.assert_array_equal(batch.valid[settled:], clean.valid[settled:])
     # What two ticks of 1 N m of noise and a held reading leave, faded to exp(-3): far below its sd.
@@ -102,7 +102,7 @@ def test_one_absurd_tick_is_missing_and_soon_forgotten(spike: str, method: str) 
     assert (off < 0.1 * clean.standard_deviation[settled:] + 1e-9).all()
 
 
-def test_a_position_that_jumped_for_good_is_believed_after_a_while() -> None:
+def test_a_position_that_jumped_permanently_is_accepted_after_a_while() -> None:
     q, v, current = log()
     q[500:, 0] += 1.0
     batch = run((q, v, current))
@@ -122,7 +122,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_stands_still_while_its_joint_moves_is_flagged_until_it_lives_again(
+def test_a_signal_that_sticks_while_its_joint_moves_is_flagged_until_it_recovers(
     fault: str,
 ) -> None:
     signal, size, change, code, (soonest, latest), end, sound = FAULTS[fault]
@@ -131,25 +131,25 @@ def test_what_stands_still_while_its_joint_moves_is_flagged_until_it_lives_again
     own *= size
     own[300:end] = change(own.copy())
     batch = run(signals)
-    told = np.flatnonzero(batch.fault & code)
-    assert 300 + round(soonest / T) <= told[0] <= 300 + round(latest / T)
-    assert (batch.fault[told[0] : end] != 0).all()
-    assert not batch.valid[told[0] : end].any()
+    flagged = np.flatnonzero(batch.fault & code)
+    assert 300 + round(soonest / T) <= flagged[0] <= 300 + round(latest / T)
+    assert (batch.fault[flagged[0] : end] != 0).all()
+    assert not batch.valid[flagged[0] : end].any()
     assert not batch.fault[sound:].any() and batch.valid[-20:].all()
 
 
-def test_samples_read_at_other_times_than_they_are_taken_for_are_told() -> None:
+def test_samples_with_wrong_time_stamps_are_flagged() -> None:
     """Each 5 ms early or late: positions run to and fro, by less than any single bound."""
     q, v, current = log()
     rows = np.arange(N) + np.rint(0.005 / T * np.random.default_rng(3).normal(size=N)).astype(int)
     rows = np.where((np.arange(N) > 300) & (np.arange(N) < 900), rows, np.arange(N))
     batch = run((q[rows], v[rows], current[rows]))
-    told = np.flatnonzero(batch.fault & DISAGREES)
-    assert 300 < told[0] < 300 + round(0.2 / T)
-    assert batch.valid[told[0] : 900].mean() < 0.02
+    flagged = np.flatnonzero(batch.fault & DISAGREES)
+    assert 300 < flagged[0] < 300 + round(0.2 / T)
+    assert batch.valid[flagged[0] : 900].mean() < 0.02
 
 
-def test_a_current_that_falls_to_zero_is_told_at_once_and_until_it_is_back() -> None:
+def test_a_current_that_falls_to_zero_is_flagged_at_once_until_it_returns() -> None:
     q, v, current = log()
     assert abs(current[299, 1]) > 0.1 * arm().current_limit[1]
     current[300:800, 1] = 0.0

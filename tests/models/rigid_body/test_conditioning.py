@@ -32,10 +32,10 @@ def test_equals_lapack_on_a_robots_jacobians(name: str) -> None:
     expected = np.linalg.cond(J)
     regular = expected < 1e6
     assert regular.mean() > 0.999
-    found = condition_number(J)
-    assert np.abs(found[regular] / expected[regular] - 1.0).max() < TOLERANCE
+    condition = condition_number(J)
+    assert np.abs(condition[regular] / expected[regular] - 1.0).max() < TOLERANCE
     # Through the chain, without keeping the Jacobians: the same to the last bit.
-    assert np.array_equal(chain.condition_number(q), found)
+    assert np.array_equal(chain.condition_number(q), condition)
 
 
 def test_the_article_arms_distribution(sts: Robot) -> None:
@@ -126,12 +126,12 @@ def test_bad_samples_leave_their_neighbours_alone() -> None:
     J[3, 1, 1], J[17, 2, 2], J[18, 0] = np.nan, np.inf, 1e200
     J[33], J[34, 5] = 0.0, 0.0
     bad = [3, 17, 18, 33, 34]
-    found, expected = condition_number(J), condition_number(clean)
+    condition, expected = condition_number(J), condition_number(clean)
     others = np.setdiff1d(np.arange(64), bad)
-    assert np.array_equal(found[others], expected[others])
-    assert not np.any(np.isfinite(found[bad]))
+    assert np.array_equal(condition[others], expected[others])
+    assert not np.any(np.isfinite(condition[bad]))
     for k in bad:
-        assert np.array_equal(condition_number(J[k]), found[k], equal_nan=True)
+        assert np.array_equal(condition_number(J[k]), condition[k], equal_nan=True)
 
 
 def test_input_is_left_alone() -> None:

@@ -44,7 +44,7 @@ def test_any_ratio_has_its_inverse():
         [[1.0, 0.0, 0.0], [0.0, float("nan"), 0.0], [0.0, 0.0, 1.0]],
     ],
 )
-def test_what_is_no_coupling_is_refused(rows):
+def test_an_invalid_coupling_is_refused(rows):
     with pytest.raises(InputError, match="coupling"):
         coupling_of(rows, 3, Path("robot.yaml"))
 
@@ -67,7 +67,7 @@ def test_the_arm_says_which_motors_share_a_joint(coupled_wrist):
     assert f"{names[5]} (also by that of {names[4]})" in notice
 
 
-def test_what_knows_single_joints_only_says_so(sts, coupled_wrist):
+def test_commands_for_single_joints_refuse_a_coupling(sts, coupled_wrist):
     refuse_coupling(sts.coupling, sts.source, "a refresh")
     with pytest.raises(InputError, match="a refresh is for joints"):
         refuse_coupling(coupled_wrist.coupling, coupled_wrist.source, "a refresh")

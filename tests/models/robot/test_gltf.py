@@ -49,7 +49,7 @@ def test_nor_through_a_link(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"buffers": 3}', '{"buffers": [3]}', "\x00"])
-def test_a_broken_one_is_said(tmp_path, text):
+def test_a_broken_gltf_file_is_reported(tmp_path, text):
     (tmp_path / "a.gltf").write_text(text)
     assert "not readable" in gltf_fault(tmp_path / "a.gltf")
 

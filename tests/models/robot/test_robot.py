@@ -206,8 +206,8 @@ def test_a_bundled_arm_moves_as_pinocchio_says(name: str) -> None:
     data = model.createData()
     q, v, vdot = np.random.default_rng(5).uniform(-1.5, 1.5, (3, 20, robot.num_joints))
     expected = [pinocchio.rnea(model, data, *row) for row in zip(q, v, vdot, strict=True)]
-    found = robot.chain.inverse_dynamics(q, v, vdot)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding
+    torque = robot.chain.inverse_dynamics(q, v, vdot)
+    np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)  # rounding
 
 
 def test_ur5e_has_the_published_masses_and_limits() -> None:

@@ -34,6 +34,6 @@ def test_other_angles_stay(text):
     assert exact_angle(text) == float(text)
 
 
-def test_what_is_no_number_is_an_error():
+def test_text_that_is_no_number_is_an_error():
     with pytest.raises(ValueError, match="could not convert"):
         exact_angle("half")

@@ -86,7 +86,7 @@ def test_the_arm_is_the_plant_that_drake_reads(tmp_path):
          "<parent>world</parent><child>nobody</child></joint></model></sdf>", "nobody"),
     ],
 )  # fmt: skip
-def test_what_drake_cannot_read_is_one_line(text, expected):
+def test_an_sdf_that_drake_cannot_read_is_one_line(text, expected):
     with pytest.raises(InputError, match=expected) as error:
         urdf_of_sdf(ET.fromstring(text), Path("arm.sdf"))
     assert "\n" not in str(error.value)

@@ -93,8 +93,8 @@ def test_a_locked_finger_without_inertia_does_not_stop_the_arm(tmp_path: Path) -
     bad = _INERTIAL.format(m=0.1, i="1e-7").replace('izz="1e-7"', 'izz="1"')
     robot = _machine(tmp_path, bad)
     assert robot.has_inertias
-    (told,) = (text for text in robot.notices if "point mass" in text)
-    assert 'link "finger"' in told
+    (notice,) = (text for text in robot.notices if "point mass" in text)
+    assert 'link "finger"' in notice
     with_mass = robot.chain.inertial_parameters[:, 0].sum()
     assert with_mass == pytest.approx(2.1)
 
@@ -122,8 +122,8 @@ def test_a_mesh_of_a_package_is_found_however_it_is_written(tmp_path: Path, slas
     folder = tmp_path / "arm_description"
     (folder / "urdf").mkdir(parents=True)
     (folder / "a.stl").write_text("")
-    found = resolved_mesh(f"{slashes}arm_description/a.stl", folder / "urdf" / "arm.urdf")
-    assert found == folder / "a.stl"
+    mesh = resolved_mesh(f"{slashes}arm_description/a.stl", folder / "urdf" / "arm.urdf")
+    assert mesh == folder / "a.stl"
 
 
 def _num_shapes(robot: Robot, hulls: bool) -> int:

@@ -60,7 +60,7 @@ def test_an_argument_takes_the_place_of_its_default(arm):
         ("xacro:segment", "xacro:part", "part"),
     ],
 )
-def test_what_xacro_refuses_is_one_line(arm, old, new, expected):
+def test_a_file_that_xacro_refuses_is_one_line(arm, old, new, expected):
     pytest.importorskip("xacro", reason="the package xacro is not installed")
     arm.write_text(ARM.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=expected) as error:

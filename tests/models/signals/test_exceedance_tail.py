@@ -110,6 +110,6 @@ def test_the_gaussian_tail_begins_with_level_and_slope_of_chi(size):
 
 
 @pytest.mark.parametrize("values", [(1.0, 1.0, 0.0, 0.0), (np.nan, 1.0, 1.0, 0.0), (1, -1, 1, 0)])
-def test_what_is_no_tail_is_refused(values):
+def test_an_invalid_tail_is_refused(values):
     with pytest.raises(ValueError, match="expected"):
         ExceedanceTail(*values).check()

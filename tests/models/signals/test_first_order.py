@@ -18,7 +18,7 @@ def test_low_pass_is_scipys():
         np.testing.assert_array_equal(own[0, j], x[0, j])
 
 
-def test_what_is_not_finite_is_what_the_filter_holds():
+def test_the_filter_holds_over_values_that_are_not_finite():
     x = np.array([np.nan, 1.0, np.nan, 2.0, np.inf]).reshape(5, 1, 1)
     memory = np.full((1, 1), np.nan)
     low_pass(np.array([0.5]), memory, x)

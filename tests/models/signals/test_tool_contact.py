@@ -36,7 +36,7 @@ def test_a_contact_in_the_balls_centre_has_no_direction_and_no_nan():
     np.testing.assert_array_equal(contact, [0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
 
 
-def test_what_is_applied_and_contact_are_summed():
+def test_applied_and_contact_forces_are_summed():
     rng = np.random.default_rng(2)
     applied, contact, J, tau = rng.normal(size=6), rng.normal(size=10), rng.normal(size=(6, 7)), 3.0
     out = np.empty(17)

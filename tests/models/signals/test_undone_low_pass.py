@@ -5,7 +5,7 @@ import numpy as np
 from wrenchsight.models.signals.undone_low_pass import undone_low_pass
 
 
-def test_what_went_in_comes_back() -> None:
+def test_the_inverse_restores_the_filters_input() -> None:
     x = np.random.default_rng(3).normal(size=(50, 2))
     pole = np.array([0.96, 0.5])
     y = np.zeros_like(x)

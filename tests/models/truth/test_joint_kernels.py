@@ -124,15 +124,15 @@ def test_a_plain_joint_holds_within_stiction_and_creeps_by_its_torque(sign):
 def test_a_plain_joint_breaks_away_above_stiction_and_slides_by_its_law():
     """Down to where coulomb + (stiction - coulomb) exp(-(v / v_s)^2) + viscous v is the torque."""
     bench = Bench(one_joint(PLAIN, **DRY), M=1.3)
-    found = []
+    velocities = []
     for _ in range(8000):
         before = bench.v[0]
         bench.tick(6.1)
         bump = 2.0 * np.exp(-((before / 0.05) ** 2))
-        found.append(bench.signals[TAU_F, 0] - (4.0 + bump + 2.0 * bench.v[0]))
+        velocities.append(bench.signals[TAU_F, 0] - (4.0 + bump + 2.0 * bench.v[0]))
     assert bench.v[0] == pytest.approx((6.1 - 4.0) / 2.0, rel=1e-3)
     # In the tick of the breakaway the element is not at its limit yet.
-    assert np.abs(found[5:]).max() < 1e-9
+    assert np.abs(velocities[5:]).max() < 1e-9
 
 
 def test_a_plain_joint_slides_down_as_the_closed_form_says_and_stops_for_good():

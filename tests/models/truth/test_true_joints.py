@@ -101,8 +101,8 @@ def test_harmonics_stand_behind_the_slip_elements(robot):
     other = with_mechanisms(robot, slip=slip, ripple=ripple, individual=1)
     assert np.all(TrueJoints.of(other, 1e-3).table[:, -1] != joints.table[:, -1])
     without = TrueJoints.of(with_mechanisms(robot, slip=slip, ripple=RippleConfig()), 1e-3).table
-    kept = np.delete(joints.table[:, : ELEMENTS + 6], HARMONICS, axis=1)
-    np.testing.assert_array_equal(kept, np.delete(without, HARMONICS, axis=1))
+    columns = np.delete(joints.table[:, : ELEMENTS + 6], HARMONICS, axis=1)
+    np.testing.assert_array_equal(columns, np.delete(without, HARMONICS, axis=1))
 
 
 def test_an_encoder_on_the_link_sees_no_deflection(robot):
@@ -165,7 +165,7 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         ),
     ],
 )
-def test_what_is_out_of_range_is_named(robot, mechanism, place):
+def test_a_parameter_out_of_range_is_named(robot, mechanism, place):
     with pytest.raises(InputError, match=place):
         TrueJoints.of(with_mechanisms(robot, **mechanism), 1e-3)
 

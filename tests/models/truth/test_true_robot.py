@@ -65,8 +65,8 @@ def test_a_heavier_tool_is_felt_as_its_weight(robot):
     bare = nominal.with_tool(without, robot.config.tool_frame).chain
     q = np.asarray(robot.home) + 0.2
     weight = nominal.chain.gravity_torque(q) - bare.gravity_torque(q)
-    found = true.chain.gravity_torque(q) - bare.gravity_torque(q)
-    np.testing.assert_allclose(found, 1.25 * weight, atol=2e-5)  # the bare one's milligram
+    added_torque = true.chain.gravity_torque(q) - bare.gravity_torque(q)
+    np.testing.assert_allclose(added_torque, 1.25 * weight, atol=2e-5)  # the bare one's milligram
     assert np.abs(weight).max() > 0.5
 
 

@@ -120,7 +120,7 @@ def test_harmonics_of_the_motor_grow_with_the_ripple():
     np.testing.assert_allclose(drawn.motor_amplitudes, [[0.1 * factor, 0.2 * factor]], rtol=1e-12)
 
 
-def test_what_is_off_stays_off():
+def test_a_mechanism_that_is_off_stays_off():
     about = SimulatedTruthConfig(JointFrictionConfig(coulomb=[1.0, 2.0], stiction=[1.5, 2.0]))
     truth = draw_world(0, 0).truth(about, 2)
     assert truth.mechanisms is None
@@ -137,30 +137,32 @@ def test_each_session_has_a_hand_of_its_own():
         assert hand.bandwidth == world.factors[f"hand_bandwidth_{session}"][0]
     assert len({world.hand(session) for session in SESSIONS}) == len(SESSIONS)
     assert draw_world(0, 4, WorldSource(only=("coulomb",))).hand("combined") is None
-    found = ArmPosterior("any", {"hand_force_combined": [7.0]})  # a hand is not the robot's
-    drawn = draw_world(0, 4, WorldSource(posterior=found)).hand("combined")
+    posterior = ArmPosterior("any", {"hand_force_combined": [7.0]})  # a hand is not the robot's
+    drawn = draw_world(0, 4, WorldSource(posterior=posterior)).hand("combined")
     assert drawn.force_sd == 7.0
     assert drawn.bandwidth == world.hand("combined").bandwidth
 
 
 def test_worlds_that_are_alike_take_the_arms_one_after_another():
-    found = ArmPosterior("any", {"coulomb": [0.8, 0.9, 1.1]})
-    source = WorldSource(posterior=found, alike=True)
+    posterior = ArmPosterior("any", {"coulomb": [0.8, 0.9, 1.1]})
+    source = WorldSource(posterior=posterior, alike=True)
     taken = [draw_world(0, number, source).of_robot["coulomb"][0] for number in range(5)]
     assert taken == [0.8, 0.9, 1.1, 0.8, 0.9]
-    others = [draw_world(0, k, WorldSource(posterior=found)) for k in range(60)]
-    counts = np.bincount([found.arms["coulomb"].index(w.of_robot["coulomb"][0]) for w in others])
+    others = [draw_world(0, k, WorldSource(posterior=posterior)) for k in range(60)]
+    counts = np.bincount(
+        [posterior.arms["coulomb"].index(w.of_robot["coulomb"][0]) for w in others]
+    )
     assert counts.min() > 8  # of 20 expected each, three standard deviations of 3.7
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"coulomb": (1.4, 0.7)}, "expected 0 <= low <= high"),
         ({"coulomb": (1.1, 1.4)}, "a range of factors"),
         ({"latency": (0.0, float("inf"))}, "ranges.latency"),
     ],
 )
-def test_ranges_that_are_none_are_refused(changes, said):
-    with pytest.raises(InputError, match=said):
+def test_ranges_that_are_none_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
         draw_world(0, 0, dataclasses.replace(WorldRanges(), **changes))

@@ -95,8 +95,8 @@ class AtWork:
         if tau_contact is not None:
             self.sizes["truth"] = arm.truth_sizes
             arm.GetInputPort("tau_contact").FixValue(self.context, tau_contact)
-            found = Value(ContactResults() if results is None else results)
-            arm.GetInputPort("contact_results").FixValue(self.context, found)
+            contact_results = Value(ContactResults() if results is None else results)
+            arm.GetInputPort("contact_results").FixValue(self.context, contact_results)
 
     def parts(self, name):
         values = self.arm.GetOutputPort(name).Eval(self.context)
@@ -170,15 +170,15 @@ def test_a_tick_is_the_kernels_and_contact_counts_a_tick_late(robot, joints, tou
     scripted = work.terms.J.T @ PUSHED
     first = joints.initial_state()
     after, signals = by_kernel(joints, work.terms, first, 0.0 * tau if touching else scripted)
-    for found, expected in zip(work.parts("drives")[:SIGNALS], signals, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
+    for output, expected in zip(work.parts("drives")[:SIGNALS], signals, strict=True):
+        np.testing.assert_allclose(output, expected, rtol=1e-13)
     known = scripted + (tau if touching else 0.0)
     after[EXTERNAL] = known
     np.testing.assert_allclose(work.after()[: first.size], after.ravel(), rtol=1e-12, atol=1e-15)
     work.context.SetDiscreteState(np.concatenate([after.ravel(), work.state[first.size :]]))
     _, later = by_kernel(joints, work.terms, after, known)
-    for found, expected in zip(work.parts("drives")[:SIGNALS], later, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
+    for output, expected in zip(work.parts("drives")[:SIGNALS], later, strict=True):
+        np.testing.assert_allclose(output, expected, rtol=1e-13)
 
 
 def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
@@ -392,5 +392,5 @@ def test_it_runs_in_a_simulator(robot, joints):
     state, terms = joints.initial_state(), robot.chain.terms(robot.home, V)
     for tick in range(50):
         state, _ = by_kernel(joints, terms, state, np.zeros(6), tick)
-    found = context.get_discrete_state_vector().value()[: state.size]
-    np.testing.assert_array_equal(found.reshape(state.shape), state)
+    state_at_end = context.get_discrete_state_vector().value()[: state.size]
+    np.testing.assert_array_equal(state_at_end.reshape(state.shape), state)

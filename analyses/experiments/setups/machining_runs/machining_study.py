@@ -233,7 +233,7 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
     feeds = ", ".join(f"{feed:g}" for feed in FEEDS)
     force = f"{task.component.capitalize()} force, one way in {feeds} s"
     held = f"True normal force held {{}} a sensor, {feeds} s: {{}} error"
-    ours = "reads with what a pass through the air has taught"
+    ours = "with the air-pass correction"
     inside = f"Inside the stated 95 % band, {{}}, {feeds} s: least share of an axis"
     within = f"{force}: correlation within a way, its mean taken off"
     parts = {"steady": "steady feed", "ends": "starts and stops", "turns": "turns of the feed"}

@@ -45,31 +45,31 @@ def test_passes_are_aligned_by_their_positions(ur10e: Robot) -> None:
     assert ahead == pytest.approx(_AHEAD, abs=2e-4)
 
 
-def test_what_repeats_is_taken_off(ur10e: Robot) -> None:
+def test_the_repeating_torque_is_subtracted(ur10e: Robot) -> None:
     empty, loaded = _pass(ur10e, _AHEAD, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 1.0)
-    found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
-    assert len(found.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
+    result = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
+    assert len(result.v) == round((_DURATION - LEARNING_TIME - MARGIN) / TIME_STEP)
     # The reference holds the acceleration of the slow motion, 0.1 N, which is not in the torque.
-    assert np.all(found.corrected.mean_square < 0.2**2)
-    assert np.all(found.repeated_share > 0.98)
-    assert np.all(found.correlation > 0.98)
-    assert all(judged.rmse < 0.5 for judged in found.corrected.judged)
-    assert max(judged.rmse for judged in found.plain.judged) > 2.0
+    assert np.all(result.corrected.mean_square < 0.2**2)
+    assert np.all(result.repeated_share > 0.98)
+    assert np.all(result.correlation > 0.98)
+    assert all(judged.rmse < 0.5 for judged in result.corrected.judged)
+    assert max(judged.rmse for judged in result.plain.judged) > 2.0
 
 
 def test_half_of_the_error_that_repeats_leaves_the_other_half(ur10e: Robot) -> None:
     """With a load that doubles the error, 1 - (1/2)^2 of its mean square goes."""
     empty, loaded = _pass(ur10e, 0.0, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 2.0)
-    found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
-    assert np.allclose(found.repeated_share, 0.75, atol=0.02)
+    result = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
+    assert np.allclose(result.repeated_share, 0.75, atol=0.02)
 
 
 def test_shares_are_parts_of_one_whole(ur10e: Robot) -> None:
     empty, loaded = _pass(ur10e, 0.0, 0.0, 1.0), _pass(ur10e, 0.0, _MASS, 2.0)
-    found = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
+    result = loaded_pass(ur10e, np.eye(6), empty, loaded, _POINT, _MASS)
     # Nothing is carried where no current flows: no load to grow with.
-    current = np.random.default_rng(0).normal(size=found.v.shape)
-    shares = replace(found, load_growth=current).shares()
+    current = np.random.default_rng(0).normal(size=result.v.shape)
+    shares = replace(result, load_growth=current).shares()
     assert np.allclose(sum(shares.values()), 1.0)
-    assert np.allclose(shares["repeated"], found.repeated_share)
+    assert np.allclose(shares["repeated"], result.repeated_share)
     assert all(np.all(part > -1e-12) for part in shares.values())

@@ -58,7 +58,7 @@ def test_a_callable_s_wrench_is_read_as_it_returns_it(log, ur10e, model):
     assert stated.covariance is None
 
 
-def test_what_a_method_does_to_its_input_stays_its_own(log, ur10e, model):
+def test_a_method_cannot_change_the_log_that_it_reads(log, ur10e, model):
     before = log.q.copy()
 
     def spoils(q, v, current):
@@ -166,7 +166,7 @@ def test_an_interrupt_is_no_fault(log, ur10e, model):
         reader_of(interrupted, ur10e, model, STEP)(log)
 
 
-def test_what_is_no_estimator_is_named(ur10e, model):
+def test_an_object_that_is_no_estimator_is_refused_by_name(ur10e, model):
     with pytest.raises(FaultError, match="it returned int, expected an observer's configuration"):
         reader_of(3, ur10e, model, STEP)
 

@@ -24,8 +24,8 @@ def test_the_labels_are_those_of_the_methods_that_are_reserved():
 
 
 def test_a_table_has_a_column_a_method_and_says_what_failed_and_what_is_missing():
-    found = tables(METRICS, ["theirs", "other"], {"torque": ["ur10e"], "wrench": []})
-    by_name = {table.name: filled_table(table, METRICS) for table in found}
+    page_tables = tables(METRICS, ["theirs", "other"], {"torque": ["ur10e"], "wrench": []})
+    by_name = {table.name: filled_table(table, METRICS) for table in page_tables}
     assert set(by_name) == set(ROWS)
     wrench = by_name["wrench"]
     assert list(wrench.heads)[-3:] == ["ours", "`theirs`", "`other`"]

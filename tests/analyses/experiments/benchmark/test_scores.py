@@ -26,9 +26,9 @@ def test_a_spread_is_median_least_largest_mean_and_count():
 
 @pytest.mark.parametrize(("count", "of"), [(7, 59), (0, 100), (100, 100)])
 def test_a_share_s_ends_are_those_that_agree_with_its_count(count, of):
-    found = share("missed", count, of)
+    missed_share = share("missed", count, of)
     interval = binomtest(count, of).proportion_ci(0.95, "exact")
-    assert found == pytest.approx(
+    assert missed_share == pytest.approx(
         {
             "missed_pct": 100.0 * count / of,
             "missed_pct_low": 100.0 * interval.low,
@@ -58,7 +58,7 @@ def test_a_wrench_alone_is_sized_by_its_covariance():
     np.testing.assert_array_equal(sizes(Reading(wrench, None, -wrench)), np.abs(wrench))
 
 
-def test_what_is_not_known_stays_as_it_was():
+def test_gaps_hold_the_last_known_value():
     signal = np.array([[np.nan], [1.0], [np.nan], [3.0], [np.nan]])
     np.testing.assert_array_equal(_bridged(signal)[:, 0], [1.0, 1.0, 1.0, 3.0, 3.0])
 
@@ -86,8 +86,8 @@ def test_touches_found_false_late_and_their_links(touched):
         Episode(3.05, 3.4, (3, 6)),  # not the link, and one that statics rule out
         Episode(4.5, 4.6, (1,)),  # false
     ]
-    found = touched._scored([episodes])
-    touches, link = found["touches"], found["link"]
+    scores = touched._scored([episodes])
+    touches, link = scores["touches"], scores["link"]
     assert (touches["touches"], touches["found"], touches["false"]) == (3, 2, 1)
     assert touches["delay_s"] == pytest.approx(0.04)
     assert link["named_pct"] == pytest.approx(50.0)

@@ -52,18 +52,18 @@ def test_without_the_makers_description_the_controllers_masses_are_read(tmp_path
     assert any("wrenchsight data fetch neura_lara8_urdf" in note for note in result.notes)
 
 
-def test_what_stands_is_within_its_stiction(ran) -> None:
+def test_torque_of_a_joint_at_rest_is_within_its_stiction(ran) -> None:
     for name in _FILES:
         stiction = ran.metrics["stiction"][name]
-        for rest, level in zip(stiction["rest_rmse_nm"], stiction["level_nm"], strict=True):
-            assert rest is None or rest < level
+        for rest_rmse, level in zip(stiction["rest_rmse_nm"], stiction["level_nm"], strict=True):
+            assert rest_rmse is None or rest_rmse < level
         assert all(
             share is None or share > 75.0
             for share in ran.metrics[name]["rest"]["urdf"]["torque_inside_95_pct"]
         )
 
 
-def test_the_load_of_friction_is_what_makes_the_difference(ran) -> None:
+def test_load_dependent_friction_explains_the_difference(ran) -> None:
     parts = ran.metrics["parts"]["joint3_sweep"]
     assert parts["friction_without_load"][2] > 1.5 * parts["as_it_is"][2]
     assert parts["friction_fitted_to_this_sensor"][2] < parts["as_it_is"][2]

@@ -77,7 +77,7 @@ def test_two_sources_at_real_time(data, ur10e, model):
         assert 0.0 < source["latency_p50_ms"] <= source["latency_p99_ms"] < 1e3
 
 
-def test_what_is_missing_is_counted(ur10e, model, tmp_path):
+def test_missing_samples_are_counted(ur10e, model, tmp_path):
     t = T * np.delete(np.arange(500), [300, 301, 302])
     q = ur10e.home + 0.1 * np.sin(t)[:, None] * np.ones(6)
     v = 0.1 * np.cos(t)[:, None] * np.ones(6)

@@ -19,8 +19,8 @@ def detection(contacts, misfits=(), links=()):
     for (begin, end), number in zip(misfits, links, strict=True):
         misfit[begin:end], link[begin:end] = True, number
     statistic = np.where(contact, 2.0 + np.arange(ROWS) / ROWS, 0.3)
-    rest = np.arange(ROWS) < 40
-    return Detection(statistic, contact, misfit, link, rest, np.zeros(ROWS, bool))
+    at_rest = np.arange(ROWS) < 40
+    return Detection(statistic, contact, misfit, link, at_rest, np.zeros(ROWS, bool))
 
 
 def gathered(detections, edges, t0=0.0):

@@ -53,7 +53,7 @@ def test_a_touch_of_a_link_voids_its_samples_and_one_at_e_does_not(J):
     assert odds[500, :6].sum() < 0.02
 
 
-def test_what_a_sample_lacks_does_not_spoil_its_contact(J):
+def test_a_missing_value_of_one_sample_does_not_spoil_its_contact(J):
     t, sd = T * np.arange(N), np.full((N, 7), 0.1)
     tau = np.tile(ON_LINK, (N, 1))
     tau[120], J = np.nan, J.copy()

@@ -11,10 +11,10 @@ def test_the_second_moment_is_that_of_draws():
     rng = np.random.default_rng(0)
     root, mean, reading = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)
     draws = mean + rng.normal(size=(40_000, 6)) @ root.T - reading
-    found = covariance_about(reading[None], mean[None], (root @ root.T)[None])[0]
+    covariance = covariance_about(reading[None], mean[None], (root @ root.T)[None])[0]
     expected = draws.T @ draws / len(draws)
-    np.testing.assert_allclose(found, expected, atol=0.03 * np.diag(found).max())
-    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_allclose(covariance, expected, atol=0.03 * np.diag(covariance).max())
+    np.testing.assert_array_equal(covariance, covariance.T)
 
 
 def batch(rng, valid):
@@ -24,17 +24,17 @@ def batch(rng, valid):
     return EstimateBatch(**arrays | {"valid": np.array(valid)})
 
 
-def test_a_reading_with_another_s_band_stays_what_it_was():
+def test_another_band_does_not_change_the_reading():
     """Only its band, the joints' sds and what is valid are those of the model that knows more."""
     rng = np.random.default_rng(1)
     known = batch(rng, [True, True, False])
-    wide = batch(rng, [True, False, True])
-    found = with_band_of(known, wide)
-    off = known.wrench[1] - wide.wrench[1]
+    with_drift = batch(rng, [True, False, True])
+    combined = with_band_of(known, with_drift)
+    off = known.wrench[1] - with_drift.wrench[1]
     np.testing.assert_allclose(
-        found.covariance[1], wide.covariance[1] + np.outer(off, off), rtol=1e-12
+        combined.covariance[1], with_drift.covariance[1] + np.outer(off, off), rtol=1e-12
     )
-    np.testing.assert_array_equal(found.torque_sd, wide.torque_sd)
-    np.testing.assert_array_equal(found.valid, [True, False, False])
+    np.testing.assert_array_equal(combined.torque_sd, with_drift.torque_sd)
+    np.testing.assert_array_equal(combined.valid, [True, False, False])
     for name in set(EstimateBatch._fields) - {"covariance", "torque_sd", "valid"}:
-        np.testing.assert_array_equal(getattr(found, name), getattr(known, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(combined, name), getattr(known, name), err_msg=name)

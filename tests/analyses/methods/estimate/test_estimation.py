@@ -305,7 +305,7 @@ def test_a_bridged_dropout_is_not_valid(estimated, recording):
 # --- warnings ----------------------------------------------------------------------------------
 
 
-def test_leaving_the_models_ranges_is_said(estimated, sts, recording, tmp_path):
+def test_samples_beyond_the_models_ranges_are_reported(estimated, sts, recording, tmp_path):
     path = tmp_path / "narrow.yaml"
     q = recording.q
     q_max = q.max(axis=0)

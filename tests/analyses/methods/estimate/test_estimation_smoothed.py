@@ -72,7 +72,7 @@ def test_the_table_is_the_smoothed_reading(ur10e, recording, tmp_path, monkeypat
         ({"method": "truncated"}, "smoothing has no prior"),
     ],
 )
-def test_what_cannot_be_smoothed_is_one_line(tmp_path, change, problem):
+def test_options_that_exclude_smoothing_are_one_line(tmp_path, change, problem):
     config = EstimateConfig(smooth=True)
     config.estimator.reconstruction.method = change.get("method", "bayesian")
     with pytest.raises(InputError, match=problem) as caught:

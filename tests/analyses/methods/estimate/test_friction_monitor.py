@@ -165,7 +165,7 @@ def test_a_contact_is_left_out_and_the_part_without_it_is_offered(sts, model):
         assert "--part 10.5,39.9 " in command or "--part 10.6,39.9 " in command
 
 
-def test_a_model_that_no_log_stands_behind_is_not_judged(sts, model):
+def test_a_model_without_logs_is_not_judged(sts, model):
     t, q, v, noise = signals(sts)
     assumed = replace(model, provenance=Provenance())
     monitor = monitored(assumed, sts, t, q, v, drifted(v, noise, 1, 9.0), np.ones(ROWS, bool))

@@ -113,6 +113,8 @@ def test_a_tool_that_the_model_has_not_is_refused(log, robot_file, model_file, t
         (_known(smooth=True), "--smooth or --contact-axis"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(log, robot_file, model_file, tmp_path, config, message):
+def test_an_invalid_contact_option_is_one_line(
+    log, robot_file, model_file, tmp_path, config, message
+):
     with pytest.raises(InputError, match=message):
         estimate_log(log, robot_file, model_file, tmp_path / "out", config=config)

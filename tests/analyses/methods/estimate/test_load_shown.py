@@ -87,9 +87,7 @@ def test_the_smoothed_band_holds_a_real_load(ur10e, data, model_file, tmp_path):
     assert inside(table).min() > 0.9
 
 
-def test_a_load_that_is_taken_up_half_way_is_told_and_no_drift_for_it(
-    ur10e, data, model_file, tmp_path
-):
+def test_a_load_taken_up_half_way_is_reported_and_not_as_drift(ur10e, data, model_file, tmp_path):
     """2 kg from 25 s on, put into a real log's currents with the friction that the law adds."""
     mass, begin, com = 2.0, 25.0, np.array([0.03, 0.05, 0.06])
     log = resampled(read_recording(data("ur10e/ur-20_02_19_14harm50sec.csv"), robot=ur10e), 0.01)
@@ -165,14 +163,14 @@ def test_tracked_a_drifted_log_reads_better_within_its_band(data, model_file, tm
 
 
 @pytest.mark.parametrize(
-    ("changes", "what"),
+    ("changes", "option"),
     [
         ({"smooth": True}, "smooth"),
         ({"drift": 0.1}, "drift"),
     ],
 )
-def test_what_does_not_go_with_tracking_is_refused(ur10e, changes, what):
-    with pytest.raises(InputError, match=what):
+def test_options_that_exclude_tracking_are_refused(ur10e, changes, option):
+    with pytest.raises(InputError, match=option):
         checked_config(EstimateConfig(track=True, **changes), ur10e)
 
 

@@ -73,11 +73,11 @@ def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path
     log = tmp_path / "log.csv"
     write_recording(free_motion(sts, MORE), log)
     result, table = read(log, model_file, tmp_path / "out")
-    told, usual = read(log, model_file, tmp_path / "told", drift=0.05)
+    stated, usual = read(log, model_file, tmp_path / "told", drift=0.05)
     shares = result.metrics()["drift_shown"]
     assert shares[1] == pytest.approx(MORE[1] / VISCOUS, rel=0.15)
     assert max(np.delete(shares, 1)) < 0.1
-    assert told.metrics()["drift_shown"] is None
+    assert stated.metrics()["drift_shown"] is None
     settled = slice(100, None)
     inside, before = (
         np.mean(np.abs(own[settled, 1:4]) <= 1.96 * own[settled, 7:10], axis=0)
@@ -88,7 +88,7 @@ def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path
     (line,) = (line for line in result.warnings if "until then" in line)
     assert "the stated band includes the friction drift" in line
     assert f"joint_2 {100.0 * shares[1]:.0f} % of the viscous torque, other joints less" in line
-    (line,) = (line for line in told.warnings if "until then" in line)
+    (line,) = (line for line in stated.warnings if "until then" in line)
     assert "too narrow" in line and "pass --drift 0." in line
     # What is read, and whether it is contact, is what was known before the log.
     columns = columns_of(6)

@@ -31,8 +31,8 @@ def test_one_absurd_current_is_a_hole_and_spreads_to_no_neighbour():
     assert 1 <= wrong.sum() <= 3
     np.testing.assert_array_equal(on_grid.current[~wrong], clean.current[~wrong])
     assert on_grid.dropout[wrong].all()
-    found = on_grid.extra[FAULT]
-    np.testing.assert_array_equal(found > 0.0, wrong)
+    faults = on_grid.extra[FAULT]
+    np.testing.assert_array_equal(faults > 0.0, wrong)
     assert screen.notices == (
         "1 sample beyond the joints' limits, taken as missing (first: sample 101); check the log "
         "there",

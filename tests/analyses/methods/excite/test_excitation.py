@@ -54,10 +54,10 @@ def test_files_and_their_content(sts, tmp_path):
 
 def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monkeypatch):
     """Where it ends is a matter of the last bits: on another processor each end may collide."""
-    asked = []
+    checked = []
 
     def beyond(self, start, iterations, watch):
-        asked.append(start)
+        checked.append(start)
         end = FourierTrajectory(
             start.base_frequency, start.centre, 3 * start.sine, 3 * start.cosine
         )
@@ -65,8 +65,8 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
 
     monkeypatch.setattr(ExcitationProgram, "solve", beyond)
     result = excite(sts, ExcitationConfig(num_starts=2))
-    assert len(asked) == len(RESERVES)
-    begin = asked[-1].sine
+    assert len(checked) == len(RESERVES)
+    begin = checked[-1].sine
     stretched = np.linalg.norm(result.trajectory.sine) / np.linalg.norm(begin)
     assert 1.0 <= stretched < 2.9
     np.testing.assert_allclose(result.trajectory.sine, stretched * begin, rtol=1e-9, atol=1e-12)
@@ -74,7 +74,7 @@ def test_where_the_solver_ends_beyond_the_limits_the_way_back_is_gone(sts, monke
     assert (result.peak_torque_share <= 0.7).all()
 
 
-def test_a_motion_too_slow_to_tell_inertias_says_so(sts):
+def test_a_motion_too_slow_to_determine_inertias_is_reported(sts):
     limits = ExcitationLimits(acceleration=[2e-3], velocity_share=1e-3)
     result = excite(sts, ExcitationConfig(limits=limits, num_starts=1, iterations=2))
     assert any("Ixx" in name or "Izz" in name for name in result.undetermined)
@@ -126,7 +126,7 @@ def test_a_limit_that_cannot_be_kept_is_refused(tmp_path, option, value):
     assert not (tmp_path / "out").exists()
 
 
-def test_pairs_that_keep_less_than_asked_are_named(sts):
+def test_pairs_closer_than_the_requested_clearance_are_named(sts):
     near = dict(Clearance(sts, 0.1).near_at_home)
     assert all(0.0 < selected < 0.1 for selected in near.values())
     assert len(near) >= len(Clearance(sts, 0.02).near_at_home)

@@ -143,7 +143,9 @@ def test_logs_are_read_together_and_each_has_its_table(torque_log, tmp_path):
         ({"mcap": True}, ("--mcap", "place of E")),
     ],
 )
-def test_what_has_no_part_in_it_is_refused(torque_log, tmp_path, changes, words):
+def test_options_without_effect_on_external_torque_are_refused(
+    torque_log, tmp_path, changes, words
+):
     with pytest.raises(InputError) as caught:
         estimate_torque_logs(
             [torque_log(q=False, rows=300)], None, tmp_path, config=EstimateConfig(**changes)
@@ -163,7 +165,7 @@ def test_a_log_of_another_arm_is_refused(torque_log, ur10e, tmp_path):
         estimate_torque_logs([torque_log(rows=300)], ur10e.source, tmp_path)
 
 
-def test_six_joints_say_that_their_noise_is_hardly_told(ur10e, tmp_path):
+def test_with_six_joints_a_note_states_that_the_noise_is_hardly_determined(ur10e, tmp_path):
     rng = np.random.default_rng(3)
     rows = 400
     q = np.array([0.3, -1.2, 1.4, -1.0, 1.2, 0.2]) + 0.3 * np.sin(
@@ -197,8 +199,8 @@ def test_the_command_says_what_the_experiment_says(data_holding, tmp_path):
         tmp_path,
         config=EstimateConfig(reference=reference),
     )
-    found = result.metrics()
-    assert found["prior"]["force_sd_n"] == knowledge.force_sd
+    metrics = result.metrics()
+    assert metrics["prior"]["force_sd_n"] == knowledge.force_sd
     for key in ("mean_rmse_n", "rmse_n", "stated_sd_n", "error_over_stated_sd"):
         # The axes are turned by a matrix of sines: rounding.
-        np.testing.assert_allclose(found["reference"][key], expected[key], rtol=1e-9)
+        np.testing.assert_allclose(metrics["reference"][key], expected[key], rtol=1e-9)

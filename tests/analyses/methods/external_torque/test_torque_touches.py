@@ -23,14 +23,14 @@ def touch(name: str) -> str:
     return f"link_contact/panda_{name}.csv"
 
 
-def right_share(t: np.ndarray, label: np.ndarray, found: np.ndarray) -> float:
+def right_share(t: np.ndarray, label: np.ndarray, contact: np.ndarray) -> float:
     """Of samples, by the source's protocol: up to LATE of each stretch does not count until the
     first right answer.
     """
     right, counted = 0, 0
     edges = np.r_[0, np.flatnonzero(np.diff(label.astype(int))) + 1, len(t)]
     for begin, end in pairwise(edges):
-        same = found[begin:end] == label[begin]
+        same = contact[begin:end] == label[begin]
         first = int(np.argmax(same)) if same.any() else end - begin
         skipped = min(first, int(np.searchsorted(t[begin:end], t[begin] + LATE)))
         right, counted = right + int(same[skipped:].sum()), counted + end - begin - skipped
@@ -70,7 +70,7 @@ def test_touches_are_found_and_their_link_is_named(data, tmp_path, name, link, s
     assert not [line for line in result.warnings if "contradicted" in line]
 
 
-def test_a_torque_of_the_wrong_sign_is_told(data, tmp_path):
+def test_a_torque_of_the_wrong_sign_is_reported(data, tmp_path):
     config = EstimateConfig(torque_sign="environment")
     result = estimate_torque_logs([data(touch("link4_d3"))], "panda", tmp_path, config=config)
     (line,) = [line for line in result.warnings if "contradicted" in line]

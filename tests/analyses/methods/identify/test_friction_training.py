@@ -59,8 +59,8 @@ def test_friction_near_zero_is_learnt(odd, trained):
     v = np.linspace(0.02, 0.95, 60)[:, None] * trained.v_crit
     v = np.vstack([v, -v])
 
-    def rms(found):
-        return np.sqrt(np.mean((found - true_friction(v)) ** 2, axis=0))
+    def rms(torque):
+        return np.sqrt(np.mean((torque - true_friction(v)) ** 2, axis=0))
 
     assert (rms(law.torque(v)) < 0.25 * rms(LAW.torque(v))).all()
     assert (trained.rmse < 0.3 * trained.law_rmse).all()

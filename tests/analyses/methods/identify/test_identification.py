@@ -149,7 +149,7 @@ def test_a_single_log_states_the_residual_of_the_fit(sts, noisy):
     np.testing.assert_allclose(stated, fit_sd, rtol=0.1)
 
 
-def test_torque_fit_states_what_it_says():
+def test_torque_fit_states_rmse_relative_error_and_similarity():
     measured = np.array([[1.0, 2.0], [-1.0, -2.0], [1.0, 2.0], [-1.0, -2.0]])
     fit = TorqueFit("x", np.arange(4.0), measured, measured * [0.5, -1.0])
     np.testing.assert_allclose(fit.rmse, [0.5, 4.0])
@@ -184,7 +184,7 @@ def test_missing_samples_are_bridged_and_a_dropout_is_left_out(sts, noisy):
     assert log.t[690] < left_out.min() < log.t[700]
 
 
-def test_kilohertz_logs_give_what_their_decimation_gives(sts, truth):
+def test_kilohertz_logs_give_the_model_of_their_decimation(sts, truth):
     """The regressor is built on a coarser grid when the log is finer than the cutoff needs."""
     log = recording(sts, truth, 1)
     t = np.arange(log.t[0], log.t[-1], 0.001)
@@ -285,7 +285,7 @@ def test_settings_that_cannot_be_are_refused(sts, noisy, config, said):
     assert said in refusal([noisy[0]], sts, config=IdentificationConfig(**config))
 
 
-def test_logs_that_tell_nothing_are_refused(sts, noisy):
+def test_logs_without_information_are_refused(sts, noisy):
     log = noisy[0]
     assert "no log" in refusal([], sts)
     assert "lasts 2.99 s" in refusal([log[:300]], sts)
@@ -329,7 +329,7 @@ def test_torque_that_belongs_to_another_motion_warns(sts, noisy):
     assert "unit and signs of the torques" in warning and "current" not in warning
 
 
-def test_friction_that_is_negative_is_told_and_none_is_not(sts, truth):
+def test_negative_friction_is_reported_and_zero_friction_is_not(sts, truth):
     log = recording(sts, truth, 1)
 
     def negative(share):
@@ -420,7 +420,7 @@ def test_cross_validation_chooses_a_law_and_states_all(sts, noisy):
     )
 
 
-def test_the_best_law_counts_joints_alike():
+def test_the_best_law_weighs_joints_equally():
     held_out = {"a": np.array([10.0, 1.0]), "b": np.array([9.0, 1.2]), "c": np.array([20.0, 0.4])}
     assert best_law(held_out) == "c"
 
@@ -476,7 +476,7 @@ def test_a_single_motion_is_cut_into_thirds(sts, truth, noisy):
     assert outcome.model.torque_error is not None
 
 
-def test_the_model_knows_what_the_observer_errs_by(sts, result, noisy):
+def test_the_model_holds_the_torque_error_of_the_observer(sts, result, noisy):
     """The band of the stated sds holds 95 % of what is read of a log that no fit had seen."""
     error, log = result.model.torque_error, noisy[3]
     config = WrenchEstimatorConfig(observer=MomentumObserverConfig(time_step=STEP))

@@ -58,7 +58,7 @@ def test_five_seconds_at_500_hz_last_one_step_less(ur10e: Robot) -> None:
     samples_off=st.integers(-30, 3),
     begin=st.sampled_from([0.0, 288.321, 1.7e9]),
 )
-def test_what_is_said_is_enough_and_never_looks_equal(
+def test_the_stated_length_suffices_and_never_prints_equal_to_the_logs_length(
     ur10e: Robot, cutoff: float, rate: float, samples_off: int, begin: float
 ) -> None:
     step, needed = 1.0 / rate, SHORTEST_LOG / cutoff
@@ -88,7 +88,7 @@ def test_what_is_said_is_enough_and_never_looks_equal(
         assert 1.01 * SHORTEST_LOG / recording.duration * step > LARGEST_CUTOFF
 
 
-def test_what_times_are_rounded_by_is_not_missing(ur10e: Robot) -> None:
+def test_rounding_of_times_is_not_missing_time(ur10e: Robot) -> None:
     config = IdentificationConfig(time_step=0.01, cutoff=5.0)
     recording = log_of(501, 0.01)
     recording.t[-1] -= 2.4e-7  # the grain of UNIX time

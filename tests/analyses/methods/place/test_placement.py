@@ -88,7 +88,7 @@ def test_the_same_seed_gives_the_same_bytes(
     assert (tmp_path / "metrics.json").read_bytes() == (written[1] / "metrics.json").read_bytes()
 
 
-def test_force_sd_is_what_force_sd_makes_small(sts: Robot) -> None:
+def test_the_objective_force_sd_minimises_the_force_sd(sts: Robot) -> None:
     task, source = load_task("linear_path")
     Sigma = np.diag([3.3, 3.6, 2.3, 0.53, 0.78, 0.36]) ** 2  # the article's residuals
     model = dataclasses.replace(IdentifiedModel.nominal(sts), residual_covariance=Sigma)
@@ -164,7 +164,7 @@ IMPOSSIBLE = {
 
 
 @pytest.mark.parametrize("case", list(IMPOSSIBLE))
-def test_what_cannot_be_is_one_line_and_exit_code_2(tmp_path: Path, case: str) -> None:
+def test_an_impossible_task_is_one_line_and_exit_code_2(tmp_path: Path, case: str) -> None:
     changes, expected = IMPOSSIBLE[case]
     task = {
         "path_length": 1.0,

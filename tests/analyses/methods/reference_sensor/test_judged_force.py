@@ -41,7 +41,7 @@ def test_a_method_without_a_band_has_none():
     assert judged.correlation is None  # nothing varies
 
 
-def test_what_is_not_read_is_not_judged():
+def test_samples_without_a_reading_are_not_judged():
     judged = Judgement.of(ForceReading(np.array([np.nan, 2.0])), np.array([5.0, 1.0]))
     assert judged is not None
     assert (judged.count, judged.bias) == (1, 1.0)

@@ -61,24 +61,24 @@ def _mounting(frame: str, sign: int, columns: int, delay: float = 0.0) -> Mounti
 @pytest.mark.parametrize("sign", [1, -1])
 def test_frame_sign_delay_and_tare_are_found(frame, sign):
     true = _mounting(frame, sign, 6, delay=0.08)
-    found, notices = find_mounting(_log(true), ReferenceConfig("x", tare="fit"))
-    assert (found.frame, found.sign) == (frame, sign)
-    assert np.array_equal(found.R, true.R)
-    assert found.delay == pytest.approx(0.08, abs=1e-9)  # a multiple of the step
+    mounting, notices = find_mounting(_log(true), ReferenceConfig("x", tare="fit"))
+    assert (mounting.frame, mounting.sign) == (frame, sign)
+    assert np.array_equal(mounting.R, true.R)
+    assert mounting.delay == pytest.approx(0.08, abs=1e-9)  # a multiple of the step
     # The reading's noise over 600 samples, and what the turn does within the delay.
-    assert np.allclose(found.tare, true.tare, atol=0.2)
+    assert np.allclose(mounting.tare, true.tare, atol=0.2)
     assert not notices
 
 
 def test_one_column_is_a_force_along_its_axis():
     log = _log(_mounting("tool", -1, 1), columns=1)
-    found, _ = find_mounting(log, ReferenceConfig("x", tare="fit", delay="0"))
+    mounting, _ = find_mounting(log, ReferenceConfig("x", tare="fit", delay="0"))
     true = -_mounting("tool", -1, 1).direction(log.R_WE)  # minus its z: what acts on the robot
-    assert np.allclose(found.sign * found.direction(log.R_WE), true)
-    assert found.frame == "tool"
+    assert np.allclose(mounting.sign * mounting.direction(log.R_WE), true)
+    assert mounting.frame == "tool"
 
 
-def test_what_is_given_is_kept():
+def test_a_stated_mounting_is_used_unchanged():
     true = Mounting(
         "tool", Rotation.from_euler("xyz", [0.3, -0.2, 0.7]).as_matrix(), -1, np.zeros(3), 0.0
     )
@@ -100,9 +100,9 @@ def test_a_force_along_one_axis_leaves_the_others_open():
         reading=log.reading * [0, 0, 1, 0, 0, 0],
         sensor=log.sensor * [0, 0, 1],
     )
-    found, notices = find_mounting(still, ReferenceConfig("x", delay="0"))
-    assert (found.frame, found.sign) == ("world", 1)
-    assert np.array_equal(found.R, np.eye(3))  # the plainest
+    mounting, notices = find_mounting(still, ReferenceConfig("x", delay="0"))
+    assert (mounting.frame, mounting.sign) == ("world", 1)
+    assert np.array_equal(mounting.R, np.eye(3))  # the plainest
     assert not notices  # the others as good say the same
     sideways = replace(still, R_WE=log.R_WE)  # nor does a tool that turns leave it open
     assert find_mounting(sideways, ReferenceConfig("x", delay="0"))[0].frame == "world"
@@ -116,13 +116,13 @@ def test_tares():
     assert np.allclose(start.tare, log.sensor[log.t <= 0.5].mean(axis=0))
 
 
-def test_a_constant_force_tells_no_delay():
+def test_a_constant_force_determines_no_delay():
     log = _log(Mounting("world", np.eye(3), 1, np.zeros(3), 0.0), columns=3)
     steady = replace(
         log, reading=np.tile([0.0, 0, 30, 0, 0, 0], (_N, 1)), sensor=np.tile([0.0, 0, 29], (_N, 1))
     )
-    found, notices = find_mounting(steady, ReferenceConfig("x"))
-    assert found.delay == 0.0
+    mounting, notices = find_mounting(steady, ReferenceConfig("x"))
+    assert mounting.delay == 0.0
     assert any("delay" in notice for notice in notices)
 
 
@@ -136,7 +136,7 @@ def test_a_calibrations_sensor_is_the_torque_of_its_force(ur10e, frame):
         t=0.01 * np.arange(3), q=q, v=0.0 * q, current=0.0 * q, source="", extra={REFERENCE: force}
     )
     config = ReferenceConfig("F", frame=frame, sign="environment", tare="5")
-    found = sensor_torque(log, ur10e, config)
+    torque = sensor_torque(log, ur10e, config)
     for k in range(2):
         R_WE, _ = ur10e.chain.pose(q[k : k + 1])
         axis = R_WE[0, :, 2] if frame == "tool" else np.array([0.0, 0.0, 1.0])
@@ -145,8 +145,8 @@ def test_a_calibrations_sensor_is_the_torque_of_its_force(ur10e, frame):
             step = 1e-6 * np.eye(6)[j]
             ends = [ur10e.chain.pose((q[k] + s * step)[None])[1][0] for s in (1, -1)]
             work = pushed @ (ends[0] - ends[1]) / 2e-6
-            assert found[k, j] == pytest.approx(work, abs=1e-6)  # second differences of 30 N m
-    np.testing.assert_array_equal(found[2], 0.0)
+            assert torque[k, j] == pytest.approx(work, abs=1e-6)  # second differences of 30 N m
+    np.testing.assert_array_equal(torque[2], 0.0)
 
 
 def test_a_calibration_finds_nothing_of_its_sensor(ur10e):

@@ -28,12 +28,12 @@ _PLAIN = ReferenceConfig("fx,fy,fz", frame="tool")
         ({"rest_speed": float("nan")}, "expected more than zero"),
     ],
 )
-def test_what_makes_no_sense_is_refused(change, message):
+def test_invalid_configurations_are_refused(change, message):
     with pytest.raises(InputError, match=message):
         checked_reference(replace(_PLAIN, **change))
 
 
-def test_what_makes_sense_is_kept():
+def test_valid_configurations_are_unchanged():
     config = replace(_PLAIN, tare="0.5,1,-2", delay="-0.02", turn=[0.0, 0.0, 3.14])
     assert checked_reference(config) is config
     assert tare_numbers(config) == [0.5, 1.0, -2.0]

@@ -94,7 +94,9 @@ def test_several_arms_need_a_flange(wheel_robots: Path, tmp_path: Path) -> None:
         ("a.urdf", "<robot name='a'><link name='b'/></robot>", "links without a parent"),
     ],
 )
-def test_what_is_no_arm(tmp_path: Path, name: str, text: str, words: str) -> None:
+def test_a_description_without_an_arm_is_refused(
+    tmp_path: Path, name: str, text: str, words: str
+) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=words):
         draft_robot(tmp_path / name, tmp_path / "robot.yaml")

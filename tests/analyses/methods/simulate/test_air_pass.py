@@ -136,7 +136,7 @@ def test_the_error_that_a_correction_leaves_is_stated(sts_reversed, model, passe
     )
 
 
-def test_the_second_pass_is_as_high_again_and_of_other_noise(
+def test_the_second_pass_has_twice_the_height_and_other_noise(
     sts_reversed, model, passes, monkeypatch
 ):
     scenario, plan, flown = passes

@@ -78,7 +78,7 @@ def test_a_sensor_that_is_ideal_is_a_tick_late():
     assert 0.05 < (noisy - read)[1:, 3:].std() < 0.15  # 147 draws of sd 0.1
 
 
-def test_what_it_does_not_know_is_drake_s():
+def test_scenarios_with_contact_or_other_friction_need_drake():
     plain = task_scenario("FrictionAtReversal", 0, 8.0)
     assert is_free(plain)
     assert not is_free(replace(plain, floor=True))

@@ -68,18 +68,18 @@ class Client:
 
     def messages(self, counts):
         """So many messages of each channel: log time in ns, and what is in them."""
-        found = {one: [] for one in counts}
-        while any(len(found[one]) < count for one, count in counts.items()):
+        messages = {one: [] for one in counts}
+        while any(len(messages[one]) < count for one, count in counts.items()):
             kind, data = self.frame()
             if kind == BINARY and data[0] == 1:
                 channel, log_time = struct.unpack_from("<IQ", data, 1)
-                found.setdefault(channel, []).append((log_time, data[13:]))
-        return found
+                messages.setdefault(channel, []).append((log_time, data[13:]))
+        return messages
 
 
 def protobuf(data):
     """The fields of a message by number, each a list."""
-    found, place = {}, 0
+    fields, place = {}, 0
 
     def varint():
         nonlocal place
@@ -94,12 +94,12 @@ def protobuf(data):
         key = varint()
         size = {1: 8, 2: None, 5: 4}.get(key & 7)
         if key & 7 == 0:
-            found.setdefault(key >> 3, []).append(varint())
+            fields.setdefault(key >> 3, []).append(varint())
             continue
         size = varint() if size is None else size
-        found.setdefault(key >> 3, []).append(data[place : place + size])
+        fields.setdefault(key >> 3, []).append(data[place : place + size])
         place += size
-    return found
+    return fields
 
 
 def doubles(data, count):
@@ -135,19 +135,19 @@ def test_a_client_gets_plots_and_a_scene(ur10e, view):
     view.take(rows)
     counts = {channels[topic]["id"]: 1 for topic in ("/arm", "/tf", "/force")}
     counts |= {wrench: 3, channels["/joints"]["id"]: 3}
-    found = client.messages(counts)
+    messages = client.messages(counts)
 
-    assert [log_time for log_time, _ in found[wrench]] == [
+    assert [log_time for log_time, _ in messages[wrench]] == [
         5_250_000_000,
         6_250_000_000,
         7_250_000_000,
     ]
-    values = json.loads(found[wrench][1][1])
+    values = json.loads(messages[wrench][1][1])
     assert (values["fz"], values["sd_fz"], values["valid"]) == (101.0, 4.0, 1)
     assert values["sd_mx"] is None
     assert set(values) == set(json.loads(channels["/wrench"]["schema"])["properties"])
 
-    states = protobuf(found[channels["/joints"]["id"]][0][1])
+    states = protobuf(messages[channels["/joints"]["id"]][0][1])
     names = [protobuf(joint)[1][0].decode() for joint in states[2]]
     assert names == list(ur10e.joint_names)
 
@@ -155,15 +155,15 @@ def test_a_client_gets_plots_and_a_scene(ur10e, view):
     _, p_WE = ur10e.chain.pose(q[None])
     placed = {
         protobuf(one)[3][0].decode(): protobuf(one)
-        for one in protobuf(found[channels["/tf"]["id"]][0][1])[1]
+        for one in protobuf(messages[channels["/tf"]["id"]][0][1])[1]
     }
     np.testing.assert_allclose(doubles(placed["E_W"][4][0], 3), p_WE[0], atol=1e-12)
-    shapes = [protobuf(one) for one in protobuf(found[arm][0][1])[2]]
+    shapes = [protobuf(one) for one in protobuf(messages[arm][0][1])[2]]
     frames = {shape[2][0].decode() for shape in shapes}
     assert len(frames) > 5
     assert frames <= set(placed)
 
-    (force,) = protobuf(found[channels["/force"]["id"]][0][1])[2]
+    (force,) = protobuf(messages[channels["/force"]["id"]][0][1])[2]
     arrow = protobuf(protobuf(force)[7][0])
     x, y, z, w = doubles(protobuf(arrow[1][0])[2][0], 4)
     along = [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
@@ -187,8 +187,8 @@ def test_a_client_that_reads_nothing_makes_nobody_wait(ur10e, view):
     wrench = channels["/wrench"]["id"]
     for _ in range(100):
         view.take(rows)
-        found = quick.messages({wrench: 50})
-    assert json.loads(found[wrench][-1][1])["fz"] == 149.0
+        messages = quick.messages({wrench: 50})
+    assert json.loads(messages[wrench][-1][1])["fz"] == 149.0
 
 
 def test_a_taken_port_is_no_hindrance(ur10e, view):

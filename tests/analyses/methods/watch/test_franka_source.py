@@ -41,7 +41,7 @@ def urdf():
 
 def serve(connection):
     """Answers one client by FCI, and sends it states every millisecond; what it asked, printed."""
-    states, port, number, asked = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, 0, []
+    states, port, number, requests = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, 0, []
     while number < NUM_STATES:
         ready, _, _ = select.select([connection], [], [], 0.001)
         if ready:
@@ -49,7 +49,7 @@ def serve(connection):
             if not request:
                 break
             command, order, _ = struct.unpack_from("<III", request)
-            asked.append(command)
+            requests.append(command)
             answer = b"\0" + urdf()
             if command == CONNECT:
                 version, port = struct.unpack_from("<HH", request, 12)
@@ -63,7 +63,7 @@ def serve(connection):
                 struct.pack_into("<7f", state, place, *SIGNALS[name])
             state[MODE_AT] = MOVE if number < NUM_STATES - 20 else USER_STOPPED
             states.sendto(state, ("127.0.0.1", port))
-    print(asked, flush=True)
+    print(requests, flush=True)
 
 
 @pytest.mark.skipif(find_spec("pylibfranka") is None, reason="the extra franka is not installed")
@@ -78,12 +78,12 @@ def test_a_robot_is_read_by_libfranka_and_asked_for_nothing_else(torque):
             source, lambda _, events: events and events[-1].kind is EventKind.LOST
         )
         source.close()
-        asked = peer.stdout.readline()
+        requests = peer.stdout.readline()
     finally:
         peer.kill()
         peer.wait()
         peer.stdout.close()
-    assert asked == f"[{CONNECT}, {GET_MODEL}]\n"
+    assert requests == f"[{CONNECT}, {GET_MODEL}]\n"
     assert events[0].kind is EventKind.CONNECTED
     steps = np.diff([sample.t for sample in samples])
     assert len(samples) > 0.5 * NUM_STATES
@@ -124,8 +124,15 @@ def test_a_robot_that_is_lost_comes_back():
     while len(items) < 6:
         items += source.read(1.0)
     kinds = [getattr(item, "kind", None) for item in items]
-    told = [EventKind.REFUSED, EventKind.CONNECTED, None, None, EventKind.LOST, EventKind.CONNECTED]
-    assert kinds == told  # refused twice, said once
+    expected = [
+        EventKind.REFUSED,
+        EventKind.CONNECTED,
+        None,
+        None,
+        EventKind.LOST,
+        EventKind.CONNECTED,
+    ]
+    assert kinds == expected  # refused twice, said once
     assert "\x1b" not in items[0].text
     assert (items[2].t, items[2].running, items[2].state) == (1.5, False, "Reflex")
     source.close()

@@ -75,7 +75,7 @@ def test_external_torque_is_that_on_the_arm(kind, make, sign):
     assert sample.is_external
 
 
-def test_what_is_no_status_is_left_out():
+def test_messages_that_are_no_status_are_left_out():
     lcm, rng = DrakeLcm("memq://"), np.random.default_rng(3)
     source = LcmSource(lcm, "S", "iiwa")
     assert source.read(0.0) == []
@@ -90,15 +90,15 @@ def test_what_is_no_status_is_left_out():
 
 
 def test_valid_readings_are_sent_as_drakes_force_torque():
-    lcm, found = DrakeLcm("memq://"), []
-    lcm.Subscribe("WRENCH", lambda data: found.append(lcmt_force_torque.decode(data)))
+    lcm, received = DrakeLcm("memq://"), []
+    lcm.Subscribe("WRENCH", lambda data: received.append(lcmt_force_torque.decode(data)))
     publisher = LcmPublisher(lcm, "WRENCH")
     wrench = np.arange(1.0, 7.0)
     for valid in (0.0, 1.0):
         zero = np.zeros(7)
         publisher.send(Reading.of(wrench, np.eye(6), zero, zero, t=12.5, valid=valid))
         lcm.HandleSubscriptions(0)
-    (message,) = found
+    (message,) = received
     assert message.timestamp == 12_500_000
     assert [message.tx, message.ty, message.tz] == [1.0, 2.0, 3.0]
     assert [message.fx, message.fy, message.fz] == [4.0, 5.0, 6.0]

@@ -12,7 +12,7 @@ from wrenchsight.models.live.samples import EventKind, StreamEvent
 
 
 def rows(count, valid=1.0, link=0.0):
-    found = []
+    display_rows = []
     for k in range(count):
         zero = np.zeros(6)
         reading = Reading.of(
@@ -28,8 +28,8 @@ def rows(count, valid=1.0, link=0.0):
             link=link,
         )
         reading.publish(1.0003)
-        found.append(reading.row)
-    return np.array(found)
+        display_rows.append(reading.row)
+    return np.array(display_rows)
 
 
 def shown(summary, width=120):
@@ -56,10 +56,10 @@ def test_numbers_and_state_are_shown_force_first():
 
 def timed(times):
     """Rows of readings that came and went at these times, s."""
-    found = rows(len(times))
-    for row, (received, published) in zip(found, times, strict=True):
+    display_rows = rows(len(times))
+    for row, (received, published) in zip(display_rows, times, strict=True):
         row[1:3] = received, published
-    return found
+    return display_rows
 
 
 def queue(arrivals, ready, work):
@@ -75,13 +75,13 @@ def test_start_up_is_no_latency_and_is_said_once():
     # Samples of 500 Hz; the estimator knows their step after 0.46 s, and takes 0.5 ms for each.
     summary = LiveSummary("x")
     times = queue(10.0 + 0.002 * np.arange(2000), 10.4598, 0.0005)
-    said = []
+    lines = []
     for k in range(0, 2000, 100):
-        said += summary.add(timed(times[k : k + 100]), [])
+        lines += summary.add(timed(times[k : k + 100]), [])
     p50, p99 = summary.latencies()
     assert p50 == pytest.approx(0.5, rel=1e-6)
     assert p99 == pytest.approx(0.5, rel=1e-6)
-    (event,) = said
+    (event,) = lines
     assert event.kind is EventKind.START_UP
     waited = sum(went - came > 0.000501 for came, went in times)
     assert event.text.startswith(f"the first {waited} samples waited for the estimator to start, ")
@@ -89,7 +89,7 @@ def test_start_up_is_no_latency_and_is_said_once():
     assert "start-up" in shown(summary)
 
 
-def test_what_is_late_after_start_up_is_shown():
+def test_latency_after_start_up_is_shown():
     summary = LiveSummary("x")
     times = queue(10.0 + 0.002 * np.arange(1000), 10.46, 0.0005)
     summary.add(timed(times), [])

@@ -61,10 +61,10 @@ def test_a_replayed_log_reads_as_estimate_reads_it(
         source.close()
 
     assert len(readings) == len(table)
-    found = np.array([reading.force_first for reading in readings])
+    wrench = np.array([reading.force_first for reading in readings])
     columns = [*WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES)]
     expected = np.stack([table[column] for column in columns], axis=1)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(wrench, expected, rtol=0.0, atol=1e-9)
     mine = {
         column: np.array([float(getattr(reading, column)) for reading in readings])
         for column in ("t", "valid", *FLAGS)

@@ -22,7 +22,7 @@ def msgpack_matrix(packed):
 
 def test_the_arm_and_the_force_are_drawn_where_they_are(ur10e):
     """In the thread of a sink, as `watch` draws."""
-    placed, told = {}, []
+    placed, messages = {}, []
 
     class View(MeshcatView):
         def close(self):
@@ -36,11 +36,11 @@ def test_the_arm_and_the_force_are_drawn_where_they_are(ur10e):
     wrench = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 100.0])
     reading = Reading.of(wrench, np.eye(6), np.zeros(6), q, t=1.0, valid=1.0)
     ring = Ring(row_size(6), 64)
-    thread = SinkThread(lambda: View(ur10e), RingReader(ring), told.append)
+    thread = SinkThread(lambda: View(ur10e), RingReader(ring), messages.append)
     ring.write(reading.row)
     thread.finish()
     ring.close()
-    assert told == []
+    assert messages == []
     # The arrow begins at E and points along the force, with its head at the end.
     _, p_WE = ur10e.chain.pose(q[None])
     np.testing.assert_allclose(placed["/force"][:3, 3], p_WE[0], atol=1e-6)
@@ -52,20 +52,20 @@ def test_the_arm_and_the_force_are_drawn_where_they_are(ur10e):
     assert shaft[2, 3] == pytest.approx(0.5 * shaft[2, 2], abs=1e-6)
 
 
-def test_a_view_that_breaks_is_told(ur10e):
+def test_a_broken_view_is_reported(ur10e):
     class Broken:
         period = 0.001
 
         def take(self, rows):
             raise RuntimeError("no paint")
 
-    told, ring = [], Ring(row_size(6), 64)
-    thread = SinkThread(Broken, RingReader(ring), told.append)
+    messages, ring = [], Ring(row_size(6), 64)
+    thread = SinkThread(Broken, RingReader(ring), messages.append)
     thread.join()
-    assert "Broken" in told[0]
-    assert "no paint" in told[0]
+    assert "Broken" in messages[0]
+    assert "no paint" in messages[0]
     with pytest.raises(InputError, match="no such"):
-        SinkThread(refused, RingReader(ring), told.append)
+        SinkThread(refused, RingReader(ring), messages.append)
     ring.close()
 
 

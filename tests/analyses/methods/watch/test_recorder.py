@@ -18,7 +18,7 @@ from wrenchsight.models.live.reading import Reading
 
 def rows(robot, count, start=0.0, step=0.002):
     rng = np.random.default_rng(1)
-    found = []
+    ring_rows = []
     for k in range(count):
         root = rng.normal(size=(6, 6))
         reading = Reading.of(
@@ -29,8 +29,8 @@ def rows(robot, count, start=0.0, step=0.002):
             t=start + k * step,
             valid=1.0,
         )
-        found.append(reading.row)
-    return found
+        ring_rows.append(reading.row)
+    return ring_rows
 
 
 @pytest.fixture(autouse=True)
@@ -82,11 +82,11 @@ def test_a_long_recording_is_saved_as_quickly_as_a_short_one(ur10e, tmp_path, mo
     assert max(counts) <= 6
     monkeypatch.undo()
     information = module.yaml.safe_load((tmp_path / "rec/metadata.yaml").read_text())
-    found = information["rosbag2_bagfile_information"]
-    assert [file["path"] for file in found["files"]] == found["relative_file_paths"]
-    assert [file["message_count"] for file in found["files"]] == [3] * 40
-    assert found["message_count"] == 120
-    assert found["duration"]["nanoseconds"] == 39 * 10**9
+    bag = information["rosbag2_bagfile_information"]
+    assert [file["path"] for file in bag["files"]] == bag["relative_file_paths"]
+    assert [file["message_count"] for file in bag["files"]] == [3] * 40
+    assert bag["message_count"] == 120
+    assert bag["duration"]["nanoseconds"] == 39 * 10**9
 
 
 def test_parquet_has_the_columns_of_estimate(ur10e, tmp_path):
@@ -123,7 +123,7 @@ def test_a_full_disk_is_said_once_and_nothing_is_lost(ur10e, tmp_path, monkeypat
     assert recorder.lost == 0
 
 
-def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeypatch):
+def test_readings_lost_to_a_full_disk_are_reported_at_the_end(ur10e, tmp_path, monkeypatch):
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 600)
     recorder.take(taken[:250])
@@ -133,9 +133,7 @@ def test_what_a_full_disk_never_took_is_said_at_the_end(ur10e, tmp_path, monkeyp
     assert len(read_wrench_bag(tmp_path)[0]) == 250
 
 
-def test_after_a_disk_was_full_for_long_what_had_been_recorded_is_still_there(
-    ur10e, tmp_path, monkeypatch
-):
+def test_a_long_full_disk_keeps_earlier_recordings(ur10e, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MOST_ROWS", 300)
     recorder = Recorder(tmp_path, ur10e)
     taken = rows(ur10e, 900)
@@ -146,8 +144,8 @@ def test_after_a_disk_was_full_for_long_what_had_been_recorded_is_still_there(
     recorder.take(taken[700:])
     assert recorder.close() == "500 readings are not in the recording"
     t, _ = read_wrench_bag(tmp_path)
-    kept = [row[0] for row in (*taken[:200], *taken[700:])]
-    np.testing.assert_allclose(t, kept, atol=1e-9)
+    expected = [row[0] for row in (*taken[:200], *taken[700:])]
+    np.testing.assert_allclose(t, expected, atol=1e-9)
 
 
 def test_times_that_ros_cannot_stamp_are_left_out(ur10e, tmp_path):

@@ -12,13 +12,13 @@ from wrenchsight.models.live.samples import EVENT_SIZE, EventKind, StreamEvent
 def test_each_row_comes_once_in_order():
     ring = Ring(3, 64)
     reader = RingReader(ring)
-    found = []
+    received = []
     for k in range(500):
         ring.write(np.full(3, float(k)))
         if k % 20 == 0:
-            found.append(reader.read())
-    found.append(reader.read())
-    rows = np.concatenate(found)
+            received.append(reader.read())
+    received.append(reader.read())
+    rows = np.concatenate(received)
     np.testing.assert_array_equal(rows[:, 0], np.arange(500))
     assert reader.dropped == 0
 
@@ -58,10 +58,10 @@ def test_no_row_is_ever_torn():
 
     thread = threading.Thread(target=write)
     thread.start()
-    found = []
-    while thread.is_alive() or reader.ring.written > sum(map(len, found)) + reader.dropped:
-        found.append(reader.read())
-    rows = np.concatenate(found)
+    received = []
+    while thread.is_alive() or reader.ring.written > sum(map(len, received)) + reader.dropped:
+        received.append(reader.read())
+    rows = np.concatenate(received)
     assert (rows == rows[:, :1]).all()
     assert (np.diff(rows[:, 0]) > 0).all()
     assert len(rows) + reader.dropped == total
@@ -73,7 +73,7 @@ def test_events_go_through_as_they_are(text):
     ring = Ring(EVENT_SIZE, 16)
     reader = RingReader(ring)
     ring.write(event.row)
-    found = StreamEvent.of_row(reader.read()[0])
-    assert (found.kind, found.received, found.count) == (event.kind, 12.5, 3)
-    assert found.text.isprintable()
-    assert found.text == event.text or "?" in found.text
+    received = StreamEvent.of_row(reader.read()[0])
+    assert (received.kind, received.received, received.count) == (event.kind, 12.5, 3)
+    assert received.text.isprintable()
+    assert received.text == event.text or "?" in received.text

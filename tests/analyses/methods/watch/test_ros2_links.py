@@ -190,9 +190,9 @@ def test_joints_are_found_by_name_and_what_is_no_sample_is_left_out(ur10e, url):
         np.testing.assert_array_equal(sample.v, np.negative(expected))
         np.testing.assert_array_equal(sample.effort, np.multiply(expected, 10))
         assert not sample.is_torque
-    said = [event.text for event in events if event.kind is EventKind.RECIPE]
+    texts = [event.text for event in events if event.kind is EventKind.RECIPE]
     for word in ("without effort", names[5], names[0], "time stamp"):
-        assert any(word in text for text in said), (word, said)
+        assert any(word in text for text in texts), (word, texts)
     writer.write(state(names, 1.2))  # and what is still to be read when it goes
     del writer
     read_until(source, lambda _, events: kinds_of(events) >= {EventKind.LOST, EventKind.REFUSED})
@@ -215,14 +215,14 @@ def test_gravity_decides_of_the_unit_and_a_played_arm_is_read(ur10e, url, unit):
     current = ur10e.motor_current(ur10e.chain.gravity_torque(q))
     recording = Recording(t=h * np.arange(n), q=q, v=v, current=current, source="")
     effort = "torque" if unit == "N m" else "current"
-    source, said = open_source(url, ur10e), []
+    source, texts = open_source(url, ur10e), []
     player = threading.Thread(
-        target=play, args=(recording, ur10e, f"{url}&effort={effort}", said.append)
+        target=play, args=(recording, ur10e, f"{url}&effort={effort}", texts.append)
     )
     player.start()
     samples, events = read_until(source, lambda s, _: len(s) == n)
     player.join()
-    assert "0.8 s" in said[0]
+    assert "0.8 s" in texts[0]
     for name, wanted in (("q", q), ("v", v)):
         np.testing.assert_array_equal([getattr(sample, name) for sample in samples], wanted)
     np.testing.assert_allclose(np.diff([sample.t for sample in samples]), h, atol=1e-6)
@@ -251,14 +251,14 @@ def test_valid_readings_go_out_as_a_sensors_broadcaster_sends_them(ur10e, url):
     for k, valid in enumerate((0.0, 1.0, 1.0)):
         publisher.send(reading(ur10e, 12.5 + k, valid))
     of_tool.send(reading(ur10e, 1.0))
-    found, told = [], []
-    until(lambda: found.extend(wrenches.take(10)) or len(found) == 2)
-    assert [message.header.stamp.sec for message in found] == [13, 14]
-    assert found[0].header.stamp.nanosec == 500_000_000
-    assert found[0].header.frame_id == "E_W"
-    assert found[0].wrench == Wrench(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))
-    until(lambda: told.extend(status.take(10)) or len(told) > 1)
-    words = [typestore().deserialize_cdr(one.data, STATUS).status[0] for one in told[:2]]
+    received, statuses = [], []
+    until(lambda: received.extend(wrenches.take(10)) or len(received) == 2)
+    assert [message.header.stamp.sec for message in received] == [13, 14]
+    assert received[0].header.stamp.nanosec == 500_000_000
+    assert received[0].header.frame_id == "E_W"
+    assert received[0].wrench == Wrench(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))
+    until(lambda: statuses.extend(status.take(10)) or len(statuses) > 1)
+    words = [typestore().deserialize_cdr(one.data, STATUS).status[0] for one in statuses[:2]]
     assert [word.message for word in words] == ["not valid", "valid"]
     turned = []
     until(lambda: turned.extend(in_tool.take(10)) or turned)
@@ -282,12 +282,12 @@ def test_a_subscriber_that_reads_nothing_makes_nobody_wait(ur10e, url):
     quick = peer.reader(WrenchStamped)
     other = DataReader(peer.participant, peer.topic(WrenchStamped), qos=slow)
     until(lambda: quick.get_matched_publications() and other.get_matched_publications())
-    found = []
+    received = []
     for k in range(200):
         publisher.send(reading(ur10e, float(k)))
         time.sleep(0.001)
-        found += quick.take(100)
-    until(lambda: found.extend(quick.take(100)) or len(found) >= 150)
+        received += quick.take(100)
+    until(lambda: received.extend(quick.take(100)) or len(received) >= 150)
     assert len(other.take(1000)) <= 5
 
 

@@ -70,7 +70,7 @@ def test_a_loop_gets_each_reading_and_so_does_udp(ur10e, model_file, recording):
     assert bool(flags & VALID) == by_time[t].valid
 
 
-def test_what_cannot_be_read_is_one_line(ur10e, model_file, tmp_path):
+def test_a_missing_robot_or_source_is_one_line(ur10e, model_file, tmp_path):
     with pytest.raises(InputError, match="robot"):
         live("rtde://127.0.0.1", "", model_file)
     url = f"replay://{tmp_path}/none.csv"

@@ -64,7 +64,7 @@ def said(robot, model, stream, config=None, contradicted=False):
     return live, events
 
 
-def test_what_agrees_is_said_once(ur10e, model):
+def test_agreement_is_reported_once(ur10e, model):
     live, (event,) = said(ur10e, model, samples(ur10e, model))
     assert event.kind is EventKind.CHECK
     assert event.text.endswith("agree with the model")
@@ -106,7 +106,7 @@ def texts(events):
     return [event.text for event in events]
 
 
-def test_a_load_that_nobody_told_is_said_with_its_error_and_read(ur10e, model):
+def test_an_unmodelled_load_is_reported_with_its_error_and_still_read(ur10e, model):
     stream = samples(ur10e, model, mass=2.0, more={"payload": np.array([2.0])})
     live, events = said(ur10e, model, stream)
     assert {event.kind for event in events} == {EventKind.CHECK}
@@ -136,23 +136,23 @@ def test_no_load_is_looked_for_where_it_is_taken_off_or_the_model_is_none(ur10e,
     assert not any("load" in text for text in texts(events))
 
 
-def test_a_look_in_the_background_says_the_same(ur10e, model):
+def test_checks_in_the_background_report_the_same(ur10e, model):
     stream = samples(ur10e, model, mass=2.0)
     _, before = said(ur10e, model, stream)
     live = LiveEstimator(ur10e, model)
     checks = StartChecks(ur10e, model, WatchConfig(), in_background=True)
-    found = []
+    events = []
     for sample in stream:
-        found.append(checks.take(sample, live))
+        events.append(checks.take(sample, live))
         for item in live.take(sample):
             checks.add(item)
     last = stream[-1]
     for k in range(1, 600):  # until it is over: a look is said with the next second of samples
-        if any(event is not None and "load" in event.text for event in found):
+        if any(event is not None and "load" in event.text for event in events):
             break
         time.sleep(0.1)
-        found.append(checks.take(replace(last, t=last.t + 1.0 * k), live))
-    assert [event.text for event in found if event is not None] == texts(before)
+        events.append(checks.take(replace(last, t=last.t + 1.0 * k), live))
+    assert [event.text for event in events if event is not None] == texts(before)
 
 
 def targets(robot, stream, ratio=1.0, friction=0.0):
@@ -256,7 +256,7 @@ def test_a_replayed_log_hands_on_its_controllers_targets(ur10e, tmp_path):
         np.testing.assert_array_equal([item.more[name] for item in items], extra[signal])
 
 
-def test_without_a_model_that_is_said(ur10e, model):
+def test_a_missing_model_is_reported(ur10e, model):
     _, events = said(ur10e, model, samples(ur10e, model)[:3], contradicted=True)
     (text,) = texts(events)
     assert text.startswith("no --model")

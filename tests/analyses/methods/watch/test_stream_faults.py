@@ -141,11 +141,13 @@ def check_faults(robot, model, recording, kind, count, seed=0):
     """One stream with that many faults, each some time after the last one is over."""
     rng = random.Random(f"{kind} {seed}")
     rows = (recording.t, recording.q, recording.v, recording.current)
-    samples = [Sample(float(t), 100.0 + float(t), *rest) for t, *rest in zip(*rows, strict=True)]
+    samples = [
+        Sample(float(t), 100.0 + float(t), *signals) for t, *signals in zip(*rows, strict=True)
+    ]
     live = LiveEstimator(robot, model, CONFIG)
     settling = live.estimator.observer.settling_time
     tail = round((BACK + settling) / H) + STEADY
-    begin, shift, found, told = rng.randrange(0, 1800), 0.0, Found(count), -np.inf
+    begin, shift, findings, last_report = rng.randrange(0, 1800), 0.0, Found(count), -np.inf
     for number in range(count):
         where = f"seed {seed}, fault {number} ({kind})"
         at = rng.randrange(1, 350)
@@ -166,22 +168,22 @@ def check_faults(robot, model, recording, kind, count, seed=0):
                 steady = steady + 1 if item.valid and fed > first else 0
                 if item.valid:
                     assert np.isfinite(item.row).all(), where
-                    found.largest = max(found.largest, share_of_band(item))
+                    findings.largest = max(findings.largest, share_of_band(item))
                     since = item.received if steady == 1 else since
             if steady >= STEADY:
                 break
         assert steady >= STEADY, f"{where}: not valid again"
-        found.back = max(found.back, since - over)
+        findings.back = max(findings.back, since - over)
         assert since - over <= BACK + settling, f"{where}: valid again after {since - over:.2f} s"
         clean = [*stream[:at], *stream[first:fed]]
         missing = sum(np.min(np.abs(np.array(read) - s.t)) > H / 4 for s in clean)
         # That a clock went back is known by the third sample.
         assert missing < BEHIND, f"{where}: {missing} samples have no reading"
-        found.lost += missing
-        told = events[-1].received if events else told
-        assert kind not in ALWAYS_SAID or told > over - SAY_AGAIN - LONGEST_FAULT, where
+        findings.lost += missing
+        last_report = events[-1].received if events else last_report
+        assert kind not in ALWAYS_SAID or last_report > over - SAY_AGAIN - LONGEST_FAULT, where
         begin += fed - first + last
-    return found
+    return findings
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -192,14 +194,15 @@ def test_faults_at_random_moments(ur10e, model, long_recording, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_thousand_faults_of_each_kind(ur10e, model, long_recording, kind):
-    found = [
+    findings = [
         check_faults(ur10e, model, long_recording, kind, CHAIN, seed)
         for seed in range(1000 // CHAIN)
     ]
     print(
-        f"{sum(one.faults for one in found)} {kind}: largest valid "
-        f"{max(one.largest for one in found):.2f} sd, longest back "
-        f"{max(one.back for one in found):.3f} s, {sum(one.lost for one in found)} samples lost"
+        f"{sum(one.faults for one in findings)} {kind}: largest valid "
+        f"{max(one.largest for one in findings):.2f} sd, longest back "
+        f"{max(one.back for one in findings):.3f} s, "
+        f"{sum(one.lost for one in findings)} samples lost"
     )
 
 

@@ -81,6 +81,6 @@ def test_the_joint_trajectory_follows_it():
     motion = series.joint_trajectory(2)
     assert motion.duration == pytest.approx(2 * series.period)
     t = np.linspace(0.0, 2 * series.period, 777)
-    for found, expected in zip(motion.sample(t), series.sample(t), strict=True):
+    for sampled, expected in zip(motion.sample(t), series.sample(t), strict=True):
         # Quintic interpolation over 10 ms of 1 Hz: h^6 w^6 / 46080 and its derivatives.
-        np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+        np.testing.assert_allclose(sampled, expected, atol=1e-3 * np.abs(expected).max())

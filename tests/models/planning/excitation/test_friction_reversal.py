@@ -44,14 +44,14 @@ def test_friction_comes_back_from_planned_passes(sts):
     odd, offset = friction(v)
     tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
     for joint in range(6):
-        found = separate(
+        separated = separate(
             sts.chain, FilteredMotion(t, q, v, vdot, tau), joint, rest_speed=1e-3, settle=0.05
         )
-        assert len(found.speed) > 100
+        assert len(separated.speed) > 100
         # The speeds of the two passes differ, most in the weaker stretches between the planned
         # passes, and friction is not linear.
-        np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
-        assert np.median(found.asymmetric) == pytest.approx(offset, abs=0.01)
+        np.testing.assert_allclose(separated.symmetric, friction(separated.speed)[0], atol=0.05)
+        assert np.median(separated.asymmetric) == pytest.approx(offset, abs=0.01)
 
 
 def test_friction_comes_back_from_a_log(sts):
@@ -65,16 +65,18 @@ def test_friction_comes_back_from_a_log(sts):
     vdot[:, 1] = -size * omega**2 * np.sin(omega * t)
     odd, offset = friction(v)
     tau = sts.chain.inverse_dynamics(q, v, vdot) + odd + offset
-    found = separate(sts.chain, FilteredMotion(t, q, v, vdot, tau), 1, rest_speed=1e-3, settle=0.1)
-    assert len(found.speed) > 500
+    separated = separate(
+        sts.chain, FilteredMotion(t, q, v, vdot, tau), 1, rest_speed=1e-3, settle=0.1
+    )
+    assert len(separated.speed) > 500
     # Speeds of the two passes differ where the amplitude steps; friction is not linear.
-    np.testing.assert_allclose(found.symmetric, friction(found.speed)[0], atol=0.05)
-    np.testing.assert_allclose(found.asymmetric, offset, atol=0.05)
+    np.testing.assert_allclose(separated.symmetric, friction(separated.speed)[0], atol=0.05)
+    np.testing.assert_allclose(separated.asymmetric, offset, atol=0.05)
     heavier = sts.chain.with_inertial_parameters(
         1.3 * sts.chain.inertial_parameters, 1.3 * sts.chain.reflected_inertia
     )
     wrong = separate(heavier, FilteredMotion(t, q, v, vdot, tau), 1, rest_speed=1e-3, settle=0.1)
-    np.testing.assert_allclose(wrong.symmetric, found.symmetric, atol=0.05)
+    np.testing.assert_allclose(wrong.symmetric, separated.symmetric, atol=0.05)
     assert np.abs(wrong.asymmetric - offset).max() > 1.0
 
 

@@ -67,9 +67,9 @@ def test_a_wrist_singularity_is_solved(sts: Robot) -> None:
 def test_every_solution_reaches_its_pose(bundled_arm: Robot) -> None:
     rng = np.random.default_rng(4)
     R_WE, p_WE = bundled_arm.chain.pose(rng.uniform(-2.5, 2.5, (60, 6)))
-    found = all_branches(bundled_arm, R_WE, p_WE)
-    row, branch = np.nonzero(np.isfinite(found[..., 0]))
-    R, p = pinocchio_poses(bundled_arm, found[row, branch])
+    solutions = all_branches(bundled_arm, R_WE, p_WE)
+    row, branch = np.nonzero(np.isfinite(solutions[..., 0]))
+    R, p = pinocchio_poses(bundled_arm, solutions[row, branch])
     np.testing.assert_allclose(p, p_WE[row], rtol=0, atol=2e-9)
     np.testing.assert_allclose(R, R_WE[row], rtol=0, atol=2e-9)
 
@@ -91,8 +91,8 @@ def test_an_unreachable_pose_has_no_solution(bundled_arm: Robot) -> None:
     q = np.zeros((1, 6))
     R_WE, p_WE = bundled_arm.chain.pose(np.concatenate([q, q]))
     p_WE[1] = [5.0, 0.0, 0.0]
-    found = all_branches(bundled_arm, R_WE, p_WE)
-    assert not np.any(np.isfinite(found[1]))
+    solutions = all_branches(bundled_arm, R_WE, p_WE)
+    assert not np.any(np.isfinite(solutions[1]))
     assert all_branches(bundled_arm, R_WE[1:], p_WE[1:]).shape == (1, 0, 6)
 
 
@@ -101,12 +101,12 @@ def test_seven_joints_are_searched(seven: Robot) -> None:
     rng = np.random.default_rng(5)
     q = rng.uniform(-1.5, 1.5, (30, 7))
     R_WE, p_WE = seven.chain.pose(q)
-    found = all_branches(seven, R_WE, p_WE)
-    row, branch = np.nonzero(np.isfinite(found[..., 0]))
-    R, p = pinocchio_poses(seven, found[row, branch])
+    solutions = all_branches(seven, R_WE, p_WE)
+    row, branch = np.nonzero(np.isfinite(solutions[..., 0]))
+    R, p = pinocchio_poses(seven, solutions[row, branch])
     np.testing.assert_allclose(p, p_WE[row], rtol=0, atol=2e-9)
     np.testing.assert_allclose(R, R_WE[row], rtol=0, atol=2e-9)
-    assert np.all(found[row, branch] >= -3.0) and np.all(found[row, branch] <= 3.0)
+    assert np.all(solutions[row, branch] >= -3.0) and np.all(solutions[row, branch] <= 3.0)
     assert len(set(row.tolist())) == 30  # of these poses, none is missed
     # Started at a solution, the search stays there.
     again = all_branches(seven, R_WE, p_WE, seeds=q[:, np.newaxis])

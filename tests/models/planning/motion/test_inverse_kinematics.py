@@ -71,8 +71,8 @@ def test_a_search_that_fails_from_the_seed_goes_on_from_others(
     seeds = np.random.default_rng(2).uniform(-3.0, 3.0, (40, 7))
     R_WE, p_WE = robot.chain.pose(np.full(7, 0.3))
     many = np.tile(R_WE, (40, 1, 1)), np.tile(p_WE, (40, 1))
-    found = all_branches(robot, *many, seeds=seeds[:, np.newaxis])
-    lost = np.flatnonzero(np.isnan(found[:, 0, 0]))
+    solutions = all_branches(robot, *many, seeds=seeds[:, np.newaxis])
+    lost = np.flatnonzero(np.isnan(solutions[:, 0, 0]))
     assert 0 < len(lost) < 40
     for seed in seeds[lost[:3]]:
         assert_reaches(robot, follow_path(robot, R_WE, p_WE, seed), R_WE, p_WE)
@@ -114,8 +114,8 @@ def test_follow_path_turns_the_tool_too(sts: Robot) -> None:
 
 def test_the_first_sample_out_of_reach_is_named(sts: Robot) -> None:
     p_WE = np.array([0.5, 0.0, 0.45]) + np.linspace(0.0, 1.0, 11)[:, None] * [0.0, 1.0, 0.0]
-    found = all_branches(sts, np.tile(ARTICLE_R, (len(p_WE), 1, 1)), p_WE)
-    reachable = np.isfinite(found[..., 0]).any(axis=1).tolist()
+    solutions = all_branches(sts, np.tile(ARTICLE_R, (len(p_WE), 1, 1)), p_WE)
+    reachable = np.isfinite(solutions[..., 0]).any(axis=1).tolist()
     first = reachable.index(False)
     with pytest.raises(InputError, match=rf"path: sample {first}: sts_sre4_600 cannot reach \(0.5"):
         follow_path(sts, ARTICLE_R, p_WE, ARTICLE_POSTURE)

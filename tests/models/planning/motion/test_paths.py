@@ -83,7 +83,7 @@ def test_a_law_runs_from_end_to_end_and_its_derivatives_are_its_own(law: TimeLaw
     np.testing.assert_allclose((after.ds_du - before.ds_du) / (2 * h), d2s[inner], atol=1e-4)
 
 
-def test_the_laws_are_what_they_say() -> None:
+def test_the_laws_are_their_formulas() -> None:
     u = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     np.testing.assert_allclose(uniform_acceleration(u).s, [0, 1 / 8, 1 / 2, 7 / 8, 1])
     np.testing.assert_allclose(uniform_acceleration(u).d2s_du2[1:4:2], [4.0, -4.0])
@@ -93,11 +93,11 @@ def test_the_laws_are_what_they_say() -> None:
     u = np.linspace(0.1, 0.9, 30)
     np.testing.assert_allclose(constant_speed(u).ds_du, 1 / 0.9)
     np.testing.assert_allclose(constant_speed(np.array([0.0, 1.0])).d2s_du2, 0.0, atol=1e-12)
-    there = there_and_back(thirds)
+    round_trip = there_and_back(thirds)
     u = np.linspace(0.0, 0.5, 40)
-    np.testing.assert_allclose(there(u).s, thirds(2 * u).s)
-    np.testing.assert_allclose(there(1 - u).s, there(u).s, atol=1e-15)
-    np.testing.assert_allclose(there(1 - u[:-1]).ds_du, -there(u[:-1]).ds_du, atol=1e-12)
+    np.testing.assert_allclose(round_trip(u).s, thirds(2 * u).s)
+    np.testing.assert_allclose(round_trip(1 - u).s, round_trip(u).s, atol=1e-15)
+    np.testing.assert_allclose(round_trip(1 - u[:-1]).ds_du, -round_trip(u[:-1]).ds_du, atol=1e-12)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=LAW_NAMES)

@@ -69,7 +69,7 @@ def test_a_tool_across_joint_6_is_turned_as_well(sts: Robot) -> None:
     assert found.best[0] < 1.02 * np.min(measure.values(q[np.isfinite(q[..., 0])]))
 
 
-def test_what_hits_something_is_passed_over(sts: Robot) -> None:
+def test_postures_in_collision_are_skipped(sts: Robot) -> None:
     points = np.array([[0.4, 0.1, 0.3], [0.3, -0.3, 0.2], [2.0, 0.0, 0.3]])
     angle = math.radians(20.0)
 

@@ -134,7 +134,7 @@ def test_methods_that_state_less_the_less_they_read_are_refused(sts: Robot, meth
         ForceSd(chain, np.eye(6), WrenchReconstructionConfig(method=method))
 
 
-def test_what_does_not_suit_the_arm_is_refused(sts: Robot) -> None:
+def test_a_measure_that_does_not_fit_the_arm_is_refused(sts: Robot) -> None:
     chain = sts.chain
     config = WrenchReconstructionConfig(method="inverse")
     with pytest.raises(InputError, match="is of 7 joints, the arm has 6"):

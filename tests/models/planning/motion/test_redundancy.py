@@ -84,23 +84,23 @@ def test_the_grids_optimum_is_that_of_trying_everything(sts: Robot) -> None:
         + steps[1][np.newaxis]
         + measures[2] / 3
     )
-    found = best_on_grid(problem, grid)
-    assert problem.cost(found.q) == pytest.approx(float(np.min(total)), rel=1e-12)
-    assert_follows(problem, found.q, found.psi)
+    optimum = best_on_grid(problem, grid)
+    assert problem.cost(optimum.q) == pytest.approx(float(np.min(total)), rel=1e-12)
+    assert_follows(problem, optimum.q, optimum.psi)
 
 
 def test_refinement_goes_down_and_keeps_everything(sts: Robot) -> None:
     problem = make_problem(sts)
     start = best_on_grid(problem, candidates(problem))
-    found = refine(problem, start.q)
-    assert problem.cost(found.q) < problem.cost(start.q)
-    assert problem.violation(found.q) <= 1e-7
-    assert_follows(problem, found.q, found.psi)
+    optimum = refine(problem, start.q)
+    assert problem.cost(optimum.q) < problem.cost(start.q)
+    assert problem.violation(optimum.q) <= 1e-7
+    assert_follows(problem, optimum.q, optimum.psi)
     # At the optimum the objective's slope along every null space vanishes where no bound holds it.
-    basis = null_space(task(problem, found.q)[1])[:, :, 0]
-    _, gradient = problem.measure.values_and_gradients(found.q)
+    basis = null_space(task(problem, optimum.q)[1])[:, :, 0]
+    _, gradient = problem.measure.values_and_gradients(optimum.q)
     slope = np.sum(basis * gradient, axis=1) / len(basis)
-    change = np.diff(found.q, axis=0)
+    change = np.diff(optimum.q, axis=0)
     weight = 2.0 * problem.smoothness * (len(basis) - 1)
     slope[:-1] -= weight * np.sum(basis[:-1] * change, axis=1)
     slope[1:] += weight * np.sum(basis[1:] * change, axis=1)
@@ -111,9 +111,9 @@ def test_refinement_goes_down_and_keeps_everything(sts: Robot) -> None:
 
 def test_bounds_that_bind_are_kept(sts: Robot) -> None:
     free = make_problem(sts)
-    found = refine(free, best_on_grid(free, candidates(free)).q)
-    step = np.max(np.abs(np.diff(found.q, axis=0)))
-    middle = float(np.median(found.q[:, 5]))
+    optimum = refine(free, best_on_grid(free, candidates(free)).q)
+    step = np.max(np.abs(np.diff(optimum.q, axis=0)))
+    middle = float(np.median(optimum.q[:, 5]))
     tight = dataclasses.replace(
         free,
         upper=np.array([*free.upper[:5], middle]),
@@ -123,7 +123,7 @@ def test_bounds_that_bind_are_kept(sts: Robot) -> None:
     held = refine(tight, best_on_grid(tight, candidates(tight)).q)
     assert tight.violation(held.q) <= 1e-7
     assert np.max(np.abs(np.diff(held.q, axis=0))) <= 0.9 * step + 1e-7
-    assert free.cost(held.q) >= free.cost(found.q) - 1e-6
+    assert free.cost(held.q) >= free.cost(optimum.q) - 1e-6
     assert_follows(tight, held.q)
 
 
@@ -161,11 +161,11 @@ def test_the_stated_force_sd_is_another_objective(sts: Robot) -> None:
     )
     problem = make_problem(sts, 11, measure=sd, num_angles=24)
     start = best_on_grid(problem, candidates(problem))
-    found = refine(problem, start.q)
-    assert problem.cost(found.q) <= problem.cost(start.q)
+    optimum = refine(problem, start.q)
+    assert problem.cost(optimum.q) <= problem.cost(start.q)
     jcn = make_problem(sts, 11, num_angles=24)
     other = refine(jcn, best_on_grid(jcn, candidates(jcn)).q)
-    assert np.mean(sd.values(found.q)) < np.mean(sd.values(other.q))
+    assert np.mean(sd.values(optimum.q)) < np.mean(sd.values(other.q))
 
 
 def test_the_first_sample_out_of_reach_is_named(sts: Robot) -> None:
@@ -208,10 +208,10 @@ def test_a_joint_with_two_turns_of_room_may_pass_half_a_turn(ur10e: Robot) -> No
         max_step=np.full(6, 0.25),
         num_angles=24,
     )
-    found = best_on_grid(problem, candidates(problem))
-    assert problem.violation(found.q) == 0.0
-    assert abs(found.q[-1, 0] - found.q[0, 0]) > 4.0
-    assert_follows(problem, found.q)
+    optimum = best_on_grid(problem, candidates(problem))
+    assert problem.violation(optimum.q) == 0.0
+    assert abs(optimum.q[-1, 0] - optimum.q[0, 0]) > 4.0
+    assert_follows(problem, optimum.q)
 
 
 def test_a_seven_joint_arm_uses_all_its_freedom(seven: Robot) -> None:
@@ -229,8 +229,8 @@ def test_a_seven_joint_arm_uses_all_its_freedom(seven: Robot) -> None:
         num_angles=24,
     )
     start = best_on_grid(problem, candidates(problem))
-    found = refine(problem, start.q)
-    assert problem.violation(found.q) <= 1e-7
-    assert problem.cost(found.q) < problem.cost(start.q)
-    assert_follows(problem, found.q)
-    assert null_space(task(problem, found.q)[1]).shape == (15, 7, 2)
+    optimum = refine(problem, start.q)
+    assert problem.violation(optimum.q) <= 1e-7
+    assert problem.cost(optimum.q) < problem.cost(start.q)
+    assert_follows(problem, optimum.q)
+    assert null_space(task(problem, optimum.q)[1]).shape == (15, 7, 2)

@@ -82,15 +82,15 @@ STARTS = {
 @pytest.mark.parametrize("start", STARTS)
 def test_starts_near_an_optimum_end_in_the_same_digits(robot, program, best, start):
     """The measure has a kink there: by the program alone they end some 1e-4 apart."""
-    found = optimum(robot, program, placed(robot, NEAR + STARTS[start]))
+    refined_placement = optimum(robot, program, placed(robot, NEAR + STARTS[start]))
     # The solver's tolerance of 1e-8 over a curvature of 0.3 and more, times some.
-    assert found.cost == pytest.approx(best.cost, rel=1e-9)
-    np.testing.assert_allclose(found.placement.q, best.placement.q, atol=1e-5)
-    np.testing.assert_allclose(found.placement.p_WM, best.placement.p_WM, atol=1e-6)
-    np.testing.assert_allclose(found.placement.n_W, best.placement.n_W, atol=1e-6)
+    assert refined_placement.cost == pytest.approx(best.cost, rel=1e-9)
+    np.testing.assert_allclose(refined_placement.placement.q, best.placement.q, atol=1e-5)
+    np.testing.assert_allclose(refined_placement.placement.p_WM, best.placement.p_WM, atol=1e-6)
+    np.testing.assert_allclose(refined_placement.placement.n_W, best.placement.n_W, atol=1e-6)
     jcn = ConditionNumber(robot.chain)
     np.testing.assert_allclose(
-        jcn.values(found.placement.q), jcn.values(best.placement.q), rtol=1e-6
+        jcn.values(refined_placement.placement.q), jcn.values(best.placement.q), rtol=1e-6
     )
 
 
@@ -138,34 +138,34 @@ def family(robot, placement):
 def test_one_member_stands_for_a_family(robot, program, best, kind):
     other = family(robot, best.placement)[kind]
     assert program.violation(other) < 1e-9
-    found = standard_member(robot, program, other)
-    np.testing.assert_allclose(found.q, best.placement.q, atol=1e-9)
-    np.testing.assert_allclose(found.p_WM, best.placement.p_WM, atol=1e-9)
-    np.testing.assert_allclose(found.n_W, best.placement.n_W, atol=1e-9)
-    np.testing.assert_allclose(found.R_WE, best.placement.R_WE, atol=1e-9)
+    member = standard_member(robot, program, other)
+    np.testing.assert_allclose(member.q, best.placement.q, atol=1e-9)
+    np.testing.assert_allclose(member.p_WM, best.placement.p_WM, atol=1e-9)
+    np.testing.assert_allclose(member.n_W, best.placement.n_W, atol=1e-9)
+    np.testing.assert_allclose(member.R_WE, best.placement.R_WE, atol=1e-9)
 
 
-def test_what_a_constraint_forbids_is_not_turned(robot, bounds, best):
+def test_a_turn_that_a_constraint_forbids_is_not_made(robot, bounds, best):
     turned = family(robot, best.placement)["turned"]
     around = dataclasses.replace(bounds, p_lower=turned.p_WM - 0.01, p_upper=turned.p_WM + 0.01)
     measure = ConditionNumber(robot.chain)
     narrow = PlacementProgram(robot.chain, measure, around, LENGTH, SEGMENTS)
-    found = standard_member(robot, narrow, turned)
-    assert narrow.violation(found) < 1e-9
-    np.testing.assert_allclose(found.p_WM, turned.p_WM, atol=1e-9)
-    assert found.q[SEGMENTS // 2, 5] == pytest.approx(0.0, abs=1e-9)  # the tool may be turned
+    member = standard_member(robot, narrow, turned)
+    assert narrow.violation(member) < 1e-9
+    np.testing.assert_allclose(member.p_WM, turned.p_WM, atol=1e-9)
+    assert member.q[SEGMENTS // 2, 5] == pytest.approx(0.0, abs=1e-9)  # the tool may be turned
 
 
-def test_what_the_measure_sees_is_not_turned(robot, bounds, best):
+def test_a_turn_that_changes_the_measure_is_not_made(robot, bounds, best):
     """A stated covariance of a force is the same for a turned base; the tool's turn is not seen."""
     config = WrenchReconstructionConfig(method="force_only")
     covariance = np.diag([4.0, 3.0, 2.0, 1.0, 0.5, 0.2])
     measure = ForceSd(robot.chain, covariance, config)
     program = PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
     turned = family(robot, best.placement)["turned"]
-    found = standard_member(robot, program, turned)
-    assert found.q[SEGMENTS // 2, 0] == pytest.approx(0.0, abs=1e-9)
-    np.testing.assert_allclose(measure.values(found.q), measure.values(turned.q), rtol=1e-8)
+    member = standard_member(robot, program, turned)
+    assert member.q[SEGMENTS // 2, 0] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(measure.values(member.q), measure.values(turned.q), rtol=1e-8)
 
 
 def test_a_measure_without_kinks_is_solved_once(robot, bounds):
@@ -173,6 +173,6 @@ def test_a_measure_without_kinks_is_solved_once(robot, bounds):
     measure = ForceSd(robot.chain, np.eye(6), config)
     program = PlacementProgram(robot.chain, measure, bounds, LENGTH, SEGMENTS)
     start = placed(robot, NEAR)
-    found, evaluations = refined(program, start)
+    solution, evaluations = refined(program, start)
     assert 0 < evaluations < 500
-    assert program.cost(found.q) <= program.cost(start.q)
+    assert program.cost(solution.q) <= program.cost(start.q)

@@ -157,8 +157,8 @@ def test_a_jump_to_another_branch_is_seen_between_the_points(
 ) -> None:
     path = task.initial_path()
     assert path is not None
-    found = search_of(sts, task).initial_guess()
-    one, other = found.q[0], found.q[1]
+    guess = search_of(sts, task).initial_guess()
+    one, other = guess.q[0], guess.q[1]
     assert np.max(np.abs(one - other)) > 1.0
     placement = Placement(one, path.n_W, path.p_WM, np.array([0.0, 1.0, 0.0, 1.0]) / np.sqrt(2.0))
     assert between_points(sts, placement, 1.0) is not None

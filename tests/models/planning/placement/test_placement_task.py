@@ -124,7 +124,7 @@ BAD_FOR_THE_ARM = {
 
 
 @pytest.mark.parametrize("case", list(BAD_FOR_THE_ARM))
-def test_what_the_arm_can_never_do_is_said_before_any_search(
+def test_an_impossible_task_is_refused_before_any_search(
     sts: Robot, tmp_path: Path, case: str
 ) -> None:
     changes, expected = BAD_FOR_THE_ARM[case]

@@ -19,7 +19,7 @@ def _log(robot: Robot, unit: str, speed: float = 0.1) -> Recording:
 
 
 @pytest.mark.parametrize("unit", ["N m", "A"])
-def test_gravity_tells_the_unit(bundled_arm: Robot, unit: str) -> None:
+def test_gravity_determines_the_unit(bundled_arm: Robot, unit: str) -> None:
     decision = effort_unit([_log(bundled_arm, unit)], bundled_arm)
     assert decision.unit == unit
     sentence = decision.sentence(bundled_arm)

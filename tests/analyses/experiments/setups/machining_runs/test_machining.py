@@ -67,9 +67,9 @@ def short(name, one_way):
 
 
 def test_errors_of_a_force_by_hand():
-    found = errors(np.array([1.0, 2.0, 6.0]), np.array([1.0, 2.0, 3.0]))
+    force_errors = errors(np.array([1.0, 2.0, 6.0]), np.array([1.0, 2.0, 3.0]))
     # Errors 0, 0, 3; deviations (-2, -1, 3) and (-1, 0, 1).
-    assert found == {
+    assert force_errors == {
         "correlation": pytest.approx(5.0 / np.sqrt(14.0 * 2.0)),
         "rmse_n": pytest.approx(np.sqrt(3.0)),
         "max_error_n": pytest.approx(3.0),
@@ -127,8 +127,8 @@ def test_within_a_way_a_change_of_sign_tells_nothing():
     noise = 0.1 * np.cos(0.7 * np.arange(1010))
     blind, sees = step + noise, 0.5 * step + ripple
     assert errors(blind[10:], truth[10:])["correlation"] > 0.99
-    found = errors_within_ways(blind, truth, ways)
-    assert abs(found["correlation"]) < 0.05  # ripple and noise are not in step
+    way_errors = errors_within_ways(blind, truth, ways)
+    assert abs(way_errors["correlation"]) < 0.05  # ripple and noise are not in step
     followed = errors_within_ways(sees, truth, ways)
     assert followed["correlation"] == pytest.approx(1.0, abs=1e-12)
     assert followed["rmse_n"] == pytest.approx(0.0, abs=1e-12)
@@ -234,21 +234,21 @@ def models(sts_reversed):
 @pytest.fixture(scope="module")
 def runs(models):
     """By feedback, one way in 3 s."""
-    told = []
+    shares = []
     plan = make_machining_path(short("Polishing", 3.0), models.robot)
     lesson = learn_air_passes(short("Polishing", 3.0), models.robot, models.models[OURS], plan, 9)
-    found = {
+    results = {
         feedback: run_machining(
             short(name, 3.0),
             models,
             plan,
             *lesson,
-            progress=lambda share, what: told.append(share),
+            progress=lambda share, step: shares.append(share),
         )
         for feedback, name in (("sensor", "Polishing"), ("estimate", "PolishingSensorless"))
     }
-    assert told[-1] == pytest.approx(1.0)
-    return found
+    assert shares[-1] == pytest.approx(1.0)
+    return results
 
 
 def untaught(robot, models):

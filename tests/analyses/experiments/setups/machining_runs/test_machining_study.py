@@ -88,8 +88,8 @@ def studied(monkeypatch, tmp_path):
             "machining_notes",
             lambda task: [f"<{feed_key(FEEDS[-1])}.ours.rmse_n:>"],
         )
-        told = {"progress": lambda share, what: shares.append(share)}
-        result = experiment.run(ExperimentContext(tmp_path, tmp_path, **told | given))
+        options = {"progress": lambda share, step: shares.append(share)}
+        result = experiment.run(ExperimentContext(tmp_path, tmp_path, **options | given))
         assert len(corrections) == len(runs) / 2
         return result, runs, shares
 

@@ -16,11 +16,11 @@ def test_noise_is_what_differs_between_two_runs_once_they_have_settled(sts_rever
     n = robot.num_joints
     drive = robot.torque_per_ampere * robot.current_sign
     size = np.linspace(0.2, 0.7, n)
-    seeds, asked = [], []
+    seeds, requests = [], []
 
     def recordings(robot, postures, speeds, seed, period):
         seeds.append(seed)
-        asked.append((np.array(postures), speeds, period))
+        requests.append((np.array(postures), speeds, period))
         rng = np.random.default_rng(seed)
         cycles = []
         for _ in postures:
@@ -48,8 +48,8 @@ def test_noise_is_what_differs_between_two_runs_once_they_have_settled(sts_rever
     np.testing.assert_array_equal(raw.level, np.abs(level))
     np.testing.assert_allclose(raw.resolution, 1e-5, rtol=1e-6)
     assert (raw.K_0, filtered.K_0) == (None, 50.0)
-    for postures, speeds, period in asked:  # both runs are one motion
+    for postures, speeds, period in requests:  # both runs are one motion
         np.testing.assert_allclose(postures, robot.home + np.array(POSTURES[1:3]))
         assert (speeds, period) == (module.SPEEDS, module.PERIOD)
     module.repetition_errors(robot, (None,), seed=4, quick=True)
-    assert asked[-1][0].shape == asked[-2][0].shape == (1, n)
+    assert requests[-1][0].shape == requests[-2][0].shape == (1, n)

@@ -74,7 +74,7 @@ def test_pushes_are_put_where_the_arm_moves():
     assert schedule(0.0 * v, 0.5, 1.0, 2.0, T, 0.1) == []
 
 
-def test_what_is_found_late_or_not_at_all_is_told():
+def test_late_and_missed_contacts_are_reported():
     contact = np.zeros(1000, bool)
     contact[105:160] = True  # 5 samples after the first that shows the push
     contact[455:460] = True  # just after the end

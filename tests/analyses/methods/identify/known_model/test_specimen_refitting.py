@@ -156,7 +156,7 @@ def test_a_crawl_is_not_carried_over():
     np.testing.assert_array_equal(selected == 0.0, law.stribeck_velocity < CRAWL)
 
 
-def test_what_cannot_be_refitted_is_one_line(ur10e, model):
+def test_a_model_or_log_that_cannot_be_refitted_is_one_line(ur10e, model):
     log = _recording(ur10e, 1.0)
     plain = IdentifiedModel.nominal(ur10e)
     with pytest.raises(InputError, match="--friction presliding"):
