@@ -237,6 +237,7 @@ def assert_alike_everywhere(
     return from_batch
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("observer")
 def test_an_observer_runs_in_every_engine(sts: Robot) -> None:
     model = IdentifiedModel.nominal(sts)
@@ -256,6 +257,7 @@ def test_an_observer_that_is_taken_out_is_unknown(sts: Robot) -> None:
         WrenchEstimator(sts, model, WrenchEstimatorConfig(CautiousConfig()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("below", ["coulomb-viscous-offset", "presliding"])
 def test_a_friction_term_runs_in_every_engine(
     sts: Robot, term: FrictionTerm, below: str, tmp_path: Path
@@ -293,6 +295,7 @@ def test_a_friction_term_runs_in_every_engine(
         TERMS.append(term)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("term")
 def test_identify_knows_a_registered_term(sts: Robot) -> None:
     step = 0.01

@@ -358,6 +358,7 @@ def test_a_moving_arms_load_is_read(
 # Simulate -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", ["none", "full"])
 def test_the_simulated_arm_holds_a_mass_with_the_statics_currents(
     tilted_arm: Robot, friction: str

@@ -12,6 +12,7 @@ _DOCS = Path(__file__).parents[2] / "docs" / "arms.md"
 _QUICK = ExcitationConfig(num_starts=1, iterations=2)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_an_arm_of_the_wheel_goes_through(tmp_path: Path) -> None:
     (arm,) = (arm for arm in ARMS if arm.name == "ur3_gripper")

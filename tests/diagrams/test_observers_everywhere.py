@@ -65,6 +65,7 @@ def columns(batch: EstimateBatch) -> dict[str, np.ndarray]:
     return {name: values.reshape(ROWS, -1) for name, values in found.items()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("with_error", [False, True], ids=["one covariance", "torque error"])
 @pytest.mark.parametrize("kind", OBSERVERS, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize(

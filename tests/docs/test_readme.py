@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 FITTED = [f"ur-20_02_{name}_12harm.csv" for name in ("10-30sec", "12-40sec", "12-50sec")]
 LOADED = "ur-20_02_19_14harm50secLoad.csv"
@@ -44,11 +46,13 @@ def test_every_example_has_a_test():
     assert set(EXAMPLES) == {"identify", "estimate", "place"}
 
 
+@pytest.mark.long
 def test_a_placed_path(tmp_path):
     command, lines = EXAMPLES["place"]
     assert printed(command.split(), tmp_path) == masked(lines)
 
 
+@pytest.mark.long
 def test_a_model_and_a_wrench(data, tmp_path):
     logs = iter([*FITTED, LOADED])
     for name in ("identify", "estimate"):

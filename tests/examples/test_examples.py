@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -44,6 +45,7 @@ def test_a_log_of_ones_own_becomes_wrenches(tmp_path, capsys):
     assert not re.search(r"\b(nan|inf)\b", printed)
 
 
+@pytest.mark.long
 def test_the_quickstart_goes_from_nothing_to_a_wrench(tmp_path):
     result = subprocess.run(
         [sys.executable, str(EXAMPLES / "quickstart.py"), str(tmp_path)],

@@ -128,6 +128,7 @@ def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign
     assert file_of(tmp_path, "campaign") == file_of(tmp_path, "never_failed")
 
 
+@pytest.mark.long
 def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     seed = draw_world(0, 1).seed
     once = f"""
@@ -149,6 +150,7 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     assert "killed" in result.failures[1].failures["always"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_an_interrupt_keeps_finished_worlds(tmp_path, experiment, ended, number):
     seed = draw_world(0, 1).seed

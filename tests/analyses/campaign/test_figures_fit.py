@@ -40,6 +40,7 @@ def figures(tmp_path):
     return figures
 
 
+@pytest.mark.long
 def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     tmp_path, experiment, figures, counted
 ):

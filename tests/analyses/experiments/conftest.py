@@ -17,6 +17,14 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A test that runs an experiment is a long one."""
+    for item in items:
+        if "run_experiment" in getattr(item, "fixturenames", ()):
+            item.add_marker("long")
+
+
 class Ran(NamedTuple):
     """What an experiment measured, the folder of its files, and its notes with their figures."""
 

@@ -393,6 +393,7 @@ def test_a_learnt_correction_must_fit_the_log() -> None:
         tool.run(state, q, v, current, tau_f=v, correction=Correction(v, v, np.ones(20)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("remembers", [False, True])
 def test_coupled_joints_tick_by_tick_and_as_a_log(coupled_wrist: Robot, remembers: bool) -> None:
     """Motors that hold a push up, through their friction: read back in any split."""

@@ -67,6 +67,7 @@ def test_a_log_is_read_for_its_first_seconds_with_and_without_tracking(data, ur1
     assert np.abs(truth.mean(axis=0) - [0.0, 0.0, -27.5]).max() < 3.0  # it moves
 
 
+@pytest.mark.long
 def test_two_sources_at_real_time(data, ur10e, model):
     log = data(f"{FOLDER}/{LOADED}")
     metrics = sources(log, model, ur10e, 4.0)

@@ -436,6 +436,7 @@ def test_the_best_law_counts_what_lies_beyond_the_fit():
     assert best_law(held_out, {}) == "rich"
 
 
+@pytest.mark.long
 def test_the_fastest_samples_are_predicted_without_them(sts, truth):
     """A joint with friction that turns down beyond 80 % of its samples' speeds."""
     logs = [recording(sts, truth, seed, noise=1.0) for seed in (1, 2)]

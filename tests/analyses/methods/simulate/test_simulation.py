@@ -236,6 +236,7 @@ def test_machining_without_a_sensor_uses_the_correction_of_an_air_pass(sts):
     assert untaught.valid.mean() > 0.9  # it does not know what it does not know
 
 
+@pytest.mark.long
 def test_a_pass_after_an_air_pass_states_the_vibration_of_the_tool(sts):
     scenario = load_scenario("Grinding")
     machining = replace(scenario.machining, one_way=1.0, passes=1)

@@ -80,6 +80,7 @@ def test_condition_number_is_numpys_and_its_gradient_is_that_of_finite_differenc
     assert_gradient(measure, q[good])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", METHODS)
 def test_force_sd_is_that_of_the_reconstruction_and_so_is_its_gradient(
     chain: SerialChain, method: str
