@@ -14,7 +14,12 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from wrenchsight.models.control.impedance import impedance_action, impedance_law
+from wrenchsight.models.control.impedance import (
+    ForceGains,
+    SpringDamper,
+    impedance_action,
+    impedance_law,
+)
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
@@ -135,29 +140,19 @@ class ImpedanceController(LeafSystem):
         if not config.null_space_damping >= 0.0:
             raise InputError("impedance", "null_space_damping", "expected 0 or more")
         self._at_rest = np.zeros(3 * n)
-        force = config.force
-        self._has_force = force is not None
-        force = force or ForceControlConfig()
-        gains = [force.proportional, force.integral, force.integral_limit]
-        if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
-            raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
-
+        self._has_force = config.force is not None
+        force = _force_gains(config.force or ForceControlConfig())
         stiffness = _matrix(config.stiffness, "stiffness")
         damping = _matrix(config.damping, "damping")
         self._default_law = impedance_law(
             effort_limit=self._effort_limit,
             friction=friction.table,
+            spring_damper=SpringDamper(stiffness, damping, self._in_E, config.null_space_damping),
+            force=force if self._has_force else None,
             time_step=time_step,
-            in_E=self._in_E,
-            stiffness=stiffness,
-            damping=damping,
-            null_space_damping=config.null_space_damping,
             friction_velocity=config.friction_velocity,
-            force_gains=(force.proportional, force.integral, force.integral_limit),
-            direction=_unit(force.direction),
-            direction_in_E=_in_E(force.axes, "force.axes"),
-            has_force=self._has_force,
         )
+        gains = [force.proportional, force.integral, force.integral_limit]
         self._stiffness = self.DeclareNumericParameter(BasicVector(stiffness.ravel()))
         self._damping = self.DeclareNumericParameter(BasicVector(damping.ravel()))
         self._force_gains = self.DeclareNumericParameter(BasicVector(np.array(gains)))
@@ -249,6 +244,19 @@ class ImpedanceController(LeafSystem):
 def _is_on(port: InputPort, context: Context) -> bool:
     """Whether a switch is on; an unconnected one is on."""
     return not port.HasValue(context) or bool(port.Eval(context)[0] > 0.5)
+
+
+def _force_gains(config: ForceControlConfig) -> ForceGains:
+    gains = [config.proportional, config.integral, config.integral_limit]
+    if not np.all(np.isfinite(gains)) or min(gains) < 0.0:
+        raise InputError("impedance", "force", f"gains {gains}, expected 0 or more")
+    return ForceGains(
+        proportional=config.proportional,
+        integral=config.integral,
+        integral_limit=config.integral_limit,
+        direction=_unit(config.direction),
+        in_E=_in_E(config.axes, "force.axes"),
+    )
 
 
 def _in_E(axes: str, key: str) -> bool:

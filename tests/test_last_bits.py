@@ -30,7 +30,7 @@ from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.planning.motion.branches import all_branches, closed_form
 from wrenchsight.models.planning.motion.inverse_kinematics import follow_path
-from wrenchsight.models.planning.motion.posture_map import best_postures
+from wrenchsight.models.planning.motion.posture_map import ToolCone, best_postures
 from wrenchsight.models.planning.motion.posture_measures import ConditionNumber
 from wrenchsight.models.planning.motion.redundancy import best_on_grid, candidates, refine
 from wrenchsight.models.planning.placement.placement_program import PlacementProgram
@@ -150,7 +150,7 @@ def test_a_map_shows_the_same_postures(sts, seed):
 
     def best(robot, p):
         measure = ConditionNumber(robot.chain)
-        return best_postures(robot, measure, p, [0.0, 0.0, -1.0], np.radians(30.0))
+        return best_postures(robot, measure, p, ToolCone([0.0, 0.0, -1.0], np.radians(30.0)))
 
     postures, other = best(sts, points), best(moved_robot(sts, seed), moved(points, seed))
     np.testing.assert_allclose(other.best, postures.best, rtol=1e-9)

@@ -26,52 +26,90 @@ from wrenchsight.models.rigid_body.rotations import rotation_vector
 _NO_GAIN = np.zeros((6, 6))
 
 
+class SpringDamper(NamedTuple):
+    """The spring and the damper of the tool, and the damper of the arm's free motion.
+
+    Attributes:
+        stiffness, damping: (6, 6), rotation first: N m/rad, N/m; N m s/rad, N s/m.
+        in_E: whether both are in axes of E (else of W).
+        null_space_damping: N m s/rad, for more than 6 joints.
+    """
+
+    stiffness: ArrayLike = _NO_GAIN
+    damping: ArrayLike = _NO_GAIN
+    in_E: bool = False
+    null_space_damping: float = 0.0
+
+
+class ForceGains(NamedTuple):
+    """Gains of force control, and the direction along which it controls.
+
+    Attributes:
+        proportional: N per N of error.
+        integral: N per N of error and s.
+        integral_limit: N, largest share of the integral.
+        direction: (3,) unit vector, out of the surface.
+        in_E: whether the direction is in axes of E (else of W).
+    """
+
+    proportional: float
+    integral: float
+    integral_limit: float
+    direction: ArrayLike = (0.0, 0.0, 1.0)
+    in_E: bool = False
+
+
+_NO_FORCE = ForceGains(proportional=0.0, integral=0.0, integral_limit=0.0)
+
+
 def impedance_law(
     *,
     effort_limit: Array,
     friction: Array,
+    spring_damper: SpringDamper,
+    force: ForceGains | None = None,
     time_step: float = 1e-3,
-    in_E: bool = False,
-    stiffness: ArrayLike = _NO_GAIN,
-    damping: ArrayLike = _NO_GAIN,
-    null_space_damping: float = 0.0,
     friction_velocity: float = 0.005,
-    force_gains: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    direction: ArrayLike = (0.0, 0.0, 1.0),
-    direction_in_E: bool = False,
-    has_force: bool = False,
 ) -> Record:
     """Returns the constants of an impedance controller, for the kernels of this module.
 
     Args:
         effort_limit: (n,) N m.
         friction: table of SemiParametricFriction.
+        force: None where no force is controlled.
         time_step: s.
-        in_E: whether stiffness and damping are in axes of E (else of W).
-        stiffness, damping: (6, 6), rotation first.
-        null_space_damping: N m s/rad.
         friction_velocity: rad/s, of `friction_feedforward`.
-        force_gains: proportional, integral (1/s), integral_limit (N).
-        direction: (3,) unit vector, in E with direction_in_E, else in W.
-        has_force: whether there is force control at all.
     """
-    proportional, integral, integral_limit = force_gains
+    gains = _NO_FORCE if force is None else force
     return record(
         effort_limit=effort_limit,
         friction=friction,
         time_step=time_step,
-        in_E=in_E,
-        stiffness=stiffness,
-        damping=damping,
-        null_space_damping=null_space_damping,
+        in_E=spring_damper.in_E,
+        stiffness=spring_damper.stiffness,
+        damping=spring_damper.damping,
+        null_space_damping=spring_damper.null_space_damping,
         friction_velocity=friction_velocity,
-        proportional=proportional,
-        integral=integral,
-        integral_limit=integral_limit,
-        direction=direction,
-        direction_in_E=direction_in_E,
-        has_force=has_force,
+        proportional=gains.proportional,
+        integral=gains.integral,
+        integral_limit=gains.integral_limit,
+        direction=gains.direction,
+        direction_in_E=gains.in_E,
+        has_force=force is not None,
     )
+
+
+class DesiredPose(NamedTuple):
+    """The desired pose D of the tool and its velocity, in axes of W.
+
+    Attributes:
+        R_WD, p_WD: (3, 3); (3,) m.
+        V_WD: (6,) rad/s, m/s, rotation first.
+    """
+
+    R_WD: Array
+    p_WD: Array
+    V_WD: Array
 
 
 @kernel
@@ -121,9 +159,7 @@ def pose_error(in_E: bool, R_WE: Array, p_WE: Array, R_WD: Array, p_WD: Array, o
 def impedance_wrench(
     law: Record,
     terms: Record,
-    R_WD: Array,
-    p_WD: Array,
-    V_WD: Array,
+    desired: DesiredPose,
     free_direction: Array,
     wrench: Array,
 ) -> None:
@@ -132,12 +168,13 @@ def impedance_wrench(
     Args:
         law: of `impedance_law`.
         terms: of `terms_type`; the pose and velocity of E are read.
-        V_WD: (6,) velocity of D, axes of W, rotation first.
+        desired: D.
         free_direction: (3,) unit vector in W along which the spring neither pulls nor is stretched;
             zero for none. The damper works there as well.
     """
     in_E, stiffness, damping = law[0].in_E == 1.0, law[0].stiffness, law[0].damping
     R_WE, p_WE, V_WE = plain(terms[0].R_WE), plain(terms[0].p_WE), plain(terms[0].V_WE)
+    R_WD, p_WD, V_WD = desired.R_WD, desired.p_WD, desired.V_WD
     p_WC = p_WD.copy()
     along = 0.0
     for k in range(3):
@@ -317,8 +354,9 @@ def impedance_action(
     is_active, setpoint, integral = force.is_active, force.setpoint, force.integral
     n = terms[0].v.shape[0]
     R_WE, p_WE, effort_limit = plain(terms[0].R_WE), plain(terms[0].p_WE), law[0].effort_limit
-    R_WD = pose_reference[:9].reshape(3, 3)
-    p_WD, V_WD = pose_reference[9:12], pose_reference[12:]
+    desired = DesiredPose(
+        pose_reference[:9].reshape(3, 3), pose_reference[9:12], pose_reference[12:]
+    )
     d_W, no_direction, commanded = law[0].direction.copy(), np.zeros(3), np.empty(6)
     if law[0].direction_in_E == 1.0:
         for i in range(3):
@@ -329,7 +367,7 @@ def impedance_action(
     for k in range(3):
         push += d_W[k] * force.wrench[3 + k]
     free_direction = d_W if is_active else no_direction
-    impedance_wrench(law, terms, R_WD, p_WD, V_WD, free_direction, commanded)
+    impedance_wrench(law, terms, desired, free_direction, commanded)
     error = setpoint - push if force.is_valid else 0.0
     ki, limit = law[0].integral, law[0].integral_limit
     bound = limit / ki if ki > 0.0 else 0.0
@@ -339,7 +377,8 @@ def impedance_action(
             commanded[3 + k] -= normal_force * d_W[k]
     tau = action[:n]
     impedance_torque(law, terms, reference, commanded, tau)
-    pose_error(law[0].in_E == 1.0, R_WE, p_WE, R_WD, p_WD, action[n : n + 6])
+    in_E = law[0].in_E == 1.0
+    pose_error(in_E, R_WE, p_WE, desired.R_WD, desired.p_WD, action[n : n + 6])
     has_force = law[0].has_force == 1.0
     if is_active:
         saturated = False
@@ -350,7 +389,7 @@ def impedance_action(
     elif has_force and ki > 0.0:
         # The push of the spring, less the set-point with which force control will begin.
         free_wrench = np.empty(6)
-        impedance_wrench(law, terms, R_WD, p_WD, V_WD, d_W, free_wrench)
+        impedance_wrench(law, terms, desired, d_W, free_wrench)
         spring = 0.0
         for k in range(3):
             spring += d_W[k] * (commanded[3 + k] - free_wrench[3 + k])

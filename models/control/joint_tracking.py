@@ -6,6 +6,7 @@ from wrenchsight.models.friction.velocity_friction import friction_torque
 from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain, read_only
+from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 
 
 @kernel
@@ -58,24 +59,18 @@ def tracking_law(
 
 @kernel
 def tracking_torque(
-    law: Record,
-    M: Array,
-    Cv: Array,
-    G: Array,
-    q: Array,
-    v: Array,
-    reference: Array,
-    integral: Array,
-    tau: Array,
+    law: Record, dynamics: JointDynamics, reference: Array, integral: Array, tau: Array
 ) -> None:
     """Writes the torque (n,); the law is in JointTrackingController's docstring.
 
     Args:
         law: of `tracking_law`.
+        dynamics: of the model.
         reference: (3n,) q_d, v_d, vdot_d.
         integral: (n,) integral of the position error, rad s.
     """
     gain = law[0]
+    q, v = dynamics.q, dynamics.v
     n = q.shape[0]
     feedback = np.empty(n)
     for i in range(n):
@@ -86,12 +81,12 @@ def tracking_torque(
     friction = plain(gain.friction)
     friction_feedforward(friction, reference[n : 2 * n], gain.friction_velocity, tau)
     for i in range(n):
-        tau[i] += Cv[i] + G[i]
+        tau[i] += dynamics.Cv[i] + dynamics.G[i]
         for j in range(n):
             acceleration = reference[2 * n + j]
             if gain.computed == 1.0:
                 acceleration += feedback[j]
-            tau[i] += M[i, j] * acceleration
+            tau[i] += dynamics.M[i, j] * acceleration
         if gain.computed != 1.0:
             tau[i] += feedback[i]
         tau[i] = min(max(tau[i], -gain.effort_limit[i]), gain.effort_limit[i])
@@ -103,17 +98,14 @@ def tracking_torque_of(
 ) -> None:
     """Writes `tracking_torque` for the record of RigidBodyTerms."""
     terms_row = terms[0]
-    tracking_torque(
-        law,
-        plain(terms_row.M),
-        plain(terms_row.Cv),
-        plain(terms_row.G),
-        plain(terms_row.q),
-        plain(terms_row.v),
-        reference,
-        read_only(integral),
-        tau,
+    dynamics = JointDynamics(
+        M=plain(terms_row.M),
+        Cv=plain(terms_row.Cv),
+        G=plain(terms_row.G),
+        q=plain(terms_row.q),
+        v=plain(terms_row.v),
     )
+    tracking_torque(law, dynamics, reference, read_only(integral), tau)
 
 
 @kernel

@@ -112,6 +112,14 @@ def split_terms(x: Array, counts: Sequence[int]) -> tuple[Array, Array, list[Arr
     return inertial.copy(), rotor, [block[1:].copy() for block in blocks]
 
 
+class JointMotion(NamedTuple):
+    """The motion of a log, filtered: (T, n) rad, rad/s, rad/s^2 (m for prismatic joints)."""
+
+    q: Array
+    v: Array
+    vdot: Array
+
+
 @dataclass(frozen=True, eq=False)
 class RegressionRows:
     """One log's rows of the regression, before friction.
@@ -134,16 +142,15 @@ class RegressionRows:
     def of(
         cls,
         chain: SerialChain,
-        q: Array,
-        v: Array,
-        vdot: Array,
+        motion: JointMotion,
         tau: Array,
         low_pass: Callable[[Array], Array],
         rows: NDArray[np.intp],
     ) -> "RegressionRows":
         """Builds the rows; arguments as `factorise`, all of the joints."""
-        n = q.shape[1]
-        Y = chain.regressor(q, v, vdot)
+        vdot = motion.vdot
+        n = vdot.shape[1]
+        Y = chain.regressor(motion.q, motion.v, vdot)
         first_links = list(range(n))
         if chain.motor_rates.size:
             C = np.linalg.inv(chain.motor_rates)
@@ -222,9 +229,7 @@ class RegressionRows:
 
 def factorise(
     chain: SerialChain,
-    q: Array,
-    v: Array,
-    vdot: Array,
+    motion: JointMotion,
     tau: Array,
     low_pass: Callable[[Array], Array],
     rows: NDArray[np.intp],
@@ -233,17 +238,13 @@ def factorise(
 
     Args:
         chain: kinematics and gravity; its inertias play no part.
-        q: (T, n) rad, as v, vdot.
-        v: (T, n).
-        vdot: (T, n).
+        motion: of T samples.
         tau: (T, n) N m, has been through `low_pass` already.
         low_pass: along time; goes over every column of the regressor.
         rows: indices of the samples to use, after the filter.
     """
-    regression = RegressionRows.of(chain, q, v, vdot, tau, low_pass, rows)
-    friction = [
-        np.stack([np.sign(v[:, j]), v[:, j], np.ones(len(v))], axis=1) for j in range(q.shape[1])
-    ]
+    regression = RegressionRows.of(chain, motion, tau, low_pass, rows)
+    friction = [np.stack([np.sign(v), v, np.ones(len(v))], axis=1) for v in motion.v.T]
     return regression.factors(regression.friction_rows(friction))
 
 

@@ -47,6 +47,20 @@ _SMOOTH, _SLOW, _DECAY, _MISS, NUM_PERIOD = range(5)
 LIKELIER, FORCE_GAIN, BLOW_GAIN, NUM_EVIDENCE = range(4)
 
 
+class IntervalModel(NamedTuple):
+    """The constants of both passes, and the Jacobians of N samples.
+
+    Attributes:
+        table: KalmanObserver.table.
+        drift_decay: share of the slow part of the torque error that outlasts a period.
+        J: (N, 6, n), rotation first, axes of W.
+    """
+
+    table: Array
+    drift_decay: float
+    J: Array
+
+
 class FilterState(NamedTuple):
     """The state of the forward pass.
 
@@ -116,85 +130,108 @@ def _step_matrix(t: KalmanTable, drift_decay: float, J: Array, period: Array, A:
 
 @kernel
 def forward_log(
-    table: Array,
-    drift_decay: float,
-    state: FilterState,
-    signals: Array,
-    J: Array,
-    changes: Array,
-    log: FilterLog,
+    model: IntervalModel, signals: Array, changes: Array, state: FilterState, log: FilterLog
 ) -> None:
     """Runs the filter over N samples.
 
     Args:
-        table: KalmanObserver.table.
-        drift_decay: share of the slow part of the torque error that outlasts a period.
-        state: goes on from it.
-        signals, J: (N, NUM_SIGNALS, n), (N, 6, n).
+        signals: (N, NUM_SIGNALS, n).
         changes: (N,) live prior's variances that F gains after a sample, beside its walk.
+        state: goes on from it.
         log: written.
     """
-    z, P, running, previous_smooth = state
-    z_log, P_log, period, kinds = log
+    z, P, running, period = state.z, state.P, state.running, log.period
+    drift_decay = model.drift_decay
     N, _, n = signals.shape
     M = 3 * n + 6
-    t = split_table(table, n)
-    numbers, sixes, rounding, T = t.numbers, t.sixes, t.joints[ROUND], t.numbers[PERIOD]
+    t = split_table(model.table, n)
+    sixes, rounding, T = t.sixes, t.joints[ROUND], t.numbers[PERIOD]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     arrived, white = np.empty(n), np.empty(n)
     for k in range(N):
-        sample = signals[k]
-        copy_to(z_log[k], z)
-        copy_whole(P_log[k], P)
-        is_finite, is_known = True, True
-        for i in range(n):
-            arrived[i] = sample_momentum(numbers, sample, i)
-            u = sample[TAU_J, i] + sample[CTV, i] - sample[GRAVITY, i] - sample[TAU_F, i]
-            is_finite = is_finite and np.isfinite(arrived[i])
-            is_known = is_known and np.isfinite(arrived[i] + u)
-            for a in range(6):
-                is_known = is_known and np.isfinite(J[k, a, i])
-            period[k, _MISS, i] = 0.0
+        sample, miss = signals[k], period[k, _MISS]
+        copy_to(log.z[k], z)
+        copy_whole(log.P[k], P)
+        is_finite, is_known = _arrive(t.numbers, sample, model.J[k], arrived)
         is_measured = is_finite and running[0]
-        kinds[k, _MEASURED], kinds[k, _KNOWN] = is_measured, is_known
+        log.kinds[k, _MEASURED], log.kinds[k, _KNOWN] = is_measured, is_known
+        for i in range(n):
+            miss[i] = arrived[i] - z[i] if is_measured else 0.0
         if is_measured:
             _gain(P, rounding, L, K)
-            P_rows = P[:n].copy()
-            for i in range(n):
-                period[k, _MISS, i] = arrived[i] - z[i]
-            for a in range(M):
-                for i in range(n):
-                    z[a] += K[a, i] * period[k, _MISS, i]
-            for a in range(M):
-                for b in range(a + 1):
-                    for i in range(n):
-                        P[a, b] -= K[a, i] * P_rows[i, b]
-                    P[b, a] = P[a, b]
+            _take_innovation(K, miss, z, P)
         else:
-            for i in range(n):
-                z[i] = arrived[i] if np.isfinite(arrived[i]) else 0.0
-                P[i], P[:, i] = 0.0, 0.0
-                P[i, i] = rounding[i]
+            _restart_momentum(arrived, rounding, z, P)
         parts = ErrorParts(period[k, _SMOOTH], white, period[k, _SLOW], period[k, _DECAY])
-        error_parts(t, previous_smooth, sample, parts)
+        error_parts(t, state.previous_smooth, sample, parts)
         running[0] = is_known
-        if not is_known:
-            for a in range(6):
-                P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
-            continue
-        renew(period[k, _DECAY], t.mixing, z, P)
-        _step_matrix(t, drift_decay, J[k], period[k], A)
-        _add_rows(A, n, z.reshape(M, 1))
-        for a in range(n, M):
-            z[a] *= A[a, a]
-        for i in range(n):
-            z[i] += T * (sample[TAU_J, i] + sample[CTV, i] - sample[GRAVITY, i] - sample[TAU_F, i])
-        _congruent(A, n, P)
-        for i in range(n):
-            P[i, i] += white[i]
-            P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - drift_decay * drift_decay
+        if is_known:
+            renew(period[k, _DECAY], t.mixing, z, P)
+            _step_matrix(t, drift_decay, model.J[k], period[k], A)
+            _add_rows(A, n, z.reshape(M, 1))
+            for a in range(n, M):
+                z[a] *= A[a, a]
+            for i in range(n):
+                z[i] += T * _modelled_torque(sample, i)
+            _congruent(A, n, P)
+            for i in range(n):
+                P[i, i] += white[i]
+                P[2 * n + 6 + i, 2 * n + 6 + i] += 1.0 - drift_decay * drift_decay
         for a in range(6):
             P[n + a, n + a] += sixes[NOISE_F, a] + changes[k] * sixes[JUMP_F, a]
+
+
+@kernel
+def _modelled_torque(sample: Array, i: int) -> float:
+    """The torque of joint i that the model knows, N m: it changes the momentum."""
+    u: float = sample[TAU_J, i] + sample[CTV, i] - sample[GRAVITY, i] - sample[TAU_F, i]
+    return u
+
+
+@kernel
+def _arrive(numbers: Array, sample: Array, J: Array, arrived: Array) -> tuple[bool, bool]:
+    """Writes the measured momentum (n,).
+
+    Args:
+        numbers: of KalmanTable.
+        sample: (NUM_SIGNALS, n).
+        J: (6, n).
+
+    Returns:
+        Whether it is finite; and whether the coming period is known.
+    """
+    is_finite, is_known = True, True
+    for i in range(arrived.shape[0]):
+        arrived[i] = sample_momentum(numbers, sample, i)
+        is_finite = is_finite and np.isfinite(arrived[i])
+        is_known = is_known and np.isfinite(arrived[i] + _modelled_torque(sample, i))
+        for a in range(6):
+            is_known = is_known and np.isfinite(J[a, i])
+    return is_finite, is_known
+
+
+@kernel
+def _take_innovation(K: Array, miss: Array, z: Array, P: Array) -> None:
+    """z <- z + K miss, P <- P - K H P, in place; K (M, n), the innovation `miss` (n,)."""
+    M, n = K.shape
+    P_rows = P[:n].copy()
+    for a in range(M):
+        for i in range(n):
+            z[a] += K[a, i] * miss[i]
+    for a in range(M):
+        for b in range(a + 1):
+            for i in range(n):
+                P[a, b] -= K[a, i] * P_rows[i, b]
+            P[b, a] = P[a, b]
+
+
+@kernel
+def _restart_momentum(arrived: Array, rounding: Array, z: Array, P: Array) -> None:
+    """Sets the momentum in z, P to the measured one (n,), or to zero where that is not finite."""
+    for i in range(arrived.shape[0]):
+        z[i] = arrived[i] if np.isfinite(arrived[i]) else 0.0
+        P[i], P[:, i] = 0.0, 0.0
+        P[i, i] = rounding[i]
 
 
 @kernel
@@ -220,35 +257,37 @@ def _congruent(A: Array, n: int, P: Array) -> None:
             P[b, a] = P[a, b]
 
 
+class _Adjoint(NamedTuple):
+    """The adjoint of the filter's state: lambda (M,) and Lambda (M, M)."""
+
+    lam: Array
+    Lam: Array
+
+
 @kernel
 def backward_log(
-    table: Array,
-    drift_decay: float,
-    log: FilterLog,
-    J: Array,
-    evidence: Array,
-    wrench: Array,
-    covariance: Array,
+    model: IntervalModel, log: FilterLog, evidence: Array, wrench: Array, covariance: Array
 ) -> None:
     """Estimates the wrench of the first K samples from all N of `forward_log`.
 
     Args:
+        model, log: of `forward_log`, over the same N samples.
         evidence: (N, NUM_EVIDENCE), written: evidence for a change after a sample.
         wrench, covariance: (K, 6), (K, 6, 6) with K at most N, written.
-        others: as `forward_log`.
     """
-    z_log, P_log, period, kinds = log
+    period, kinds = log.period, log.kinds
     N, _, n = period.shape
     M = 3 * n + 6
-    t = split_table(table, n)
+    t = split_table(model.table, n)
     rounding = t.joints[ROUND]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
-    lam, Lam = np.zeros(M), np.zeros((M, M))  # lambda, Lambda
+    adjoint = _Adjoint(np.zeros(M), np.zeros((M, M)))
+    lam, Lam = adjoint.lam, adjoint.Lam
     inverse, product = np.empty((n, n)), np.empty((M, n))
     for k in range(N - 1, -1, -1):
         _weigh_change(lam, Lam, t.sixes[JUMP_F], n, evidence[k])
         if kinds[k, _KNOWN]:
-            _step_matrix(t, drift_decay, J[k], period[k], A)
+            _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
             _transposed(A, n, lam.reshape(M, 1))  # lambda <- A^T lambda, Lambda <- A^T Lambda A
             _transposed(A, n, Lam.T)
             _transposed(A, n, Lam)
@@ -256,75 +295,86 @@ def backward_log(
         else:  # the momentum of the next sample has nothing of this one's
             lam[:n], Lam[:n], Lam[:, :n] = 0.0, 0.0, 0.0
         if kinds[k, _MEASURED]:
-            _gain(P_log[k], rounding, L, K)
+            _gain(log.P[k], rounding, L, K)
             for i in range(n):
                 for j in range(n):
                     inverse[i, j] = 1.0 if i == j else 0.0
                 solve_factorised(L, n, inverse[i])
-            for i in range(n):
-                total = 0.0
-                for a in range(M):
-                    total -= K[a, i] * lam[a]
-                for j in range(n):
-                    total -= inverse[i, j] * period[k, _MISS, j]
-                product[0, i] = total
-            for i in range(n):
-                lam[i] += product[0, i]
-            for a in range(M):
-                for i in range(n):
-                    total = 0.0
-                    for b in range(M):
-                        total += Lam[a, b] * K[b, i]
-                    product[a, i] = total
-            for a in range(M):
-                for i in range(n):
-                    Lam[a, i] -= product[a, i]
-            for i in range(n):
-                for b in range(M):
-                    total = 0.0
-                    for a in range(M):
-                        total += K[a, i] * Lam[a, b]
-                    product[b, i] = total
-            for i in range(n):
-                for b in range(M):
-                    Lam[i, b] -= product[b, i]
-                for j in range(n):
-                    Lam[i, j] += inverse[i, j]
-            for a in range(M):
-                for b in range(a):
-                    Lam[a, b] = 0.5 * (Lam[a, b] + Lam[b, a])
-                    Lam[b, a] = Lam[a, b]
+            _take_adjoint(K, inverse, period[k, _MISS], adjoint, product)
         else:
             lam[:n], Lam[:n], Lam[:, :n] = 0.0, 0.0, 0.0
         if k < wrench.shape[0]:
-            _smoothed(z_log[k], P_log[k], lam, Lam, n, wrench[k], covariance[k])
+            _smoothed(log.z[k], log.P[k], adjoint, wrench[k], covariance[k])
+
+
+@kernel
+def _take_adjoint(K: Array, inverse: Array, miss: Array, adjoint: _Adjoint, product: Array) -> None:
+    """Takes the adjoint over a measurement, in place.
+
+        lambda <- lambda - H^T (K^T lambda + S^-1 miss)
+        Lambda <- (1 - K H)^T Lambda (1 - K H) + H^T S^-1 H
+
+    Args:
+        K: (M, n) gain.
+        inverse: (n, n) S^-1.
+        miss: (n,) innovation, N m s.
+        product: (M, n), overwritten.
+    """
+    lam, Lam = adjoint.lam, adjoint.Lam
+    M, n = K.shape
+    for i in range(n):
+        total = 0.0
+        for a in range(M):
+            total -= K[a, i] * lam[a]
+        for j in range(n):
+            total -= inverse[i, j] * miss[j]
+        product[0, i] = total
+    for i in range(n):
+        lam[i] += product[0, i]
+    for a in range(M):
+        for i in range(n):
+            total = 0.0
+            for b in range(M):
+                total += Lam[a, b] * K[b, i]
+            product[a, i] = total
+    for a in range(M):
+        for i in range(n):
+            Lam[a, i] -= product[a, i]
+    for i in range(n):
+        for b in range(M):
+            total = 0.0
+            for a in range(M):
+                total += K[a, i] * Lam[a, b]
+            product[b, i] = total
+    for i in range(n):
+        for b in range(M):
+            Lam[i, b] -= product[b, i]
+        for j in range(n):
+            Lam[i, j] += inverse[i, j]
+    for a in range(M):
+        for b in range(a):
+            Lam[a, b] = 0.5 * (Lam[a, b] + Lam[b, a])
+            Lam[b, a] = Lam[a, b]
 
 
 @kernel
 def response_log(
-    table: Array,
-    drift_decay: float,
-    log: FilterLog,
-    J: Array,
-    torque: Array,
-    error: Array,
-    response: Array,
+    model: IntervalModel, log: FilterLog, torque: Array, error: Array, response: Array
 ) -> None:
     """Computes the response of both passes to torques that the model does not have, by joint.
 
     Args:
-        log: of `forward_log`, over the same N samples.
+        model, log: of `forward_log`, over the same N samples.
         torque: (N, C, n) N m, held for a period. Each joint's is a case of its own: c n + j for
             torque[:, c, j].
         error: (M, C n) of z before the first sample; changed to that before the first one that is
             not in `response`.
         response: (K, 6, C n) with K at most N, written: dF.
-        others: as `forward_log`.
     """
-    _, P_log, period, kinds = log
+    P_log, period, kinds = log.P, log.period, log.kinds
     N, _, n = period.shape
     M, columns = P_log.shape[1], error.shape[1]
-    t = split_table(table, n)
+    t = split_table(model.table, n)
     rounding, T, num_ready = t.joints[ROUND], t.numbers[PERIOD], response.shape[0]
     L, K, A = np.zeros((n, n)), np.empty((M, n)), np.eye(M)
     errors = np.empty((N, n + 6, columns))
@@ -345,7 +395,7 @@ def response_log(
             continue
         for i in range(n):
             error_k[n + 6 + i] *= period[k, _DECAY, i]
-        _step_matrix(t, drift_decay, J[k], period[k], A)
+        _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
         _add_rows(A, n, error_k)
         for c in range(columns):
             error_k[c % n, c] -= T * torque[k, c // n, c % n]
@@ -356,7 +406,7 @@ def response_log(
     innovation = np.empty(n)
     for k in range(N - 1, -1, -1):
         if kinds[k, _KNOWN]:
-            _step_matrix(t, drift_decay, J[k], period[k], A)
+            _step_matrix(t, model.drift_decay, model.J[k], period[k], A)
             _transposed(A, n, lam)
             for i in range(n):
                 lam[n + 6 + i] *= period[k, _DECAY, i]
@@ -424,17 +474,11 @@ def _transposed(A: Array, n: int, x: Array) -> None:
 
 
 @kernel
-def _smoothed(
-    z: Array,
-    P: Array,
-    lam: Array,
-    Lam: Array,
-    n: int,
-    wrench: Array,
-    covariance: Array,
-) -> None:
+def _smoothed(z: Array, P: Array, adjoint: _Adjoint, wrench: Array, covariance: Array) -> None:
     """Writes F and its covariance given all samples, from the prediction and the adjoint."""
+    lam, Lam = adjoint.lam, adjoint.Lam
     M = z.shape[0]
+    n = (M - 6) // 3
     half = np.empty((6, M))
     for a in range(6):
         total = z[n + a]

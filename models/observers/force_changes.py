@@ -42,6 +42,7 @@ from wrenchsight.models.observers.fixed_interval import (
     NUM_PERIOD,
     FilterLog,
     FilterState,
+    IntervalModel,
     backward_log,
     forward_log,
     response_log,
@@ -169,15 +170,8 @@ class IntervalSmoother:
             [self._proportional.gain * tau_read, self._proportional.friction * tau_against], axis=1
         )
         response = np.empty((K, 6, self._response.shape[1]))
-        response_log(
-            self._table,
-            self._drift_decay,
-            reading.log,
-            J,
-            np.nan_to_num(torque),
-            self._response,
-            response,
-        )
+        model = IntervalModel(self._table, self._drift_decay, J)
+        response_log(model, reading.log, np.nan_to_num(torque), self._response, response)
         return np.asarray(response @ response.transpose(0, 2, 1))
 
     def smoothed(
@@ -201,12 +195,10 @@ class IntervalSmoother:
 
         def forward(rows: slice) -> None:
             forward_log(
-                self._table,
-                self._drift_decay,
-                state,
+                IntervalModel(self._table, self._drift_decay, J[rows]),
                 signals[rows],
-                J[rows],
                 changes[rows],
+                state,
                 FilterLog(log.z[rows], log.P[rows], log.period[rows], log.kinds[rows]),
             )
 
@@ -215,7 +207,8 @@ class IntervalSmoother:
         forward(slice(num_ready, N))
         evidence = np.empty((N, NUM_EVIDENCE))
         wrench, covariance = np.empty((num_ready, 6)), np.empty((num_ready, 6, 6))
-        backward_log(self._table, self._drift_decay, log, J, evidence, wrench, covariance)
+        model = IntervalModel(self._table, self._drift_decay, J)
+        backward_log(model, log, evidence, wrench, covariance)
         return IntervalReading(wrench, covariance, evidence, log), next_start
 
 

@@ -136,7 +136,7 @@ class SampleCheck:
         q, v, current = contiguous(q, v, current)
         checked, codes = np.empty((len(q), 3, self.num_joints)), np.zeros(len(q), np.int64)
         periods = np.broadcast_to(np.asarray(period, float), (len(q),)).copy()
-        _check_log(self.table, state, periods, q, v, current, checked, codes)
+        _check_log(self.table, state, _Samples(periods, q, v, current), checked, codes)
         return np.ascontiguousarray(checked.swapaxes(0, 1)), codes
 
 
@@ -316,20 +316,26 @@ def _bound(joint: _Joint) -> float:
     return largest
 
 
+class _Samples(NamedTuple):
+    """Successive samples.
+
+    Attributes:
+        periods: (N,) s since the sample before.
+        q, v, current: (N, n) rad, rad/s, A.
+    """
+
+    periods: Array
+    q: Array
+    v: Array
+    current: Array
+
+
 @kernel
-def _check_log(
-    table: Array,
-    state: Array,
-    periods: Array,
-    q: Array,
-    v: Array,
-    current: Array,
-    checked: Array,
-    codes: Codes,
-) -> None:
+def _check_log(table: Array, state: Array, samples: _Samples, checked: Array, codes: Codes) -> None:
     """The three kernels above for N samples; checked (N, 3, n)."""
     table, state, checked = borrowed(table), borrowed(state), borrowed(checked)
-    q, v, current = borrowed(q), borrowed(v), borrowed(current)
+    q, v, current = borrowed(samples.q), borrowed(samples.v), borrowed(samples.current)
+    periods = samples.periods
     for k in range(q.shape[0]):
         checked_sample = checked[k]
         codes[k] = check_motion(table, state, periods[k], q[k], v[k], checked_sample)

@@ -16,6 +16,7 @@ no fast-math reordering, so that one sample and a row of a million agree bit for
 """
 
 import math
+from typing import NamedTuple
 
 from wrenchsight.models.numerics.arrays import Array, Record
 from wrenchsight.models.numerics.kernel import kernel
@@ -549,14 +550,31 @@ def all_terms(table: Array, terms: Record, scratch: Array) -> None:
     V_WE[5] = scratch[n - 1, 23] + (x * p_WE[1] - y * p_WE[0])
 
 
+class JointDynamics(NamedTuple):
+    """The terms of the equation of motion at one sample.
+
+    Attributes:
+        M, Cv, G: (n, n) kg m^2, (n,) and (n,) N m, at q, v.
+        q, v: (n,) rad, rad/s.
+    """
+
+    M: Array
+    Cv: Array
+    G: Array
+    q: Array
+    v: Array
+
+
 @kernel
-def dynamics_terms(
-    table: Array, q: Array, v: Array, Cv: Array, G: Array, M: Array, scratch: Array
-) -> None:
+def dynamics_terms(table: Array, dynamics: JointDynamics, scratch: Array) -> None:
     """Writes only M, C v and G of one sample, bit by bit as `all_terms`.
 
-    `scratch` then serves `tool_pose` and `tool_jacobian`.
+    Args:
+        table: SerialChain.table, (n + 1, TABLE_COLUMNS).
+        dynamics: q and v are read, the other terms are written.
+        scratch: written; (n, SCRATCH_COLUMNS). It then serves `tool_pose` and `tool_jacobian`.
     """
+    q, v, G = dynamics.q, dynamics.v, dynamics.G
     place_links(table, q, scratch)
     place_inertia(table, scratch)
     link_velocities(v, scratch)
@@ -574,8 +592,8 @@ def dynamics_terms(
             + scratch[j, 14] * (hx * gy - hy * gx)
             + m * (scratch[j, 15] * gx + scratch[j, 16] * gy + scratch[j, 17] * gz)
         )
-    composite_mass_matrix(table, M, scratch)
-    coriolis_torque(table, v, Cv, scratch)
+    composite_mass_matrix(table, dynamics.M, scratch)
+    coriolis_torque(table, v, dynamics.Cv, scratch)
 
 
 @kernel

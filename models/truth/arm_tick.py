@@ -31,7 +31,7 @@ from wrenchsight.models.machining.process_variations import VariationTables
 from wrenchsight.models.numerics.arrays import Array, Record, record_type
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import copy_to, plain
-from wrenchsight.models.rigid_body.chain_kernels import all_terms
+from wrenchsight.models.rigid_body.chain_kernels import JointDynamics, all_terms
 from wrenchsight.models.rigid_body.rigid_body_terms import terms_type
 from wrenchsight.models.signals.current_measurement import measure_current, update_lag
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
@@ -49,7 +49,6 @@ from wrenchsight.models.truth.joint_kernels import (
     EncoderSample,
     JointInputs,
     JointMemory,
-    Links,
     encoder_reading,
     joint_tick,
     mixed_currents,
@@ -200,11 +199,11 @@ def _tick_of(t: float, time_step: float) -> int:
 
 
 @kernel(inline="always")
-def _links(motion: Record) -> Links:
+def _links(motion: Record) -> JointDynamics:
     """The rigid bodies of a record of `motion_type`."""
     sample = motion[0]
     M, Cv, G = plain(sample.M), plain(sample.Cv), plain(sample.G)
-    return Links(M, Cv, G, plain(sample.q), plain(sample.v))
+    return JointDynamics(M, Cv, G, plain(sample.q), plain(sample.v))
 
 
 @kernel

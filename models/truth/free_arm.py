@@ -29,6 +29,7 @@ from wrenchsight.models.numerics.views import copy_to, read_only
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
+    JointDynamics,
     dynamics_terms,
     tool_jacobian,
     tool_pose,
@@ -48,7 +49,6 @@ from wrenchsight.models.truth.joint_kernels import (
     EncoderSample,
     JointInputs,
     JointMemory,
-    Links,
     encoder_reading,
     joint_tick,
     mixed_currents,
@@ -116,6 +116,7 @@ def simulate_free_arm(
     robot: Robot,
     trajectory: JointTrajectory,
     servo: Servo,
+    *,
     time_step: float = 1e-3,
     seed: int = 0,
     every: int = 1,
@@ -155,18 +156,14 @@ def simulate_free_arm(
     state = joints.initial_state()
     if start_rise is not None:
         state[RISE] = start_rise
-    q, v = joints.links_at(trajectory.q[0], chain), np.zeros(n)
-    times = trajectory.t[0] + time_step * np.arange(ticks)
-    sensor = np.stack([robot.current_bandwidth, robot.current_noise_sd, robot.current_resolution])
-    gain = motor_gain(robot.torque_per_ampere, robot.current_sign)
-    law = tracking_law(
-        computed=servo.computed,
-        gains=servo.gains,
-        effort_limit=robot.effort_limit,
-        friction=servo.friction.table,
-        friction_velocity=servo.friction_velocity,
-        time_step=time_step,
+    memory = _Memory(
+        joints=state,
+        q=np.array(joints.links_at(trajectory.q[0], chain), float),
+        v=np.zeros(n),
+        integral=np.zeros(n),
+        lagged=np.full(n, np.nan),
     )
+    times = trajectory.t[0] + time_step * np.arange(ticks)
     truth_rows = np.empty((4, rows if whole else 0, n))
     log = _Rows(np.empty((4, rows, n)), truth_rows, np.zeros((rows, 6)))
     arm = _Arm(
@@ -178,12 +175,11 @@ def simulate_free_arm(
         seed=seed,
         every=every,
     )
-    control = _Control(servo.chain.table, law, gain, sensor)
+    control = _control(robot, servo, time_step)
     pushes = _Script(script.table, script.tones, float(trajectory.t[0]))
-    memory = np.stack([q, v, np.zeros(n), np.full(n, np.nan)])
     for first in range(0, ticks, _CHUNK):
         reference = np.concatenate(trajectory.sample(times[first : first + _CHUNK]), axis=1)
-        _run(arm, control, pushes, first, reference, state, memory, log)
+        _run(arm, control, pushes, _Reference(first, reference), memory, log)
     q_read, v_read, current, tau_f = log.logged
     q_true, v_true, tau_J, rise = truth_rows
     return FreeLog(
@@ -213,12 +209,40 @@ class _Arm(NamedTuple):
 
 
 class _Control(NamedTuple):
-    """The controller's model and `tracking_law`, its motor gains and the current sensor (3, n)."""
+    """The controller and the current sensor.
+
+    Attributes:
+        model: SerialChain.table of the controller.
+        law: of `tracking_law`.
+        gain: (n,) N m/A of the motors, signed.
+        bandwidth, noise_sd, resolution: (n,) of the current sensor; Hz, A, A.
+    """
 
     model: Array
     law: Record
     gain: Array
-    sensor: Array
+    bandwidth: Array
+    noise_sd: Array
+    resolution: Array
+
+
+def _control(robot: Robot, servo: Servo, time_step: float) -> _Control:
+    law = tracking_law(
+        computed=servo.computed,
+        gains=servo.gains,
+        effort_limit=robot.effort_limit,
+        friction=servo.friction.table,
+        friction_velocity=servo.friction_velocity,
+        time_step=time_step,
+    )
+    return _Control(
+        model=servo.chain.table,
+        law=law,
+        gain=motor_gain(robot.torque_per_ampere, robot.current_sign),
+        bandwidth=np.array(robot.current_bandwidth, float),
+        noise_sd=np.array(robot.current_noise_sd, float),
+        resolution=np.array(robot.current_resolution, float),
+    )
 
 
 class _Script(NamedTuple):
@@ -227,6 +251,30 @@ class _Script(NamedTuple):
     table: Array
     tones: Array
     start: float
+
+
+class _Reference(NamedTuple):
+    """Consecutive ticks of the motion: the number of the first; rows (ticks, 3n) of q, v, vdot."""
+
+    first: int
+    rows: Array
+
+
+class _Memory(NamedTuple):
+    """What a tick hands on to the next one; changed in place.
+
+    Attributes:
+        joints: (SLIPS + 3 K, n), the state of `joint_tick`.
+        q, v: (n,) rad, rad/s, of the links.
+        integral: (n,) rad s, of the controller.
+        lagged: (n,) A, of the current sensor.
+    """
+
+    joints: Array
+    q: Array
+    v: Array
+    integral: Array
+    lagged: Array
 
 
 class _Rows(NamedTuple):
@@ -248,28 +296,19 @@ def _run(
     arm: _Arm,
     control: _Control,
     script: _Script,
-    first: int,
-    reference: Array,
-    state: Array,
-    memory: Array,
+    reference: _Reference,
+    memory: _Memory,
     log: _Rows,
 ) -> None:
-    """Ticks `first`, `first` + 1, ... as `reference` (ticks, 3n) has rows.
-
-    Goes on from `state`, and from q, v, the controller's integral and the sensor's lagged current
-    in the rows of `memory`; both are changed. `truth_rows` may have no rows.
-    """
-    table, motors, on_motor, chain, time_step, seed, every = arm
-    model, law, gain, sensor = control
-    logged, truth_rows, wrenches = log
-    n = memory.shape[1]
-    q, v, integral, lagged = memory[0], memory[1], memory[2], memory[3]
-    Cv, G = np.empty(n), np.empty(n)
-    Cv_m, G_m = np.empty(n), np.empty(n)
-    M, M_m, J = np.empty((n, n)), np.empty((n, n)), np.empty((6, n))
-    R_WE, p_WE = np.empty((3, 3)), np.empty(3)
-    scratch = np.empty((n, SCRATCH_COLUMNS))
+    """Ticks as many times as `reference` has rows. `log.truth_rows` may have no rows."""
+    time_step, seed, state = arm.time_step, arm.seed, memory.joints
+    q, v, lagged = memory.q, memory.v, memory.lagged
+    n = q.shape[0]
+    dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q, v)
     q_read, v_read, tau = np.empty(n), np.empty(n), np.empty(n)
+    model_dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q_read, v_read)
+    J, R_WE, p_WE = np.empty((6, n)), np.empty((3, 3)), np.empty(3)
+    scratch = np.empty((n, SCRATCH_COLUMNS))
     wander_noise = np.empty(2 * n)
     command, noise, current = np.empty(n), np.empty(n), np.empty(n)
     tau_ext, vdot = np.zeros(n), np.empty(n)
@@ -278,64 +317,78 @@ def _run(
     work = tick_work(state)
     state_view, tau_ext_view = read_only(state), read_only(tau_ext)  # as a cell of Drake's has them
     motor_current = signals[MOTOR_CURRENT]
-    bandwidth, noise_sd, resolution = sensor[0], sensor[1], sensor[2]
-    for k in range(reference.shape[0]):
-        tick, reference_row = first + k, reference[k]
-        dynamics_terms(chain, q, v, Cv, G, M, scratch)
+    for k in range(reference.rows.shape[0]):
+        tick, reference_row = reference.first + k, reference.rows[k]
+        dynamics_terms(arm.chain, dynamics, scratch)
         if script.table.shape[0] > 0:
             sample_script(script.table, script.tones, script.start + tick * time_step, wrench)
-            tool_pose(chain, scratch, R_WE, p_WE)
+            tool_pose(arm.chain, scratch, R_WE, p_WE)
             tool_jacobian(scratch, p_WE, J)
             for i in range(n):
                 tau_ext[i] = 0.0
                 for axis in range(6):
                     tau_ext[i] += J[axis, i] * wrench[axis]
-        links = Links(M, Cv, G, q, v)
-        encoders = EncoderSample(on_motor, seed + VELOCITY_STREAM, tick)
-        encoder_reading(table, state_view, links, encoders, q_read, v_read)
-        dynamics_terms(model, q_read, v_read, Cv_m, G_m, M_m, scratch)
-        tracking_torque(
-            law, M_m, Cv_m, G_m, q_read, v_read, reference_row, read_only(integral), tau
-        )
+        encoders = EncoderSample(arm.on_motor, seed + VELOCITY_STREAM, tick)
+        encoder_reading(arm.table, state_view, dynamics, encoders, q_read, v_read)
+        dynamics_terms(control.model, model_dynamics, scratch)
+        integral = read_only(memory.integral)
+        tracking_torque(control.law, model_dynamics, reference_row, integral, tau)
         for i in range(n):
-            command[i] = tau[i] / gain[i]
+            command[i] = tau[i] / control.gain[i]
         gaussian_noise(seed + WANDER_STREAM, tick, wander_noise)
         joint_tick(
-            table,
+            arm.table,
             time_step,
-            links,
+            dynamics,
             JointInputs(command, tau_ext_view, wander_noise),
             JointMemory(state_view, next_state, signals, work),
         )
-        if motors.shape[0] > 0:
+        if arm.motors.shape[0] > 0:
             copy_to(current, motor_current)
-            mixed_currents(motors[1], current, motor_current)
-        update_lag(bandwidth, time_step, motor_current, lagged)
-        if tick % every == 0:
-            row = tick // every
+            mixed_currents(arm.motors[1], current, motor_current)
+        update_lag(control.bandwidth, time_step, motor_current, lagged)
+        if tick % arm.every == 0:
             gaussian_noise(seed, tick, noise)
-            for i in range(n):
-                current[i] = lagged[i]
-            report_current(noise_sd, resolution, motor_current, noise, current)
-            for i in range(n):
-                logged[0, row, i], logged[1, row, i] = q_read[i], v_read[i]
-                logged[2, row, i], logged[3, row, i] = current[i], signals[TAU_F, i]
-            if truth_rows.shape[1] > 0:
-                for i in range(n):
-                    truth_rows[0, row, i], truth_rows[1, row, i] = q[i], v[i]
-                    truth_rows[2, row, i], truth_rows[3, row, i] = signals[TAU_J, i], state[RISE, i]
-            for axis in range(6):
-                wrenches[row, axis] = wrench[axis]
-        advance_integral(law, q_read, reference_row, tau, integral)
+            copy_to(current, lagged)
+            report_current(control.noise_sd, control.resolution, motor_current, noise, current)
+            measured = _Measured(q_read, v_read, current, wrench)
+            _log_row(log, tick // arm.every, measured, memory, signals)
+        advance_integral(control.law, q_read, reference_row, tau, memory.integral)
         for i in range(n):
-            vdot[i] = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i] - Cv[i] - G[i]
+            torque = signals[TAU_J, i] + tau_ext[i] + signals[TORQUE, i]
+            vdot[i] = torque - dynamics.Cv[i] - dynamics.G[i]
         if n == 6:  # as in `joint_tick`
-            _step(6, M, time_step, vdot, q, v)
+            _step(6, dynamics.M, time_step, vdot, q, v)
         else:
-            _step(n, M, time_step, vdot, q, v)
+            _step(n, dynamics.M, time_step, vdot, q, v)
         for i in range(state.shape[0]):
             for j in range(n):
                 state[i, j] = next_state[i, j]
+
+
+class _Measured(NamedTuple):
+    """Readings of the encoders q, v (n,) and of the current sensor (n,); the wrench (6,) at E."""
+
+    q: Array
+    v: Array
+    current: Array
+    wrench: Array
+
+
+@kernel(inline="always")
+def _log_row(log: _Rows, row: int, measured: _Measured, memory: _Memory, signals: Array) -> None:
+    """Writes one row of the log; `signals` of `joint_tick`."""
+    logged, truth_rows, state = log.logged, log.truth_rows, memory.joints
+    n = signals.shape[1]
+    for i in range(n):
+        logged[0, row, i], logged[1, row, i] = measured.q[i], measured.v[i]
+        logged[2, row, i], logged[3, row, i] = measured.current[i], signals[TAU_F, i]
+    if truth_rows.shape[1] > 0:
+        for i in range(n):
+            truth_rows[0, row, i], truth_rows[1, row, i] = memory.q[i], memory.v[i]
+            truth_rows[2, row, i], truth_rows[3, row, i] = signals[TAU_J, i], state[RISE, i]
+    for axis in range(6):
+        log.wrenches[row, axis] = measured.wrench[axis]
 
 
 @kernel(inline="always")

@@ -76,6 +76,7 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.small_matrices import factorise_in_place, solve_factorised
 from wrenchsight.models.numerics.views import borrowed, read_only
+from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
 
 RIGID = 1e5
@@ -107,21 +108,6 @@ SIGNALS = 4
 # trial, gradient, elements' curvature, right side; then two matrices of n rows, and of K rows each
 # the elements' stiffness, torque at rest, least and greatest torque.
 FORCE, DAMPER, END, STEP, TRIAL, GRADIENT, CURVATURE, RIGHT, MATRIX = range(9)
-
-
-class Links(NamedTuple):
-    """The rigid bodies at a tick's beginning.
-
-    Attributes:
-        M, Cv, G: (n, n) kg m^2, (n,) and (n,) N m, true terms at q, v.
-        q, v: (n,) rad, rad/s.
-    """
-
-    M: Array
-    Cv: Array
-    G: Array
-    q: Array
-    v: Array
 
 
 class JointInputs(NamedTuple):
@@ -179,7 +165,7 @@ def tick_work(state: Array) -> Array:
 
 @kernel
 def joint_tick(
-    table: Array, time_step: float, links: Links, inputs: JointInputs, memory: JointMemory
+    table: Array, time_step: float, links: JointDynamics, inputs: JointInputs, memory: JointMemory
 ) -> None:
     """Single-sample kernel: one tick of all joints.
 
@@ -194,7 +180,7 @@ def joint_tick(
     K = (memory.state.shape[0] - SLIPS) // 3
     # The steps below hand these on: counting the references would cost more than the arithmetic.
     table = borrowed(table)
-    links = Links(
+    links = JointDynamics(
         borrowed(links.M),
         borrowed(links.Cv),
         borrowed(links.G),
@@ -224,7 +210,7 @@ def _tick(
     K: int,
     table: Array,
     time_step: float,
-    links: Links,
+    links: JointDynamics,
     inputs: JointInputs,
     memory: JointMemory,
 ) -> None:
@@ -377,7 +363,7 @@ def _set_damper(
 
 @kernel(forceinline=True)
 def _position_torque(
-    K: int, i: int, table: Array, links: Links, load: float, state: Array
+    K: int, i: int, table: Array, links: JointDynamics, load: float, state: Array
 ) -> float:
     """Ripple, transmission error and harmonics of joint i at its position, N m."""
     q, position_torque = links.q[i], 0.0
@@ -492,7 +478,7 @@ def deflection(table: Array, i: int, state: float, G: float) -> float:
 def encoder_reading(
     table: Array,
     state: Array,
-    links: Links,
+    links: JointDynamics,
     sample: EncoderSample,
     q_read: Array,
     v_read: Array,

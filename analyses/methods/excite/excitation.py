@@ -31,6 +31,8 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     ExcitationProgram,
     ExcitationSolution,
     MotionBounds,
+    ProgramSettings,
+    Reserve,
 )
 from wrenchsight.models.planning.excitation.fourier_trajectory import FourierTrajectory
 from wrenchsight.models.robot.robot import Robot
@@ -40,9 +42,14 @@ if TYPE_CHECKING:
 
 ProgressCallback = Callable[[float, str], None]
 
-# What a trajectory must keep in reserve at the samples, tried in this order: m, share of torque.
+# What a trajectory must keep in reserve at the samples, tried in this order.
 # The second goes on where the first ended, the others start from the next best random ones.
-RESERVES = ((0.004, 0.02), (0.008, 0.05), (0.008, 0.05), (0.015, 0.15))
+RESERVES = (
+    Reserve(slack=0.004, torque_share=0.02),
+    Reserve(slack=0.008, torque_share=0.05),
+    Reserve(slack=0.008, torque_share=0.05),
+    Reserve(slack=0.015, torque_share=0.15),
+)
 # Where all of the solver's ends break a limit: parts of the way to the last one, from the random
 # motion that it came from. Where a solver ends depends on rounding; whether it finds one must not.
 RETREATS = (0.95, 0.85, 0.7, 0.5, 0.25, 0.0)
@@ -183,17 +190,15 @@ def excite(
     clearance = Clearance(robot, config.limits.clearance, floor)
     _check_floor(clearance, floor)
 
-    def program(reserve: tuple[float, float]) -> ExcitationProgram:
-        return ExcitationProgram(
-            robot.chain,
-            bounds,
-            information,
-            config.measure,  # type: ignore[arg-type]  # checked above
-            config.base_frequency,
-            config.num_harmonics,
-            clearance.smooth_slack if clearance.has_shapes else None,
-            reserve=reserve,
-        )
+    settings = ProgramSettings(
+        measure=config.measure,  # type: ignore[arg-type]  # checked above
+        base_frequency=config.base_frequency,
+        num_harmonics=config.num_harmonics,
+    )
+
+    def program(reserve: Reserve) -> ExcitationProgram:
+        slack = clearance.smooth_slack if clearance.has_shapes else None
+        return ExcitationProgram(robot.chain, bounds, information, settings, slack, reserve)
 
     first_program = program(RESERVES[0])
     starts = _random_starts(first_program, config, progress)

@@ -19,7 +19,7 @@ from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
 from wrenchsight.models.identification.identified_model import LogSource
-from wrenchsight.models.identification.torque_regression import RegressionRows
+from wrenchsight.models.identification.torque_regression import JointMotion, RegressionRows
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.lerobot.data_set import episode_paths, file_of, root_of
 from wrenchsight.models.recordings.recording import Recording
@@ -320,7 +320,6 @@ def low_pass_logs(
     for k, log in enumerate(fitted):
         progress((len(logs) + k) / steps, f"regressor of {log.name}")
         rows = np.flatnonzero(log.used)[::row_step]
-        regressions.append(
-            RegressionRows.of(robot.chain, log.q, log.v, log.vdot, log.tau, log.match, rows)
-        )
+        motion = JointMotion(log.q, log.v, log.vdot)
+        regressions.append(RegressionRows.of(robot.chain, motion, log.tau, log.match, rows))
     return LowPassedLogs(tuple(fitted), tuple(validated), tuple(regressions))

@@ -14,6 +14,7 @@ and slack are held at samples; `analyses.methods.excite.excitation` checks them 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
@@ -111,6 +112,39 @@ class ExcitationSolution:
     evaluations: int
 
 
+class ProgramSettings(NamedTuple):
+    """Settings of ExcitationProgram.
+
+    Attributes:
+        measure: "condition_number" or "log_det".
+        base_frequency: Hz.
+        num_harmonics: H.
+        num_samples: of a period, for measure, linear limits, torque.
+        num_postures: of a period, at which the slack is held.
+    """
+
+    measure: Measure = "condition_number"
+    base_frequency: float = 0.1
+    num_harmonics: int = 5
+    num_samples: int = 80
+    num_postures: int = 40
+
+
+class Reserve(NamedTuple):
+    """What a motion spares of its limits at the samples, because both change between them.
+
+    Attributes:
+        slack: m.
+        torque_share: of the torque limit.
+    """
+
+    slack: float
+    torque_share: float
+
+
+RESERVE = Reserve(slack=0.004, torque_share=0.02)
+
+
 class ExcitationProgram:
     """The program of one robot.
 
@@ -118,14 +152,9 @@ class ExcitationProgram:
         chain: of the robot whose torque is limited.
         bounds: of the motion.
         information: of the motion about the parameters.
-        measure: "condition_number" or "log_det".
-        base_frequency: Hz.
-        num_harmonics: H.
+        settings: None for all defaults.
         slack: of a posture; None where nothing can touch.
-        num_samples: of a period, for measure, linear limits, torque.
-        num_postures: of a period, at which the slack is held.
-        reserve: m of slack, and share of the torque limit, to spare at the samples, because both
-            change between them.
+        reserve: of slack and torque.
     """
 
     def __init__(
@@ -133,28 +162,25 @@ class ExcitationProgram:
         chain: SerialChain,
         bounds: MotionBounds,
         information: ExcitationInformation,
-        measure: Measure = "condition_number",
-        base_frequency: float = 0.1,
-        num_harmonics: int = 5,
+        settings: ProgramSettings | None = None,
         slack: SlackFunction | None = None,
-        num_samples: int = 80,
-        num_postures: int = 40,
-        reserve: tuple[float, float] = (0.004, 0.02),
+        reserve: Reserve = RESERVE,
     ) -> None:
+        settings = ProgramSettings() if settings is None else settings
         self.chain, self.bounds, self.information = chain, bounds, information
-        self.measure = measure
-        self.base_frequency, self.num_harmonics = base_frequency, num_harmonics
+        self.measure = settings.measure
+        self.base_frequency, self.num_harmonics = settings.base_frequency, settings.num_harmonics
         self._slack = slack
         self._reserve = reserve
         self._on_evaluation: Callable[[int, float], None] = lambda evaluations, cost: None
         self._evaluations = 0
-        H = num_harmonics
-        period = 1.0 / base_frequency
+        H, num_samples = settings.num_harmonics, settings.num_samples
+        period = 1.0 / settings.base_frequency
         # Harmonic k enters as k times its amplitude, so that all move the velocity alike.
         self._scale = np.concatenate([[1.0], 1.0 / np.arange(1, H + 1), 1.0 / np.arange(1, H + 1)])
         t = np.arange(num_samples) * period / num_samples
-        self._basis = [b * self._scale for b in fourier_basis(t, base_frequency, H)]
-        self._coarse = slice(0, None, max(1, num_samples // num_postures))
+        self._basis = [b * self._scale for b in fourier_basis(t, settings.base_frequency, H)]
+        self._coarse = slice(0, None, max(1, num_samples // settings.num_postures))
         self._share = between_samples(H, num_samples)
         self._torque_rows = slice(0, None, 2)
         self.program = MathematicalProgram()
@@ -268,7 +294,7 @@ class ExcitationProgram:
         if (np.abs(self.chain.inverse_dynamics(q, v, vdot)) > self.bounds.torque).any():
             return "torque"
         if self._slack is not None and any(
-            self._slack(row)[0] < self._reserve[0] for row in q[self._coarse]
+            self._slack(row)[0] < self._reserve.slack for row in q[self._coarse]
         ):
             return "clearance"
         return ""
@@ -294,11 +320,11 @@ class ExcitationProgram:
                 program.AddLinearConstraint(basis, -upper, upper, joint_x)
         all_x = x.ravel()
         upper = np.full(self.chain.num_joints * len(self._basis[0][self._torque_rows]), 1.0)
-        upper -= self._reserve[1]
+        upper -= self._reserve.torque_share
         program.AddConstraint(differentiable(self._torque), -upper, upper, all_x)
         if self._slack is not None:
             count = len(self._basis[0][self._coarse])
-            lower = np.full(count, self._reserve[0])
+            lower = np.full(count, self._reserve.slack)
             upper = np.full(count, np.inf)
             program.AddConstraint(differentiable(self._slacks), lower, upper, all_x)
         cost = differentiable(self._cost)

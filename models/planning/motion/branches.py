@@ -17,7 +17,10 @@ from eaik.pybindings.EAIK import Robot as EaikRobot
 from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.planning.motion.damped_least_squares import approach
+from wrenchsight.models.planning.motion.damped_least_squares import (
+    ApproachSettings,
+    approach,
+)
 from wrenchsight.models.planning.motion.path_postures import wrap_within
 from wrenchsight.models.robot.robot import Robot
 
@@ -25,8 +28,8 @@ _TOLERANCE = 1e-9  # m and rad, of the pose that a solution reaches
 _ROUNDING = 1e-13  # of that pose; not worth another step
 _PARALLEL = 1e-8  # rad; axes nearer than this are meant to be parallel
 _AT_LIMIT = 1e-10  # rad or m; what a solution exceeds a limit by in rounding
-_POLISH_STEPS = 6
-_SEARCH_STEPS = 100
+_POLISH = ApproachSettings(max_steps=6, aim=_ROUNDING)
+_SEARCH = ApproachSettings(max_steps=100, aim=_ROUNDING)
 _NUM_SEEDS = 12
 
 
@@ -105,7 +108,7 @@ def all_branches(
     if solver is not None:
         q, row = _from_closed_form(robot, solver, R, p)
         q = _nearest_to_middle(robot, q)
-        errors = approach(robot.chain, R[row], p[row], q, _POLISH_STEPS, _ROUNDING)
+        errors = approach(robot.chain, R[row], p[row], q, _POLISH)
         q = _nearest_to_middle(robot, q)
     else:
         starts = np.array(_starts(robot) if seeds is None else seeds, float)
@@ -114,7 +117,7 @@ def all_branches(
         q = np.ascontiguousarray(starts).reshape(-1, robot.num_joints).copy()
         q[~np.all(np.isfinite(q), axis=1)] = robot.home
         limits = lower, upper
-        errors = approach(robot.chain, R[row], p[row], q, _SEARCH_STEPS, _ROUNDING, limits=limits)
+        errors = approach(robot.chain, R[row], p[row], q, _SEARCH, limits)
     is_reached = errors < _TOLERANCE
     if turns_of is not None:
         q, row, is_reached = _with_turns(robot, q, row, is_reached, turns_of)

@@ -5,6 +5,7 @@ and vanishes with it, so that the last steps are Newton's own.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -76,26 +77,34 @@ def damped_step(J: Array, error: Array, damping: float, step: Array, A: Array) -
     return True
 
 
+class ApproachSettings(NamedTuple):
+    """Settings of `approach`.
+
+    Attributes:
+        max_steps: of each posture.
+        aim: rad and m, error below which a posture is left.
+        damped: False takes Newton's steps from the start.
+    """
+
+    max_steps: int
+    aim: float
+    damped: bool = True
+
+
 def approach(
     chain: SerialChain,
     R_WE: ArrayLike,
     p_WE: ArrayLike,
     q: Array,
-    max_steps: int,
-    aim: float,
-    *,
+    settings: ApproachSettings,
     limits: tuple[Array, Array] | None = None,
-    damped: bool = True,
 ) -> Array:
-    """Moves each q (M, n) in place towards its pose until its error is below `aim`.
+    """Moves each q (M, n) in place towards its pose until its error is below the aim.
 
     Args:
         R_WE, p_WE: (M, 3, 3), and (M, 3) in m.
         q: contiguous.
-        max_steps: of each.
-        aim: rad and m.
         limits: lower and upper (n,) bounds of each step.
-        damped: False takes Newton's steps from the start.
 
     Returns:
         (M,) the remaining errors, rad and m; inf where the chain is singular without damping, NaN
@@ -105,26 +114,38 @@ def approach(
     lower, upper = (-no_limit, no_limit) if limits is None else limits
     R = np.ascontiguousarray(R_WE, dtype=np.float64)
     p = np.ascontiguousarray(p_WE, dtype=np.float64)
-    _approach(
-        chain.table, np.array(lower), np.array(upper), R, p, q, max_steps, damped, aim, errors
-    )
+    bounds = _Bounds(np.array(lower), np.array(upper))
+    _approach(chain.table, _Goals(R, p), bounds, settings, q, errors)
     return errors
+
+
+class _Goals(NamedTuple):
+    """Poses of E in W to reach: R (M, 3, 3) and p (M, 3), m."""
+
+    R: Array
+    p: Array
+
+
+class _Bounds(NamedTuple):
+    """Bounds (n,) of the joints, rad or m."""
+
+    lower: Array
+    upper: Array
 
 
 @kernel(parallel=True)
 def _approach(
     table: Array,
-    lower: Array,
-    upper: Array,
-    R_goal: Array,
-    p_goal: Array,
+    goals: _Goals,
+    bounds: _Bounds,
+    settings: ApproachSettings,
     q: Array,
-    max_steps: int,
-    damped: bool,
-    aim: float,
     errors: Array,
 ) -> None:
+    """Writes q (M, n) and the remaining errors (M,), as `approach`."""
     M, n = q.shape
+    R_goal, p_goal, lower, upper = goals.R, goals.p, bounds.lower, bounds.upper
+    max_steps, aim, damped = settings.max_steps, settings.aim, settings.damped
     for b in prange((M + _BLOCK - 1) // _BLOCK):
         R, p, turn, J = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((6, n))
         error, step, A = np.empty(6), np.empty(n), np.empty((7, 6))

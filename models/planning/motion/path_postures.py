@@ -13,15 +13,19 @@ from numpy.typing import ArrayLike
 
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.ties import whole_turns
-from wrenchsight.models.planning.motion.damped_least_squares import approach
+from wrenchsight.models.planning.motion.damped_least_squares import (
+    ApproachSettings,
+    approach,
+)
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 
 _REACHED = 1e-11  # m and rad of the pose
 # Far from W's origin rounding may stand above the aim; an arm's length is not.
 _ARRIVED = 10.0 * _REACHED
 _SINGULAR = 1e-18  # added to J J^T, which may have no inverse
-_MAX_STEPS = 12  # of Newton's method from one point to the next: it doubles the digits each time
-_FAR_STEPS = 60  # of the damped method, from a start that may lie far off
+# From one point to the next: Newton's method doubles the digits each time.
+_NEXT_POINT = ApproachSettings(max_steps=12, aim=_REACHED, damped=False)
+_FAR = ApproachSettings(max_steps=60, aim=_REACHED)  # from a start that may lie far off
 
 
 def track_paths(
@@ -58,7 +62,7 @@ def track_paths(
             # The joints continue their last step.
             q_point = previous[rows] + step_ratio * (previous[rows] - last_but_one[rows])
             goal = p_WM[rows] + (i / k - 0.5) * path_length * n_W[rows]
-            errors = approach(chain, R_WE[rows], goal, q_point, _MAX_STEPS, _REACHED, damped=False)
+            errors = approach(chain, R_WE[rows], goal, q_point, _NEXT_POINT)
             step = np.abs(q_point - previous[rows])
             is_reached[rows] = (errors < _ARRIVED) & np.all(step <= max_joint_step, axis=1)
             last_but_one, previous = previous, previous.copy()
@@ -82,7 +86,7 @@ def solve_poses(
         and angles may have made whole turns.
     """
     q = np.array(q_start, dtype=np.float64)
-    return q, approach(chain, R_WE, p_WE, q, _FAR_STEPS, _REACHED) < _ARRIVED
+    return q, approach(chain, R_WE, p_WE, q, _FAR) < _ARRIVED
 
 
 def wrap_within(q: Array, lower: ArrayLike, upper: ArrayLike, prismatic: Flags) -> Array:
@@ -116,7 +120,7 @@ def correct_paths(
     p_WE = p_WM[:, np.newaxis] + along * n_W[:, np.newaxis]
     R = np.broadcast_to(R_WE[:, np.newaxis], (*q.shape[:2], 3, 3)).reshape(-1, 3, 3)
     flat = q.reshape(-1, q.shape[2])
-    errors = approach(chain, R, p_WE.reshape(-1, 3), flat, _MAX_STEPS, _REACHED, damped=False)
+    errors = approach(chain, R, p_WE.reshape(-1, 3), flat, _NEXT_POINT)
     q[:] = flat.reshape(q.shape)
     return np.asarray((errors < _ARRIVED).reshape(q.shape[:2]).all(axis=1))
 

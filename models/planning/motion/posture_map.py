@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.numerics.ties import SAME, first_of_least
@@ -43,13 +43,26 @@ class PostureMap:
     hits: Flags
 
 
+@dataclass(frozen=True)
+class ToolCone:
+    """The directions in which the tool may point.
+
+    Attributes:
+        axis_W: (3,) where the tool points in the cone's middle.
+        angle: between the cone's axis and its side, rad.
+        tool_axis_E: (3,) direction of the tool in E.
+    """
+
+    axis_W: ArrayLike
+    angle: float
+    tool_axis_E: ArrayLike = (0.0, 0.0, 1.0)
+
+
 def best_postures(
     robot: Robot,
     measure: PostureMeasure,
     p_WE: ArrayLike,
-    cone_axis_W: ArrayLike,
-    cone_angle: float,
-    tool_axis_E: ArrayLike = (0.0, 0.0, 1.0),
+    cone: ToolCone,
     progress: Callable[[float], None] = lambda fraction: None,
     is_free: Callable[[Array], bool] | None = None,
 ) -> PostureMap:
@@ -61,69 +74,107 @@ def best_postures(
 
     Args:
         p_WE: (N, 3) points, m.
-        cone_axis_W: (3,) where the tool points in the cone's middle.
-        cone_angle: between the cone's axis and its side, rad.
-        tool_axis_E: (3,) direction of the tool in E.
         is_free: whether the arm hits nothing at q (n,); other postures are passed over.
     """
     points = np.asarray(p_WE, dtype=np.float64).reshape(-1, 3)
-    axis = np.asarray(cone_axis_W, dtype=np.float64)
-    R_WC = frame_about(axis, "cone_axis_W")
-    R_ET = frame_about(np.asarray(tool_axis_E, dtype=np.float64))
-    turns = 1 if turns_with_last_joint(robot, tool_axis_E) else _TURNS
-    spread = _cap(_DIRECTIONS if cone_angle > 0.0 else 1, cone_angle)
-    N, n = len(points), robot.num_joints
-    best: Array = np.full(N, np.nan)
-    q: Array = np.full((N, n), np.nan)
-    is_reached = np.zeros(N, dtype=np.bool_)
-    tilt = np.zeros((N, 2))  # rotation vector of the tool from the cone's axis, in the cone's frame
-    turn = np.zeros(N)
-    rounds = 1 + (_REFINEMENTS if cone_angle > 0.0 or turns > 1 else 0)
-    size = cone_angle / math.sqrt(_DIRECTIONS)
+    search = _Search(robot, measure, points, cone, is_free)
+    turns = 1 if turns_with_last_joint(robot, cone.tool_axis_E) else _TURNS
+    spread = _cap(_DIRECTIONS if cone.angle > 0.0 else 1, cone.angle)
+    rounds = 1 + (_REFINEMENTS if cone.angle > 0.0 or turns > 1 else 0)
+    size = cone.angle / math.sqrt(_DIRECTIONS)
     turn_size = 2.0 * math.pi / turns
+    N = len(points)
     for index in range(rounds):
         if index == 0:
             rows = np.arange(N)
             tilts = np.tile(np.repeat(spread, turns, axis=0), (N, 1, 1))
             angles = np.tile(np.arange(turns) * turn_size, (N, len(spread)))
         else:
-            rows = np.flatnonzero(np.isfinite(best))
-            tilts, angles = _around(tilt[rows], turn[rows], size, turn_size, cone_angle, turns)
-            size, turn_size = 0.5 * size, 0.5 * turn_size
-        num_tries = tilts.shape[1]
-        per_block = max(1, _BLOCK // num_tries)
-        for start in range(0, len(rows), per_block):
-            block_rows = rows[start : start + per_block]
-            part = slice(start, start + per_block)
-            R = R_WC @ _tilted(tilts[part], angles[part]) @ R_ET.T
-            p = np.repeat(points[block_rows], num_tries, axis=0)
-            postures = all_branches(robot, R.reshape(-1, 3, 3), p)
-            is_posture = np.isfinite(postures[..., 0])
-            block_values: Array = np.full(is_posture.shape, np.inf)
-            block_values[is_posture] = measure.values(postures[is_posture])
-            values = block_values.reshape(len(block_rows), -1)
-            postures = postures.reshape(len(block_rows), -1, n)
-            if values.shape[1] == 0:
-                continue
-            is_reached[block_rows] |= np.isfinite(values).any(axis=1)
-            if is_free is not None:
-                _pass_over_hits(values, postures, best[block_rows], is_free)
-            choice = first_of_least(values)
-            indices = np.arange(len(block_rows))
-            lowest = values[indices, choice]
-            is_better = lowest < np.where(
-                np.isnan(best[block_rows]), np.inf, best[block_rows] * (1.0 - SAME)
+            rows = np.flatnonzero(np.isfinite(search.best))
+            tilts, angles = _around(
+                search.tilt[rows], search.turn[rows], size, turn_size, cone.angle, turns
             )
-            target, source = block_rows[is_better], indices[is_better]
-            pose = choice[is_better] // (values.shape[1] // num_tries)
-            best[target] = lowest[is_better]
-            q[target] = postures[source, choice[is_better]]
-            tilt[target] = tilts[part][source, pose]
-            turn[target] = angles[part][source, pose]
-            progress((index + (start + len(block_rows)) / max(len(rows), 1)) / rounds)
-    direction = (R_WC @ _tilted(tilt, turn))[..., 2]
-    direction[np.isnan(best)] = np.nan
-    return PostureMap(points, best, direction, q, is_reached & np.isnan(best))
+            size, turn_size = 0.5 * size, 0.5 * turn_size
+        per_block = max(1, _BLOCK // tilts.shape[1])
+        for start in range(0, len(rows), per_block):
+            block = slice(start, start + per_block)
+            search.try_orientations(rows[block], tilts[block], angles[block])
+            progress((index + min(start + per_block, len(rows)) / len(rows)) / rounds)
+    return search.result()
+
+
+class _Search:
+    """The best posture so far at each of N points.
+
+    Args:
+        points: (N, 3) m.
+        is_free: as in `best_postures`.
+
+    Attributes:
+        best: (N,) smallest measure; NaN where there is none yet.
+        tilt: (N, 2) rotation vector of the tool there from the cone's axis, in the cone's frame.
+        turn: (N,) rad of the tool there about its axis.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        measure: PostureMeasure,
+        points: Array,
+        cone: ToolCone,
+        is_free: Callable[[Array], bool] | None,
+    ) -> None:
+        self._robot, self._measure, self._is_free = robot, measure, is_free
+        self._points = points
+        self._R_WC = frame_about(np.asarray(cone.axis_W, dtype=np.float64), "cone_axis_W")
+        self._R_ET = frame_about(np.asarray(cone.tool_axis_E, dtype=np.float64))
+        N = len(points)
+        self.best: Array = np.full(N, np.nan)
+        self.tilt, self.turn = np.zeros((N, 2)), np.zeros(N)
+        self._q: Array = np.full((N, robot.num_joints), np.nan)
+        self._is_reached = np.zeros(N, dtype=np.bool_)
+
+    def try_orientations(self, rows: NDArray[np.intp], tilts: Array, angles: Array) -> None:
+        """Tries D orientations at each of M points, on all branches.
+
+        Args:
+            rows: (M,) of the points.
+            tilts: (M, D, 2), as `tilt`.
+            angles: (M, D), as `turn`.
+        """
+        num_tries = tilts.shape[1]
+        R = self._R_WC @ _tilted(tilts, angles) @ self._R_ET.T
+        p = np.repeat(self._points[rows], num_tries, axis=0)
+        postures = all_branches(self._robot, R.reshape(-1, 3, 3), p)
+        is_posture = np.isfinite(postures[..., 0])
+        all_values: Array = np.full(is_posture.shape, np.inf)
+        all_values[is_posture] = self._measure.values(postures[is_posture])
+        values = all_values.reshape(len(rows), -1)
+        postures = postures.reshape(len(rows), -1, self._robot.num_joints)
+        if values.shape[1] == 0:
+            return
+        best = self.best[rows]
+        self._is_reached[rows] |= np.isfinite(values).any(axis=1)
+        if self._is_free is not None:
+            _pass_over_hits(values, postures, best, self._is_free)
+        choice = first_of_least(values)
+        indices = np.arange(len(rows))
+        lowest = values[indices, choice]
+        is_better = lowest < np.where(np.isnan(best), np.inf, best * (1.0 - SAME))
+        target, source = rows[is_better], indices[is_better]
+        pose = choice[is_better] // (values.shape[1] // num_tries)
+        self.best[target] = lowest[is_better]
+        self._q[target] = postures[source, choice[is_better]]
+        self.tilt[target] = tilts[source, pose]
+        self.turn[target] = angles[source, pose]
+
+    def result(self) -> PostureMap:
+        """The map of what was tried so far."""
+        direction = (self._R_WC @ _tilted(self.tilt, self.turn))[..., 2]
+        is_empty = np.isnan(self.best)
+        direction[is_empty] = np.nan
+        hits = self._is_reached & is_empty
+        return PostureMap(self._points, self.best, direction, self._q, hits)
 
 
 def _pass_over_hits(values: Array, q: Array, best: Array, is_free: Callable[[Array], bool]) -> None:

@@ -11,7 +11,7 @@ where J_i = [w_i; v_i] is the column of joint i, at E in axes of W (a prismatic 
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -153,9 +153,13 @@ class ForceSd:
                 f"is of {reconstruction.num_joints} joints, the arm has {chain.num_joints}",
             )
         self._chain = chain
-        self._reconstruction = reconstruction
-        self._precision = np.linalg.inv(reconstruction.torque_covariance)
-        self._inverse = config.method == "inverse"
+        self._reading = _Reading(
+            settings=reconstruction.table,
+            covariance_tau=reconstruction.torque_covariance,
+            precision_tau=np.linalg.inv(reconstruction.torque_covariance),
+            is_inverse=config.method == "inverse",
+            work=reconstruction.scratch(),
+        )
 
     def values(self, q: ArrayLike) -> Array:
         """The measure (...) at q (..., n), N."""
@@ -163,20 +167,9 @@ class ForceSd:
 
     def values_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
         """The measure (...), N, and its gradient (..., n) at q (..., n)."""
-        reconstruction = self._reconstruction
 
         def run(rows: Array, values: Array, gradients: Array) -> None:
-            _force_sd_rows(
-                self._chain.table,
-                reconstruction.table,
-                reconstruction.torque_covariance,
-                self._precision,
-                self._inverse,
-                reconstruction.scratch(),
-                rows,
-                values,
-                gradients,
-            )
+            _force_sd_rows(self._chain.table, self._reading, rows, values, gradients)
 
         return _of_rows(self._chain, q, run)
 
@@ -335,19 +328,48 @@ def _smooth_rows(table: Array, sharpness: float, q: Array, values: Array, gradie
         contract(J, G, gradients[k])
 
 
+class _Reading(NamedTuple):
+    """How a wrench is read.
+
+    Attributes:
+        settings: WrenchReconstruction.table.
+        covariance_tau, precision_tau: (n, n) Sigma_tau, N^2 m^2, and its inverse.
+        is_inverse: whether the method is "inverse".
+        work: of WrenchReconstruction.scratch. It is not written: every thread has a copy.
+    """
+
+    settings: Array
+    covariance_tau: Array
+    precision_tau: Array
+    is_inverse: bool
+    work: Array
+
+
+class _Reconstructed(NamedTuple):
+    """The torques `tau` (n,), all zero, and what `reconstruct` writes for them."""
+
+    tau: Array
+    wrench: Array
+    covariance: Array
+    quality: Array
+    work: Array
+
+
 @kernel
-def _posterior_trace(
-    settings: Array,
-    precision: Array,
-    J: Array,
-    G: Array,
-    unused: tuple[Array, Array, Array, Array],
-    work: Array,
-) -> float:
+def _posterior_trace(reading: _Reading, J: Array, G: Array, reconstructed: _Reconstructed) -> float:
     """Trace of the force block of Sigma_F of the Gaussian posterior, and its G (6, n)."""
     n = J.shape[1]
-    wrench, covariance, quality, tau = unused
-    reconstruct(settings, J, tau, wrench, covariance, quality, work)
+    precision = reading.precision_tau
+    covariance, work = reconstructed.covariance, reconstructed.work
+    reconstruct(
+        reading.settings,
+        J,
+        reconstructed.tau,
+        reconstructed.wrench,
+        covariance,
+        reconstructed.quality,
+        work,
+    )
     # Sigma_F E Sigma_F J Sigma_tau^-1, from the right.
     for i in range(6):
         for k in range(n):
@@ -419,28 +441,25 @@ def _inverse_trace(covariance_tau: Array, J: Array, G: Array, B: Array, Q: Array
 
 @kernel(nogil=True)
 def _force_sd_rows(
-    table: Array,
-    settings: Array,
-    covariance_tau: Array,
-    precision: Array,
-    inverse: bool,
-    scratch_like: Array,
-    q: Array,
-    values: Array,
-    gradients: Array,
+    table: Array, reading: _Reading, q: Array, values: Array, gradients: Array
 ) -> None:
     n = q.shape[1]
     scratch = np.empty((n, SCRATCH_COLUMNS))
     J, B, G = np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
     Q, R_WE, p_WE = np.empty((6, 6)), np.empty((3, 3)), np.empty(3)
-    unused = (np.empty(6), np.empty((6, 6)), np.empty(2), np.zeros(n))
-    work = np.zeros_like(scratch_like)
+    reconstructed = _Reconstructed(
+        tau=np.zeros(n),
+        wrench=np.empty(6),
+        covariance=np.empty((6, 6)),
+        quality=np.empty(2),
+        work=np.zeros_like(reading.work),
+    )
     for k in range(q.shape[0]):
         pose_and_jacobian(table, q[k], R_WE, p_WE, J, scratch)
-        if inverse:
-            trace = _inverse_trace(covariance_tau, J, G, B, Q)
+        if reading.is_inverse:
+            trace = _inverse_trace(reading.covariance_tau, J, G, B, Q)
         else:
-            trace = _posterior_trace(settings, precision, J, G, unused, work)
+            trace = _posterior_trace(reading, J, G, reconstructed)
         contract(J, G, gradients[k])
         value = math.sqrt(trace)
         values[k] = min(value, _UNREADABLE)

@@ -428,22 +428,13 @@ def _cheapest(
     turn = float(np.sum(problem.max_step[~problem.robot.chain.prismatic]))
     turn += float(np.max(np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1, 1))))
     window = min(K // 2, math.ceil(turn / (2.0 * math.pi / max(problem.num_angles, 1))))
+    step_costs = _StepCosts(problem.max_step, free, smoothness * (N - 1), window)
     parent = np.full((N, K, B), -1, dtype=np.int32)
     value = cost[0].copy()
     for i in range(1, N):
         next_value = np.full((K, B), np.inf)
-        _advance(
-            grid.q[i - 1],
-            grid.q[i],
-            value,
-            cost[i],
-            problem.max_step,
-            free,
-            smoothness * (N - 1),
-            window,
-            next_value,
-            parent[i],
-        )
+        layers = _Layers(grid.q[i - 1], grid.q[i], value, cost[i])
+        _advance(layers, step_costs, next_value, parent[i])
         if not np.any(np.isfinite(next_value)):
             raise InputError(
                 problem.path.source,
@@ -486,20 +477,45 @@ def _turns_freely(robot: Robot) -> NDArray[np.bool_]:
     return np.asarray(~robot.chain.prismatic & (span > 4.0 * math.pi - 0.1))
 
 
+class _Layers(NamedTuple):
+    """The candidates of two successive samples.
+
+    Attributes:
+        q_previous, q_now: (K, B, n) rad or m.
+        value: (K, B) of the cheapest trajectory to each previous candidate; inf where none.
+        cost: (K, B) of each candidate now; inf where there is none.
+    """
+
+    q_previous: Array
+    q_now: Array
+    value: Array
+    cost: Array
+
+
+class _StepCosts(NamedTuple):
+    """The steps that are allowed from one sample to the next, and what they cost.
+
+    Attributes:
+        max_step: (n,) rad or m.
+        free: (n,) whether the joint turns freely.
+        weight: cost of a squared step, per rad^2.
+        window: angles of the grid to both sides that a step may reach.
+    """
+
+    max_step: Array
+    free: Flags
+    weight: float
+    window: int
+
+
 @kernel(parallel=True)
 def _advance(
-    q_previous: Array,
-    q_now: Array,
-    value: Array,
-    cost: Array,
-    max_step: Array,
-    free: Flags,
-    weight: float,
-    window: int,
-    next_value: Array,
-    parent: NDArray[np.int64],
+    layers: _Layers, step_costs: _StepCosts, next_value: Array, parent: NDArray[np.int32]
 ) -> None:
     """Takes one step of the dynamic program: writes next_value (K, B) and parent (K, B)."""
+    q_previous, q_now, value, cost = layers.q_previous, layers.q_now, layers.value, layers.cost
+    max_step, free = step_costs.max_step, step_costs.free
+    weight, window = step_costs.weight, step_costs.window
     K, B, n = q_now.shape
     for k in prange(K):
         for b in range(B):

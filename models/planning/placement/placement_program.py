@@ -306,8 +306,8 @@ class PlacementProgram:
         """The pose constraints (6 (k + 1),), m and rad, and their gradient (6 (k + 1), len(x))."""
         errors = np.empty(6 * (self.num_segments + 1))
         gradient = np.zeros((len(errors), len(x)))
-        q, n_W, p_WM, Q = self._split(np.asarray(x, dtype=np.float64))
-        _pose_constraints(self.chain.table, q, n_W, p_WM, Q, self.path_length, errors, gradient)
+        x = np.asarray(x, dtype=np.float64)
+        _pose_constraints(self.chain.table, x, self.path_length, errors, gradient)
         return errors, gradient
 
     def violation(self, placement: Placement) -> float:
@@ -480,22 +480,23 @@ def _off_surface(x: Array) -> tuple[Array, Array]:
 
 @kernel
 def _pose_constraints(
-    table: Array,
-    q: Array,
-    n_W: Array,
-    p_WM: Array,
-    Q: Array,
-    path_length: float,
-    errors: Array,
-    gradient: Array,
+    table: Array, variables: Array, path_length: float, errors: Array, gradient: Array
 ) -> None:
-    """Writes the pose errors and their gradient.
+    """Writes the pose errors (6 (k + 1),) and their gradient (6 (k + 1), len(variables)).
 
     Rows 6 i to 6 i + 2: 2 Im(conj(Q) Q_WE(q_i)); 6 i + 3 to 6 i + 5: p_WE(q_i) - p_i.
+
+    Args:
+        table: SerialChain.table.
+        variables: in the order of `PlacementProgram.pack`.
+        path_length: m.
     """
-    count, n = q.shape
+    n = table.shape[0] - 1
+    count = errors.shape[0] // 6
     k = count - 1
     path_column = count * n
+    q, n_W = variables[:path_column].reshape(count, n), variables[path_column : path_column + 3]
+    p_WM, Q = variables[path_column + 3 : path_column + 6], variables[path_column + 6 :]
     R, p, J = np.empty((3, 3)), np.empty(3), np.empty((6, n))
     scratch = np.empty((n, SCRATCH_COLUMNS))
     E = np.empty(4)

@@ -3,6 +3,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrenchsight.models.control.impedance import (
+    DesiredPose,
+    ForceGains,
+    SpringDamper,
     impedance_action,
     impedance_law,
     impedance_torque,
@@ -19,9 +22,12 @@ NO_DIRECTION = np.zeros(3)
 NOTHING = np.zeros((6, 6))
 
 
-def law(n=6, friction=None, **options):
+def law(spring_damper, n=6, friction=None, **options):
     table = np.zeros((n, 7)) if friction is None else friction
-    return impedance_law(effort_limit=np.full(n, 1e6), friction=table, **options)
+    effort_limit = np.full(n, 1e6)
+    return impedance_law(
+        effort_limit=effort_limit, friction=table, spring_damper=spring_damper, **options
+    )
 
 
 def terms(n=6, **values):
@@ -34,11 +40,13 @@ def terms(n=6, **values):
 def wrench(in_E, K, R_WE, p_WE, R_WD, p_WD, V_WE=0.0, V_WD=None, B=NOTHING, d=NO_DIRECTION):
     out = np.empty(6)
     impedance_wrench(
-        law(in_E=in_E, stiffness=K, damping=B),
+        law(SpringDamper(K, B, in_E)),
         terms(R_WE=R_WE, p_WE=p_WE, V_WE=V_WE),
-        np.ascontiguousarray(R_WD),
-        np.asarray(p_WD, float),
-        np.zeros(6) if V_WD is None else np.asarray(V_WD, float),
+        DesiredPose(
+            np.ascontiguousarray(R_WD),
+            np.asarray(p_WD, float),
+            np.zeros(6) if V_WD is None else np.asarray(V_WD, float),
+        ),
         d,
         out,
     )
@@ -105,7 +113,7 @@ def test_null_space_damping_does_not_reach_the_tool():
     M, J = half @ half.T + np.eye(n), RANDOM.normal(size=(6, n))
     v = RANDOM.normal(size=n)
     tau = np.empty(n)
-    damped = law(n, null_space_damping=4.0)
+    damped = law(SpringDamper(null_space_damping=4.0), n)
     impedance_torque(damped, terms(n, M=M, J=J, v=v), np.zeros(3 * n), np.zeros(6), tau)
     # no acceleration of E, and it takes energy
     np.testing.assert_allclose(J @ np.linalg.solve(M, tau), 0, atol=1e-6)
@@ -130,15 +138,10 @@ def test_an_action_is_torque_error_and_integral(is_active, in_E, valid):
     integral, setpoint = 0.2, 40.0
     coulomb_viscous = CoulombViscous(np.ones(n), np.ones(n), np.zeros(n))
     controller = law(
+        SpringDamper(stiffness=A, damping=B, in_E=in_E),
         friction=SemiParametricFriction(coulomb_viscous).table,
-        in_E=in_E,
-        stiffness=A,
-        damping=B,
-        force_gains=(0.6, 60.0, 1e3),
-        direction=direction,
-        direction_in_E=True,
+        force=ForceGains(0.6, 60.0, 1e3, direction, in_E=True),
         time_step=T,
-        has_force=True,
     )
     arm = terms(M=M, Cv=Cv, G=G, J=J, R_WE=R_WE, p_WE=p_WE, V_WE=V_WE, v=v)
     pose = np.concatenate([R_WD.ravel(), p_WD, V_WD])
@@ -149,7 +152,7 @@ def test_an_action_is_torque_error_and_integral(is_active, in_E, valid):
     d_W = R_WE @ direction
     free, blind = np.empty(6), np.empty(6)
     for out, along in ((free, np.zeros(3)), (blind, d_W)):
-        impedance_wrench(controller, arm, R_WD, p_WD, V_WD, along, out)
+        impedance_wrench(controller, arm, DesiredPose(R_WD, p_WD, V_WD), along, out)
     error = setpoint - d_W @ wrench[3:] if valid else 0.0
     if is_active:
         blind[3:] -= (setpoint + 0.6 * error + 60.0 * integral) * d_W

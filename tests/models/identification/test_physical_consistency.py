@@ -12,6 +12,7 @@ from wrenchsight.models.identification.physical_consistency import (
     unphysical_links,
 )
 from wrenchsight.models.identification.torque_regression import (
+    JointMotion,
     RegressionRows,
     parameter_names,
     parameter_prior,
@@ -69,7 +70,9 @@ def problem(sts):
     powers = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
     truth[: 10 * n] *= (mass[:, None] * size[:, None] ** powers).ravel()
     truth[10 * n :] = np.tile([1.0, 5.0, 4.0, 0.2], n)
-    rows = RegressionRows.of(sts.chain, q, v, vdot, np.zeros_like(q), lambda x: x, np.arange(600))
+    rows = RegressionRows.of(
+        sts.chain, JointMotion(q, v, vdot), np.zeros_like(q), lambda x: x, np.arange(600)
+    )
     friction = rows.friction_rows(structure.columns(q, v, np.zeros_like(q)))
     tau = -rows.residual(friction, truth)
     noisy = tau + rng.normal(scale=2.0, size=tau.shape)

@@ -7,6 +7,7 @@ import pytest
 from wrenchsight.models.friction.velocity_friction import CoulombViscous
 from wrenchsight.models.identification.base_parameters import find_base_parameters
 from wrenchsight.models.identification.torque_regression import (
+    JointMotion,
     factorise,
     parameter_names,
     realisation,
@@ -64,7 +65,7 @@ def problem(sts):
     _, q, v, vdot = motion(sts.num_joints)
     tau = torque(sts, x, q, v, vdot)
     rows = np.arange(0, len(q), 3)
-    factors = factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)
+    factors = factorise(sts.chain, JointMotion(q, v, vdot), tau, unfiltered, rows)
     base = find_base_parameters(factors.regressor, parameter_names(sts.joint_names))
     return x, tau, rows, factors, base
 
@@ -94,8 +95,11 @@ def test_two_halves_are_one_log(sts, problem):
     noise = np.random.default_rng(5).normal(size=q.shape)
     tau = torque(sts, x, q, v, vdot) + noise
     rows = np.arange(len(q))
-    parts = [factorise(sts.chain, q, v, vdot, tau, unfiltered, half) for half in np.split(rows, 2)]
-    whole = factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)
+    parts = [
+        factorise(sts.chain, JointMotion(q, v, vdot), tau, unfiltered, half)
+        for half in np.split(rows, 2)
+    ]
+    whole = factorise(sts.chain, JointMotion(q, v, vdot), tau, unfiltered, rows)
     of_whole, of_parts = solve([whole], base, 3), solve(parts, base, 3)
     np.testing.assert_allclose(of_parts.values, of_whole.values, atol=1e-9)
     np.testing.assert_allclose(
@@ -114,14 +118,18 @@ def test_standard_deviations_and_weights_are_those_of_the_noise(sts, problem):
     errors = []
     for _ in range(4):
         tau = clean + sd * rng.normal(size=clean.shape)
-        estimate = solve([factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)], base, 4)
+        estimate = solve(
+            [factorise(sts.chain, JointMotion(q, v, vdot), tau, unfiltered, rows)], base, 4
+        )
         # 1500 samples: the sd of a sd is 1.8 %; four of those.
         np.testing.assert_allclose(estimate.residual_sd, sd, rtol=0.08)
         errors.append((estimate.values - base.combination @ x) / estimate.standard_deviations)
     # About 230 unit Gaussians, nearly independent: their RMS is 1 within 0.05.
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.15)
     # Twice as many rows as independent samples: twice the variance.
-    slower = solve([factorise(sts.chain, q, v, vdot, tau, unfiltered, rows)], base, 4, 2.0)
+    slower = solve(
+        [factorise(sts.chain, JointMotion(q, v, vdot), tau, unfiltered, rows)], base, 4, 2.0
+    )
     np.testing.assert_allclose(
         slower.standard_deviations, np.sqrt(2.0) * estimate.standard_deviations, rtol=1e-9
     )

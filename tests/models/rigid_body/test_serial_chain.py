@@ -34,6 +34,7 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.rigid_body.chain_kernels import (
     SCRATCH_COLUMNS,
+    JointDynamics,
     dynamics_terms,
     observer_terms,
 )
@@ -306,10 +307,10 @@ def test_terms_agree_with_the_separate_methods_bit_for_bit(case: Case) -> None:
         # Gravity alone takes a shorter way.
         assert_close(chain.gravity_torque(q[k]), G[k], "G")
         n = len(q[k])
-        Cv, weight, M = np.empty(n), np.empty(n), np.empty((n, n))
-        dynamics_terms(chain.table, q[k], v[k], Cv, weight, M, np.empty((n, SCRATCH_COLUMNS)))
-        for own, of_all in ((Cv, terms.Cv), (weight, terms.G), (M, terms.M)):
-            assert np.array_equal(own, of_all)
+        dynamics = JointDynamics(np.empty((n, n)), np.empty(n), np.empty(n), q[k], v[k])
+        dynamics_terms(chain.table, dynamics, np.empty((n, SCRATCH_COLUMNS)))
+        for name in ("M", "Cv", "G"):
+            assert np.array_equal(getattr(dynamics, name), getattr(terms, name))
 
 
 @njit

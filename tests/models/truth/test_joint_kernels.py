@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
+from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.truth.joint_kernels import (
     DAMPER,
     DAMPING,
@@ -31,7 +32,6 @@ from wrenchsight.models.truth.joint_kernels import (
     EncoderSample,
     JointInputs,
     JointMemory,
-    Links,
     encoder_reading,
     joint_tick,
     spring_torque,
@@ -94,7 +94,7 @@ class Bench:
         after = np.empty_like(self.state)
         zero = np.zeros(1)
         joint_tick(
-            self.joints.table, H, Links(self.M, zero, self.G, self.q, self.v),
+            self.joints.table, H, JointDynamics(self.M, zero, self.G, self.q, self.v),
             JointInputs(np.array([float(command)]), np.array([float(tau_ext)]), self.noise()),
             JointMemory(self.state, after, self.signals, tick_work(self.state)),
         )  # fmt: skip
@@ -378,7 +378,7 @@ def test_the_gear_bends_like_a_damped_oscillator():
     assert d[-1] == pytest.approx(10.0 / stiffness, rel=1e-4)
     q, v = np.empty(1), np.empty(1)
     zero = np.zeros(1)
-    links = Links(bench.M, zero, bench.G, bench.q, bench.v)
+    links = JointDynamics(bench.M, zero, bench.G, bench.q, bench.v)
     encoder_reading(joints.table, bench.state, links, EncoderSample(True, 0, 0), q, v)
     assert q[0] == bench.q[0] + bench.state[DEFLECTION, 0]
     assert v[0] == bench.v[0] + bench.state[RATE, 0]
@@ -428,7 +428,7 @@ def test_before_its_first_tick_a_gear_is_bent_by_the_weight():
     joints = one_joint(drive=(1.0, 0.0, 1e-4, 50.0))
     q, v = np.empty(1), np.empty(1)
     state, zero = joints.initial_state(), np.zeros(1)
-    links = Links(np.eye(1), zero, np.array([30.0]), zero, zero)
+    links = JointDynamics(np.eye(1), zero, np.array([30.0]), zero, zero)
     encoder_reading(joints.table, state, links, EncoderSample(True, 0, 0), q, v)
     assert q[0] == pytest.approx(3e-3)
 
@@ -436,7 +436,7 @@ def test_before_its_first_tick_a_gear_is_bent_by_the_weight():
 def test_encoders_step_and_velocities_are_noisy_by_the_seed():
     joints = one_joint(drive=(1.0, 0.0, 0.0, 50.0, 1e-4, 0.02, 0.0))
     q, v, zero = np.empty(1), np.empty(1), np.zeros(1)
-    links = Links(np.eye(1), zero, zero, np.array([0.12344]), zero)
+    links = JointDynamics(np.eye(1), zero, zero, np.array([0.12344]), zero)
     read = {}
     for seed in (1, 2, 1):
         values = []

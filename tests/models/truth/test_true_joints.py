@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.robot.robot import Robot, bundled_robots
 from wrenchsight.models.robot.truth_config import (
     ElasticityConfig,
@@ -33,7 +34,6 @@ from wrenchsight.models.truth.joint_kernels import (
     EncoderSample,
     JointInputs,
     JointMemory,
-    Links,
     encoder_reading,
     joint_tick,
     tick_work,
@@ -128,13 +128,13 @@ def test_a_push_that_bends_the_gears_leaves_the_motors_where_they_are(robot, sli
         joint_tick(
             joints.table,
             1e-3,
-            Links(M, zero, zero, q, v),
+            JointDynamics(M, zero, zero, q, v),
             JointInputs(zero, tau_ext, np.zeros(2 * n)),
             JointMemory(state, after, signals, tick_work(state)),
         )
         v = v + 1e-3 * (signals[TAU_J] + signals[TORQUE] + tau_ext)
         q, state = q + 1e-3 * v, after
-        links = Links(M, zero, zero, q, v)
+        links = JointDynamics(M, zero, zero, q, v)
         encoder_reading(joints.table, state, links, EncoderSample(True, 0, k), q_read, v_read)
         motor.append(q_read.copy())
     bent = 2.0 * push / 1e4  # to and fro, of the links

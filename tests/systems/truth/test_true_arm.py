@@ -34,6 +34,7 @@ from wrenchsight.models.machining.machining_process import (
     joint_vibration,
 )
 from wrenchsight.models.machining.process_variations import WorkpieceContact
+from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.current_measurement import measure_current
 from wrenchsight.models.signals.gaussian_noise import gaussian_noise
@@ -45,7 +46,6 @@ from wrenchsight.models.truth.joint_kernels import (
     EncoderSample,
     JointInputs,
     JointMemory,
-    Links,
     encoder_reading,
     joint_tick,
     tick_work,
@@ -123,7 +123,7 @@ def by_kernel(joints, terms, state, tau_ext, tick=0):
     joint_tick(
         joints.table,
         T,
-        Links(terms.M, terms.Cv, terms.G, terms.q, terms.v),
+        JointDynamics(terms.M, terms.Cv, terms.G, terms.q, terms.v),
         JointInputs(COMMAND, tau_ext, noise),
         JointMemory(state, after, signals, tick_work(state)),
     )
@@ -189,7 +189,7 @@ def test_encoders_read_with_the_noise_of_the_tick(robot, joints):
         encoder_reading(
             joints.table,
             joints.initial_state(),
-            Links(work.terms.M, work.terms.Cv, work.terms.G, robot.home, V),
+            JointDynamics(work.terms.M, work.terms.Cv, work.terms.G, robot.home, V),
             EncoderSample(True, SEED + VELOCITY_STREAM, tick),
             q,
             v,

@@ -16,6 +16,7 @@ from wrenchsight.models.planning.excitation.excitation_program import (
     UNSTATED_SPEED,
     ExcitationProgram,
     MotionBounds,
+    ProgramSettings,
     torque_gradients,
 )
 
@@ -109,7 +110,7 @@ def test_a_joint_that_stays_is_named(information):
 def test_random_and_solved_motions_keep_all_limits(sts, information):
     limits = ExcitationLimits(acceleration=[6.0], velocity_share=0.3, torque_share=0.4)
     bounds = MotionBounds.of_robot(sts, limits)
-    program = ExcitationProgram(sts.chain, bounds, information, num_samples=40)
+    program = ExcitationProgram(sts.chain, bounds, information, ProgramSettings(num_samples=40))
     start = program.random_feasible(np.random.default_rng(0))
     solution = program.solve(start, iterations=12)
     for series in (start, solution.trajectory):
@@ -149,7 +150,7 @@ def test_limits_without_room_are_one_line(sts, limits, message):
 
 def test_torque_that_cannot_even_hold_the_arm(sts, information):
     bounds = MotionBounds.of_robot(sts, ExcitationLimits(torque_share=0.002))
-    program = ExcitationProgram(sts.chain, bounds, information, num_samples=40)
+    program = ExcitationProgram(sts.chain, bounds, information, ProgramSettings(num_samples=40))
     with pytest.raises(InputError, match="torque: no trajectory found"):
         program.random_feasible(np.random.default_rng(0), num_draws=5)
 
