@@ -37,8 +37,8 @@ SETTINGS = (
 def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
     """Run experiments in many worlds, and show the spread of their figures.
 
-    A world is a draw of what the simulated arm truly is. What is finished is kept: after an
-    interruption, or to add worlds or experiments, run the same again.
+    A world is a random draw of the simulated arm's true parameters. Finished worlds are kept: run
+    the same command again after an interruption, or to add worlds or experiments.
     """
     from wrenchsight.analyses.campaign.campaign import COMMAND, run_campaign
     from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures

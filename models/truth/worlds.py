@@ -1,4 +1,4 @@
-"""A world: one draw of what a simulated arm truly is, of its seeds and of its calibration's error.
+"""A world: one random draw of a simulated arm's true parameters, seeds and calibration error.
 
 A campaign runs experiments in many worlds, so that a figure is a distribution and not one seed's.
 World `number` of a campaign's seed is the same on every machine and whatever else is drawn:

@@ -15,7 +15,8 @@ class SimulateSettings:
     # touches the arm
     model: str | None = None  # model.yaml that controller and estimator know
     truth: str = "own"
-    # what the arm truly is: as its robot.yaml has it, or with plain friction alone, all else exact
+    # the simulated arm: own: with the true parameters of its robot.yaml; plain: with plain friction
+    # alone, all else exact
     seed: int | None = None  # another seed than the scenario's
     duration_s: float | None = None  # s, another duration than the scenario's
     quick: bool = False  # at most a second: to try things out
