@@ -56,7 +56,8 @@ def _print(result: "PlacementResult", out: Path) -> None:
     table = new_table("", *names.values())
     for solution in ("initial", "optimised", "free"):
         if solution in metrics:
-            table.add_row(solution, *(f"{metrics[solution][name]:.4f}" for name in names))
+            cells = [f"{metrics[solution][name]:.4f}" for name in names]
+            table.add_row(solution, *cells)
     optimised = metrics["optimised"]
     optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
     show(

@@ -88,7 +88,8 @@ def test_identify_does_not_overwrite_the_robot_that_it_loads(tmp_path, log):
 def test_estimate_does_not_overwrite_what_it_reads(X, log, read, words):
     before = _files(X)
     places = {"LOG": log, read: X / read}
-    line = refused("estimate", *(places.get(word, word) for word in words), "--out", X)
+    arguments = [places.get(word, word) for word in words]
+    line = refused("estimate", *arguments, "--out", X)
     assert line.startswith(f"{X / read}: is read by this command")
     assert _files(X) == before
 

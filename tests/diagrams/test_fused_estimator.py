@@ -25,9 +25,8 @@ ROWS = 400
 def friction(name):
     rng = np.random.default_rng(7)
     sliding = CoulombViscous(np.full(N, 5.0), np.full(N, 4.0), np.full(N, 0.1))
-    networks = FrictionNetworks(
-        *(rng.normal(size=(N, 5)) for _ in range(3)), rng.normal(size=N), np.full(N, 0.1)
-    )
+    layers = rng.normal(size=(3, N, 5))
+    networks = FrictionNetworks(*layers, rng.normal(size=N), np.full(N, 0.1))
     if name == "coulomb-viscous":
         return SemiParametricFriction(sliding)
     if name == "semi-parametric":
@@ -121,7 +120,8 @@ def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, la
 def test_torque_of_the_present_tick(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     configuration = config(torque_samples="trapezoidal")
-    assert_same(*(played(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
+    stages = played(sts_reversed, model, configuration, log, fused=False)
+    assert_same(stages, played(sts_reversed, model, configuration, log, fused=True))
 
 
 PARAMETERS = {
@@ -212,5 +212,6 @@ def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log, both_fi
     estimator = WrenchEstimator(sts_reversed, model, config())
     for which in range(2):
         rows = slice(100 * which, 100 * which + 60)
-        batch = estimator.run(estimator.initial_state(), *(signal[rows] for signal in log))
+        samples = [signal[rows] for signal in log]
+        batch = estimator.run(estimator.initial_state(), *samples)
         np.testing.assert_allclose(read[which], batch.wrench, rtol=0.0, atol=1e-9)

@@ -79,11 +79,12 @@ def test_every_engine_reads_the_same(
     model, log = model_of(sts, with_error), samples(sts)
     estimator = WrenchEstimator(sts, model, config)
     state = estimator.initial_state()
-    halves = [
-        estimator.run(state, *(signal[part] for signal in log))
-        for part in (slice(0, 77), slice(77, None))
-    ]
-    found = columns(EstimateBatch(*(np.concatenate(both) for both in zip(*halves, strict=True))))
+    halves = []
+    for rows in (slice(0, 77), slice(77, None)):
+        signals = [signal[rows] for signal in log]
+        halves.append(estimator.run(state, *signals))
+    whole = EstimateBatch._make(np.concatenate(pair) for pair in zip(*halves, strict=True))
+    found = columns(whole)
     assert np.isfinite(found["wrench"]).all()
     assert 0.0 < found["valid"].mean() < 1.0
     if with_error and kind is not KalmanObserver:  # whose tau_ext is that of its wrench

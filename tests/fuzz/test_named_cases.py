@@ -193,7 +193,8 @@ def test_a_first_cell_like_a_number(estimate, file, clean, head):
 )
 def test_a_device_without_an_end(run, clean, arguments):
     words = {"LOG": clean.log, "ROBOT": clean.robot}
-    run(*(words.get(word, word) for word in arguments), "--out", "out")
+    command = [words.get(word, word) for word in arguments]
+    run(*command, "--out", "out")
 
 
 def test_a_urdf_that_is_such_a_device(run, robot):

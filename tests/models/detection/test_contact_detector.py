@@ -398,9 +398,9 @@ def test_chunk_by_chunk_is_one_pass(sts, model):
     signals = v, transmitted, momentum, tau_ext, np.ones(900, bool)
     parts = []
     for rows in (slice(0, 1), slice(1, 350), slice(350, 900)):
-        known = TorqueError(*(part[rows] for part in error))
-        own = ArmSamples(known, *(signal[rows] for signal in signals))
-        parts.append(detector.judge(state, own))
+        known = TorqueError._make(part[rows] for part in error)
+        samples = [signal[rows] for signal in signals]
+        parts.append(detector.judge(state, ArmSamples(known, *samples)))
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 

@@ -241,12 +241,13 @@ def test_parts_do_not_show_but_for_the_drift(
     monkeypatch.setattr(smoothing, "PASS", 100)
     monkeypatch.setattr(smoothing, "LOOK_AHEAD", 8.0)
     smoother = WrenchSmoother(own)
-    parts = [
-        smoother.take(*(signal[k : k + 137] for signal in samples)) for k in range(0, 1500, 137)
-    ]
+    parts = []
+    for k in range(0, 1500, 137):
+        chunk = [signal[k : k + 137] for signal in samples]
+        parts.append(smoother.take(*chunk))
     assert len(parts[0].wrench) == 0 and len(parts[-1].wrench) > 0
     parts.append(smoother.finish())
-    joined = EstimateBatch(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    joined = EstimateBatch._make(np.concatenate(part) for part in zip(*parts, strict=True))
     assert len(joined.wrench) == 1500
     sd = whole.standard_deviation
     # What lies more than 8 s ahead says something of the friction's drift only.
@@ -305,8 +306,8 @@ def test_any_observer_and_a_model_without_a_torque_error(ur10e: Robot) -> None:
     smoothed = smoothed_estimate(plain, *samples)
     sd = smoothed.standard_deviation
     assert np.mean(np.abs(smoothed.wrench[:, 3:] - FORCE) < 1.96 * sd[:, 3:]) > 0.9
-    empty = smoothed_estimate(plain, *(signal[:0] for signal in samples))
-    assert len(empty.wrench) == 0
+    no_samples = [signal[:0] for signal in samples]
+    assert len(smoothed_estimate(plain, *no_samples).wrench) == 0
 
 
 def test_a_method_without_a_prior(ur10e: Robot) -> None:

@@ -103,9 +103,8 @@ def test_a_rigid_element_is_the_sign_of_the_velocity() -> None:
 
 def test_the_network_comes_on_top() -> None:
     rng = np.random.default_rng(0)
-    nets = FrictionNetworks(
-        *(rng.normal(size=(N, 10)) for _ in range(3)), rng.normal(size=N), np.full(N, 0.05)
-    )
+    layers = rng.normal(size=(3, N, 10))
+    nets = FrictionNetworks(*layers, rng.normal(size=N), np.full(N, 0.05))
     near_zero = SemiParametricFriction(
         CoulombViscous(np.zeros(N), VISCOUS, OFFSET), nets, np.full(N, 0.05)
     )

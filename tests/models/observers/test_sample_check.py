@@ -185,8 +185,8 @@ def test_tick_by_tick_is_the_log_in_any_split() -> None:
     own = estimator()
     whole = own.run(own.initial_state(), *signals)
     state = own.initial_state()
-    for k in range(N):
-        tick = own.step(state, *(x[k] for x in signals))
+    for k, sample in enumerate(zip(*signals, strict=True)):
+        tick = own.step(state, *sample)
         np.testing.assert_array_equal(tick.wrench, whole.wrench[k])
         assert (tick.valid, tick.fault) == (whole.valid[k], whole.fault[k])
 
