@@ -151,11 +151,11 @@ def test_a_configuration_runs_again(X, tmp_path):
 
 
 def test_a_picture_does_not_overwrite_what_is_not_one(tmp_path, log):
-    own = tmp_path / "log.csv"
-    shutil.copy(log, own)
-    before = own.read_bytes()
-    refused("robot", "show", "sts_sre4_600", "--out", own)
-    assert own.read_bytes() == before
+    log_copy = tmp_path / "log.csv"
+    shutil.copy(log, log_copy)
+    before = log_copy.read_bytes()
+    refused("robot", "show", "sts_sre4_600", "--out", log_copy)
+    assert log_copy.read_bytes() == before
     page = tmp_path / "arm.html"
     for _ in range(2):  # an earlier picture is replaced
         assert invoke("robot", "show", "sts_sre4_600", "--out", page).exit_code == 0

@@ -145,13 +145,13 @@ def test_a_parameter_changed_through_the_context(sts_reversed, model, log, param
     law = "presliding" if parameter == "friction.slip" else "semi-parametric"
     model = replace(model, friction=friction(law))
     configuration = config("damped" if "damping" in parameter else "bayesian")
-    block_name, own = parameter.split(".")
+    block_name, parameter_name = parameter.split(".")
     place = {
         "viscous": 1,
         "v_crit": 3,
         "torque_covariance": 1,
         "damping": 2,
-    }.get(own, 0)
+    }.get(parameter_name, 0)
 
     def of_stages(estimator, context):
         block = estimator.GetSubsystemByName(block_name)
@@ -179,8 +179,10 @@ def test_a_broken_parameter_is_refused_when_it_is_used(sts_reversed, model):
     context = fused.CreateDefaultContext()
     for name in ("q", "v", "current"):
         fused.GetInputPort(name).FixValue(context, np.zeros(N))
-    own = block.GetMyMutableContextFromRoot(context)
-    own.get_mutable_numeric_parameter(block.parameters["observer.K_0"]).SetFromVector(-np.ones(N))
+    block_context = block.GetMyMutableContextFromRoot(context)
+    block_context.get_mutable_numeric_parameter(block.parameters["observer.K_0"]).SetFromVector(
+        -np.ones(N)
+    )
     with pytest.raises(ValueError, match="K_0 must be positive"):
         fused.GetOutputPort("wrench").Eval(context)
 

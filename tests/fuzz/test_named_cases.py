@@ -439,8 +439,8 @@ def test_shapes_that_are_none_are_left_out(run, robot, kind):
 def test_materials_that_are_none_or_two(run, robot):
     box = '<visual><geometry><box size="1 1 1"/></geometry>{}</visual>'
     colour = '<material name="m"><color rgba="{}"/></material>'
-    own = ('<material name="nothing"/>', colour.format("1 0 0 1"), colour.format("0 1 0 1"))
-    shapes = "".join(box.format(material) for material in (*own, colour.format("1 x")))
+    materials = ('<material name="nothing"/>', colour.format("1 0 0 1"), colour.format("0 1 0 1"))
+    shapes = "".join(box.format(material) for material in (*materials, colour.format("1 x")))
     link = re.search(r"<link name=[^>]*>", URDF).group()
     urdf = URDF.replace(link, link + shapes, 1)
     twice = colour.format("1 0 0 1") + colour.format("0 0 1 1") + "<material/>"

@@ -197,9 +197,9 @@ def test_a_slice_that_is_no_plane_is_one_line(call, words):
 def test_a_command_that_has_settings_takes_a_file_of_them():
     for name, entry in find_commands().items():
         options = {parameter.name for parameter in load_command(entry).params}
-        own = getattr(import_module(entry.module), "OPTIONS", None)
-        assert ("config" in options) == (own is not None), name
-        assert {option.parameter for option in own or ()} <= options, name
+        settings_options = getattr(import_module(entry.module), "OPTIONS", None)
+        assert ("config" in options) == (settings_options is not None), name
+        assert {option.parameter for option in settings_options or ()} <= options, name
 
 
 def test_help_shows_what_people_need_and_help_all_every_option():

@@ -311,8 +311,8 @@ def test_terms_agree_with_the_separate_methods_bit_for_bit(case: Case) -> None:
         n = len(q[k])
         Cv, weight, M = np.empty(n), np.empty(n), np.empty((n, n))
         dynamics_terms(chain.table, q[k], v[k], Cv, weight, M, np.empty((n, SCRATCH_COLUMNS)))
-        for own, of_all in ((Cv, terms.Cv), (weight, terms.G), (M, terms.M)):
-            assert np.array_equal(own, of_all)
+        for alone, of_all in ((Cv, terms.Cv), (weight, terms.G), (M, terms.M)):
+            assert np.array_equal(alone, of_all)
 
 
 @njit
