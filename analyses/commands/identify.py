@@ -66,16 +66,7 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
             from wrenchsight.analyses.methods.identify.identification import identify_logs
 
             calibrated = None
-            result = identify_logs(
-                [Path(log) for log in settings.logs],
-                settings.robot,
-                out,
-                [Path(log) for log in settings.validate],
-                settings.log_format,
-                settings.identification,
-                progress,
-                settings.accept_signs,
-            )
+            result = identify_logs(settings, out, progress)
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
