@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -171,6 +172,18 @@ class _Control:
     estimator: Diagram | None = None
 
 
+class _SignalLog(NamedTuple):
+    """The log of a loop.
+
+    Attributes:
+        sink: of all signals, one entry a tick.
+        columns: of an entry, by the name of the signal.
+    """
+
+    sink: VectorLogSink
+    columns: dict[str, slice]
+
+
 def make_closed_loop(
     scenario: Scenario,
     robot: Robot,
@@ -236,7 +249,7 @@ def make_closed_loop(
     control = _add_control(parts, planned)
     _connect_drives(builder, robot, control.tau_command, cell)
     signals = _logged_signals(control, cell, log)
-    sink, columns = _add_log(builder, signals, log.period or scenario.time_step)
+    signal_log = _add_log(builder, signals, log.period or scenario.time_step)
     if meshcat is not None:
         _add_force_arrows(parts, control, meshcat)
     diagram = builder.Build()
@@ -247,8 +260,8 @@ def make_closed_loop(
         estimator=control.estimator,
         controller=control.controller,
         trajectory=planned.trajectory,
-        log=sink,
-        signals=columns,
+        log=signal_log.sink,
+        signals=signal_log.columns,
     )
 
 
@@ -318,12 +331,10 @@ def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict
     return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_loop_estimator(
-    parts: _LoopParts, estimator: _EstimatorRequest
-) -> tuple[Diagram, dict[str, OutputPort]]:
-    """Adds the estimator of a loop; returns its diagram and its readings."""
+def _add_loop_estimator(parts: _LoopParts, estimator: _EstimatorRequest) -> Diagram:
+    """Adds the estimator of a loop, which reads the cell's encoders and currents."""
     cell = parts.cell.diagram
-    diagram = add_estimator(
+    return add_estimator(
         parts.builder,
         parts.robot,
         estimator.model,
@@ -333,7 +344,11 @@ def _add_loop_estimator(
         current=cell.GetOutputPort("current"),
         fused=estimator.fused,
     )
-    return diagram, {name: diagram.GetOutputPort(name) for name in _READINGS}
+
+
+def _readings(estimator: Diagram) -> dict[str, OutputPort]:
+    """The estimator's outputs that are logged, by their names."""
+    return {name: estimator.GetOutputPort(name) for name in _READINGS}
 
 
 def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
@@ -343,7 +358,8 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     estimator: Diagram | None = None
     readings: dict[str, OutputPort] = {}
     if parts.estimator is not None:
-        estimator, readings = _add_loop_estimator(parts, parts.estimator)
+        estimator = _add_loop_estimator(parts, parts.estimator)
+        readings = _readings(estimator)
         terms = estimator.GetOutputPort("terms")
     else:
         model_terms = RigidBodyTermsSystem(parts.model.chain(robot))
@@ -438,8 +454,8 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     config = scenario.controller
     assert isinstance(config, ImpedanceConfig) and parts.estimator is not None
-    estimator, readings = _add_loop_estimator(parts, parts.estimator)
-    terms = estimator.GetOutputPort("terms")
+    estimator = _add_loop_estimator(parts, parts.estimator)
+    readings, terms = _readings(estimator), estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
     pose = builder.AddNamedSystem("pose_reference", PoseReference(parts.model.chain(robot)))
     builder.Connect(reference.get_output_port(), pose.get_input_port())
@@ -494,14 +510,8 @@ def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> N
         )
 
 
-def _add_log(
-    builder: DiagramBuilder, signals: dict[str, OutputPort], period: float
-) -> tuple[VectorLogSink, dict[str, slice]]:
-    """Adds one sink for all signals: a sink each would be as many events at every tick.
-
-    Returns:
-        The sink, and the columns of each signal in it.
-    """
+def _add_log(builder: DiagramBuilder, signals: dict[str, OutputPort], period: float) -> _SignalLog:
+    """Adds one sink for all signals: a sink each would be as many events at every tick."""
     sizes = [port.size() for port in signals.values()]
     multiplexer = builder.AddNamedSystem("signals", Multiplexer(sizes))
     for i, port in enumerate(signals.values()):
@@ -510,10 +520,11 @@ def _add_log(
     log.set_name("log")
     ends = np.cumsum(sizes)
     starts = ends - sizes
-    return log, {
+    columns = {
         name: slice(int(start), int(end))
         for name, start, end in zip(signals, starts, ends, strict=True)
     }
+    return _SignalLog(log, columns)
 
 
 def _setpoint_trajectory(scenario: Scenario) -> PiecewisePolynomial:
