@@ -149,6 +149,7 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
     identify = IdentifySettings(robot="r", logs=["a", "b"], validate=["c"])
     identify.identification.num_passes = 7
     assert call("identify", config=identify)["values"][0] == identify
+    assert not call("identify", "--no-check", config=identify)["values"][0].check
 
     excite = ExciteSettings(robot="r", validation=False)
     excite.excitation.limits.floor, excite.excitation.num_starts = None, 3
