@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -99,6 +100,38 @@ class LogRequest:
 
 
 @dataclass(frozen=True)
+class _EstimatorRequest:
+    """The estimator that a loop gets.
+
+    Attributes:
+        model: that it knows, and that its output `terms` is of.
+        fused: whether it is one block instead of its stages.
+        air_pass: correction of a machining scenario; None: none.
+    """
+
+    model: IdentifiedModel
+    fused: bool
+    air_pass: AirPassCorrection | None
+
+
+@dataclass(frozen=True)
+class _PlannedMotion:
+    """The motion of a loop.
+
+    Attributes:
+        trajectory: of the joints.
+        q_0: (n,) rad, at the start.
+        machining_path: of a machining scenario; else None.
+        clear_links: names of links that touch nothing on this motion.
+    """
+
+    trajectory: JointTrajectory
+    q_0: Array
+    machining_path: MachiningPath | None = None
+    clear_links: Collection[str] = ()
+
+
+@dataclass(frozen=True)
 class _LoopParts:
     """The builder of a loop, and what its controller and estimator are made from.
 
@@ -106,18 +139,16 @@ class _LoopParts:
         builder: of the loop's diagram; the cell is in it.
         scenario, robot: as given.
         model: of the controller.
-        estimator_model: of the estimator; None: there is none.
+        estimator: that it gets; None: there is none.
         cell: the robot cell.
-        fused: whether the estimator is one block.
     """
 
     builder: DiagramBuilder
     scenario: Scenario
     robot: Robot
     model: IdentifiedModel
-    estimator_model: IdentifiedModel | None
+    estimator: _EstimatorRequest | None
     cell: RobotCell
-    fused: bool
 
 
 @dataclass(frozen=True)
@@ -139,6 +170,18 @@ class _Control:
     signals: dict[str, OutputPort]
     readings: dict[str, OutputPort]
     estimator: Diagram | None = None
+
+
+class _SignalLog(NamedTuple):
+    """The log of a loop.
+
+    Attributes:
+        sink: of all signals, one entry a tick.
+        columns: of an entry, by the name of the signal.
+    """
+
+    sink: VectorLogSink
+    columns: dict[str, slice]
 
 
 def make_closed_loop(
@@ -186,49 +229,29 @@ def make_closed_loop(
     check_scenario(scenario)
     if air_pass is not None and scenario.machining is None:
         raise ValueError("closed loop: the correction of an air pass needs a machining scenario")
-    impedance = isinstance(scenario.controller, ImpedanceConfig)
-    if not with_estimator and (impedance or meshcat is not None):
+    has_impedance = isinstance(scenario.controller, ImpedanceConfig)
+    if not with_estimator and (has_impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
-    clear_links: Collection[str] = ()
-    if scenario.machining is not None:
-        machining_path = machining_path or make_machining_path(scenario, robot)
-        trajectory, q_0 = machining_path.trajectory, machining_path.q_start
-        clear_links = links_apart(scenario, robot, machining_path)
-    else:
-        trajectory = trajectory or make_trajectory(scenario, robot)
-        q_0 = trajectory.q[0]
+    log = log or LogRequest()
+    estimator = _EstimatorRequest(estimator_model or model, fused, air_pass)
+    planned = _planned_motion(scenario, robot, trajectory, machining_path)
     builder = DiagramBuilder()
-    cell = make_robot_cell(scenario, robot, q_0, meshcat, clear_links)
+    cell = make_robot_cell(scenario, robot, planned.q_0, meshcat, planned.clear_links)
     builder.AddSystem(cell.diagram)
     parts = _LoopParts(
         builder=builder,
         scenario=scenario,
         robot=robot,
         model=model,
-        estimator_model=(estimator_model or model) if with_estimator else None,
+        estimator=estimator if with_estimator else None,
         cell=cell,
-        fused=fused,
     )
-    if machining_path is not None and with_estimator:
-        control = _add_machining(parts, machining_path, air_pass)
-    elif impedance:
-        control = _add_impedance(parts, trajectory)
-    else:
-        control = _add_tracking(parts, trajectory)
+    control = _add_control(parts, planned)
     _connect_drives(builder, robot, control.tau_command, cell)
-    log = log or LogRequest()
-    sink, columns = _add_log(
-        builder, _logged_signals(control, cell, log), log.period or scenario.time_step
-    )
+    signals = _logged_signals(control, cell, log)
+    signal_log = _add_log(builder, signals, log.period or scenario.time_step)
     if meshcat is not None:
-        forces = {
-            "force true": cell.diagram.GetOutputPort("wrench_true"),
-            "force estimated": control.readings["wrench"],
-        }
-        recording = scenario.recording
-        add_wrench_arrows(
-            builder, meshcat, control.terms, forces, recording.fps, recording.metres_per_newton
-        )
+        _add_force_arrows(parts, control, meshcat)
     diagram = builder.Build()
     diagram.set_name("closed_loop")
     return ClosedLoop(
@@ -236,9 +259,45 @@ def make_closed_loop(
         cell=cell,
         estimator=control.estimator,
         controller=control.controller,
-        trajectory=trajectory,
-        log=sink,
-        signals=columns,
+        trajectory=planned.trajectory,
+        log=signal_log.sink,
+        signals=signal_log.columns,
+    )
+
+
+def _planned_motion(
+    scenario: Scenario,
+    robot: Robot,
+    trajectory: JointTrajectory | None,
+    machining_path: MachiningPath | None,
+) -> _PlannedMotion:
+    """The motion of a scenario, as given or else planned here."""
+    if scenario.machining is None:
+        trajectory = trajectory or make_trajectory(scenario, robot)
+        return _PlannedMotion(trajectory, trajectory.q[0])
+    path = machining_path or make_machining_path(scenario, robot)
+    clear_links = links_apart(scenario, robot, path)
+    return _PlannedMotion(path.trajectory, path.q_start, path, clear_links)
+
+
+def _add_control(parts: _LoopParts, planned: _PlannedMotion) -> _Control:
+    """Adds the scenario's controller, with the estimator and the reference motion."""
+    if planned.machining_path is not None and parts.estimator is not None:
+        return _add_machining(parts, planned.machining_path, parts.estimator)
+    if isinstance(parts.scenario.controller, ImpedanceConfig):
+        return _add_impedance(parts, planned.trajectory)
+    return _add_tracking(parts, planned.trajectory)
+
+
+def _add_force_arrows(parts: _LoopParts, control: _Control, meshcat: Meshcat) -> None:
+    """Draws the force at the tool, true and estimated."""
+    recording = parts.scenario.recording
+    forces = {
+        "force true": parts.cell.diagram.GetOutputPort("wrench_true"),
+        "force estimated": control.readings["wrench"],
+    }
+    add_wrench_arrows(
+        parts.builder, meshcat, control.terms, forces, recording.fps, recording.metres_per_newton
     )
 
 
@@ -272,22 +331,24 @@ def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict
     return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_loop_estimator(
-    parts: _LoopParts, model: IdentifiedModel
-) -> tuple[Diagram, dict[str, OutputPort]]:
-    """Adds the estimator of a loop, which knows `model`; returns it and its readings."""
+def _add_loop_estimator(parts: _LoopParts, estimator: _EstimatorRequest) -> Diagram:
+    """Adds the estimator of a loop, which reads the cell's encoders and currents."""
     cell = parts.cell.diagram
-    estimator = add_estimator(
+    return add_estimator(
         parts.builder,
         parts.robot,
-        model,
+        estimator.model,
         _estimator_config(parts.scenario),
         q=cell.GetOutputPort("q"),
         v=cell.GetOutputPort("v"),
         current=cell.GetOutputPort("current"),
-        fused=parts.fused,
+        fused=estimator.fused,
     )
-    return estimator, {name: estimator.GetOutputPort(name) for name in _READINGS}
+
+
+def _readings(estimator: Diagram) -> dict[str, OutputPort]:
+    """The estimator's outputs that are logged, by their names."""
+    return {name: estimator.GetOutputPort(name) for name in _READINGS}
 
 
 def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
@@ -296,8 +357,9 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     assert isinstance(scenario.controller, JointTrackingConfig)
     estimator: Diagram | None = None
     readings: dict[str, OutputPort] = {}
-    if parts.estimator_model is not None:
-        estimator, readings = _add_loop_estimator(parts, parts.estimator_model)
+    if parts.estimator is not None:
+        estimator = _add_loop_estimator(parts, parts.estimator)
+        readings = _readings(estimator)
         terms = estimator.GetOutputPort("terms")
     else:
         model_terms = RigidBodyTermsSystem(parts.model.chain(robot))
@@ -329,7 +391,7 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
 
 
 def _add_machining(
-    parts: _LoopParts, plan: MachiningPath, air_pass: AirPassCorrection | None
+    parts: _LoopParts, plan: MachiningPath, requested: _EstimatorRequest
 ) -> _Control:
     """Adds a MachiningController, which holds the estimator, and splits its output port.
 
@@ -339,8 +401,8 @@ def _add_machining(
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
-    assert parts.estimator_model is not None
-    estimator = WrenchEstimator(robot, parts.estimator_model, _estimator_config(scenario))
+    air_pass, model = requested.air_pass, requested.model
+    estimator = WrenchEstimator(robot, model, _estimator_config(scenario))
     if air_pass is not None and estimator.observed_size:
         raise ValueError("an air pass needs an observer of joint torque, not of the wrench")
     # After an air pass force feedback counts where its correction is valid.
@@ -391,9 +453,9 @@ def _add_impedance(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     """Adds an impedance controller along a motion of the joints, with its estimator."""
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     config = scenario.controller
-    assert isinstance(config, ImpedanceConfig) and parts.estimator_model is not None
-    estimator, readings = _add_loop_estimator(parts, parts.estimator_model)
-    terms = estimator.GetOutputPort("terms")
+    assert isinstance(config, ImpedanceConfig) and parts.estimator is not None
+    estimator = _add_loop_estimator(parts, parts.estimator)
+    readings, terms = _readings(estimator), estimator.GetOutputPort("terms")
     reference = builder.AddNamedSystem("path_reference", PathReference(trajectory))
     pose = builder.AddNamedSystem("pose_reference", PoseReference(parts.model.chain(robot)))
     builder.Connect(reference.get_output_port(), pose.get_input_port())
@@ -448,14 +510,8 @@ def _check_damping(controller: ImpedanceController, robot: Robot, q: Array) -> N
         )
 
 
-def _add_log(
-    builder: DiagramBuilder, signals: dict[str, OutputPort], period: float
-) -> tuple[VectorLogSink, dict[str, slice]]:
-    """Adds one sink for all signals: a sink each would be as many events at every tick.
-
-    Returns:
-        The sink, and the columns of each signal in it.
-    """
+def _add_log(builder: DiagramBuilder, signals: dict[str, OutputPort], period: float) -> _SignalLog:
+    """Adds one sink for all signals: a sink each would be as many events at every tick."""
     sizes = [port.size() for port in signals.values()]
     multiplexer = builder.AddNamedSystem("signals", Multiplexer(sizes))
     for i, port in enumerate(signals.values()):
@@ -464,10 +520,11 @@ def _add_log(
     log.set_name("log")
     ends = np.cumsum(sizes)
     starts = ends - sizes
-    return log, {
+    columns = {
         name: slice(int(start), int(end))
         for name, start, end in zip(signals, starts, ends, strict=True)
     }
+    return _SignalLog(log, columns)
 
 
 def _setpoint_trajectory(scenario: Scenario) -> PiecewisePolynomial:

@@ -22,7 +22,7 @@ from wrenchsight.models.estimation.estimator import WrenchEstimatorConfig
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.motors import motor_gain
-from wrenchsight.models.robot.robot import Robot
+from wrenchsight.models.robot.robot import Robot, RobotInPlant
 from wrenchsight.systems.external_wrench_source import ExternalWrenchSource
 from wrenchsight.systems.joint_tracking_controller import (
     JointTrackingConfig,
@@ -52,6 +52,22 @@ class HeldArm:
     tau_ext: dict[str, VectorLogSink]
     wrench: dict[str, VectorLogSink]
     time_step: float
+
+
+@dataclass(frozen=True)
+class _PlantOfArm:
+    """The plant of an arm in continuous time, with its encoders.
+
+    Attributes:
+        plant: with the arm alone, without joint friction.
+        parts: the arm's model instance, joints, actuators and frame E in it.
+        q, v: ports of the encoders, (n,) rad and rad/s.
+    """
+
+    plant: MultibodyPlant
+    parts: RobotInPlant
+    q: OutputPort
+    v: OutputPort
 
 
 def make_held_arm(
@@ -86,68 +102,35 @@ def make_held_arm(
     Raises:
         ValueError: no estimator, or time steps that differ.
     """
-    time_steps = {config.observer.time_step for config in estimators.values()}
-    if len(time_steps) != 1:
-        raise ValueError(f"the estimators must have one time step, not {sorted(time_steps)}")
-    (time_step,) = time_steps
-    n = robot.num_joints
-    model = IdentifiedModel.nominal(robot)
+    time_step = _common_time_step(estimators)
+    model, q_start = IdentifiedModel.nominal(robot), np.asarray(q, float)
     builder = DiagramBuilder()
-    q_start = np.asarray(q, float)
-    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
-    parts = robot.add_to_plant(plant)
-    plant.Finalize()
-    plant.SetDefaultPositions(parts.model_instance, q_start)
-    encoders = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
-    builder.Connect(plant.get_state_output_port(parts.model_instance), encoders.get_input_port())
-    q_port, v_port = encoders.get_output_port(0), encoders.get_output_port(1)
-
-    frame_E = parts.frame_E
-    wrench = builder.AddNamedSystem(
-        "external_wrench",
-        ExternalWrenchSource(
-            script,
-            frame_E.body().index(),
-            frame_E.GetFixedPoseInBodyFrame().translation(),
-        ),
-    )
-    builder.Connect(
-        wrench.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
-    )
-
+    arm = _add_arm(builder, robot, q_start)
+    wrench_true = _add_wrench(builder, script, arm)
     sensor = builder.AddSystem(_current_sensor(robot, time_step, current_noise, seed))
+    current = sensor.GetOutputPort("current")
     estimator_diagrams = {
         name: add_estimator(
-            builder,
-            robot,
-            model,
-            config,
-            q=q_port,
-            v=v_port,
-            current=sensor.GetOutputPort("current"),
-            name=name,
+            builder, robot, model, config, q=arm.q, v=arm.v, current=current, name=name
         )
         for name, config in estimators.items()
     }
-
     # All estimators have the same model: one of them lends the controller its terms.
     terms = next(iter(estimator_diagrams.values())).GetOutputPort("terms")
     tau_command = _add_holding_controller(builder, robot, model, q_start, terms, time_step)
-    hold = builder.AddNamedSystem("drive_hold", ZeroOrderHold(time_step, n))
-    builder.Connect(tau_command, hold.get_input_port())
-    builder.Connect(hold.get_output_port(), plant.get_actuation_input_port(parts.model_instance))
-    current_of = 1.0 / motor_gain(robot.torque_per_ampere, robot.current_sign)
-    drive = builder.AddNamedSystem("drive_current", Gain(current_of))
-    builder.Connect(tau_command, drive.get_input_port())
-    builder.Connect(drive.get_output_port(), sensor.GetInputPort("current_true"))
+    _add_drives(builder, robot, arm, tau_command, time_step)
+    current_true = _add_drive_current(builder, robot, tau_command)
+    builder.Connect(current_true, sensor.GetInputPort("current_true"))
 
-    def log(system: Diagram, name: str) -> VectorLogSink:
-        return LogVectorOutput(system.GetOutputPort(name), builder, time_step)
+    def log(port: OutputPort) -> VectorLogSink:
+        return LogVectorOutput(port, builder, time_step)
 
-    q_log = LogVectorOutput(q_port, builder, time_step)
-    wrench_true_log = log(wrench, "wrench_true")
-    tau_ext_logs = {name: log(system, "tau_ext") for name, system in estimator_diagrams.items()}
-    wrench_logs = {name: log(system, "wrench") for name, system in estimator_diagrams.items()}
+    def logs(signal: str) -> dict[str, VectorLogSink]:
+        diagrams = estimator_diagrams.items()
+        return {name: log(diagram.GetOutputPort(signal)) for name, diagram in diagrams}
+
+    q_log, wrench_true_log = log(arm.q), log(wrench_true)
+    tau_ext_logs, wrench_logs = logs("tau_ext"), logs("wrench")
     diagram = builder.Build()
     diagram.set_name("held_arm")
     return HeldArm(
@@ -158,6 +141,67 @@ def make_held_arm(
         wrench=wrench_logs,
         time_step=time_step,
     )
+
+
+def _common_time_step(estimators: Mapping[str, WrenchEstimatorConfig]) -> float:
+    """The estimators' time step, s.
+
+    Raises:
+        ValueError: there is none, or there are several.
+    """
+    time_steps = {config.observer.time_step for config in estimators.values()}
+    if len(time_steps) != 1:
+        raise ValueError(f"the estimators must have one time step, not {sorted(time_steps)}")
+    return float(time_steps.pop())
+
+
+def _add_arm(builder: DiagramBuilder, robot: Robot, q_start: Array) -> _PlantOfArm:
+    """Adds the arm at rest at q_start, and splits its state up into what encoders read."""
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    parts = robot.add_to_plant(plant)
+    plant.Finalize()
+    plant.SetDefaultPositions(parts.model_instance, q_start)
+    n = robot.num_joints
+    encoders = builder.AddNamedSystem("encoders", Demultiplexer([n, n]))
+    builder.Connect(plant.get_state_output_port(parts.model_instance), encoders.get_input_port())
+    return _PlantOfArm(plant, parts, encoders.get_output_port(0), encoders.get_output_port(1))
+
+
+def _add_wrench(builder: DiagramBuilder, script: WrenchScript, arm: _PlantOfArm) -> OutputPort:
+    """Lets the script's wrench act at E; returns the port of F_E_W, (6,) rotation first."""
+    frame_E = arm.parts.frame_E
+    p_BE = frame_E.GetFixedPoseInBodyFrame().translation()
+    wrench = builder.AddNamedSystem(
+        "external_wrench", ExternalWrenchSource(script, frame_E.body().index(), p_BE)
+    )
+    builder.Connect(
+        wrench.GetOutputPort("spatial_forces"), arm.plant.get_applied_spatial_force_input_port()
+    )
+    return wrench.GetOutputPort("wrench_true")
+
+
+def _add_drives(
+    builder: DiagramBuilder,
+    robot: Robot,
+    arm: _PlantOfArm,
+    tau_command: OutputPort,
+    time_step: float,
+) -> None:
+    """Holds the commanded torque from tick to tick, and lets it act on the joints."""
+    hold = builder.AddNamedSystem("drive_hold", ZeroOrderHold(time_step, robot.num_joints))
+    builder.Connect(tau_command, hold.get_input_port())
+    actuation = arm.plant.get_actuation_input_port(arm.parts.model_instance)
+    builder.Connect(hold.get_output_port(), actuation)
+
+
+def _add_drive_current(
+    builder: DiagramBuilder, robot: Robot, tau_command: OutputPort
+) -> OutputPort:
+    """The port of the current that the commanded torque takes, (n,) A."""
+    amperes_per_torque = 1.0 / motor_gain(robot.torque_per_ampere, robot.current_sign)
+    drive = builder.AddNamedSystem("drive_current", Gain(amperes_per_torque))
+    builder.Connect(tau_command, drive.get_input_port())
+    return drive.get_output_port()
 
 
 def _current_sensor(robot: Robot, time_step: float, noise: bool, seed: int) -> MotorCurrentSensor:

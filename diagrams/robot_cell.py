@@ -25,7 +25,7 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Saturation
 
 from wrenchsight.diagrams.scenario import BladeConfig, PlateConfig, Scenario
@@ -69,6 +69,41 @@ class RobotCell:
     script: WrenchScript
 
 
+@dataclass(frozen=True)
+class _CellParts:
+    """The builder of a cell, and what its true arm is made from.
+
+    Attributes:
+        builder: of the cell's diagram; the plant is in it.
+        scenario: as given.
+        robot: the true robot, with the scenario's friction.
+        plant: of the arm, the workpiece and the floor.
+        scene_graph: of the plant's shapes; None where nothing touches or is drawn.
+        arm: the robot's model instance, joints, actuators and frame E in the plant.
+    """
+
+    builder: DiagramBuilder
+    scenario: Scenario
+    robot: Robot
+    plant: MultibodyPlant
+    scene_graph: SceneGraph | None
+    arm: RobotInPlant
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether there is something to touch."""
+        return _has_contact(self.scenario)
+
+    @property
+    def has_sensor(self) -> bool:
+        """Whether there is a force/torque sensor."""
+        return self.scenario.force_torque_sensor is not None
+
+
+def _has_contact(scenario: Scenario) -> bool:
+    return scenario.workpiece is not None or scenario.floor
+
+
 def make_robot_cell(
     scenario: Scenario,
     robot: Robot,
@@ -103,125 +138,146 @@ def make_robot_cell(
     Raises:
         InputError: a sensor without a tool to sit on, or true friction out of range.
     """
-    builder = DiagramBuilder()
-    has_contact = scenario.workpiece is not None or scenario.floor
     robot = with_friction(robot, scenario.friction)
-    joints = TrueJoints.of(robot, scenario.time_step)
     true_model = true_robot(robot)
-    plant, scene_graph = _add_plant(builder, scenario, has_contact or meshcat is not None)
-    parts = true_model.add_to_plant(plant)
-    for joint in parts.joints:  # viscous friction is the true joints'
+    cell = _add_surroundings_and_arm(scenario, robot, true_model, is_drawn=meshcat is not None)
+    joints = TrueJoints.of(robot, scenario.time_step)
+    # The encoders read q_0, their gears bent by the arm's weight.
+    q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true_model.chain)
+    cell.plant.SetDefaultPositions(cell.arm.model_instance, q_start)
+    if cell.scene_graph is not None:
+        _prepare_contact(cell, cell.scene_graph, clear_links)
+        if meshcat is None:
+            _remove_pictures(cell.plant, cell.scene_graph)
+    script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
+    true_arm = TrueArm(
+        ArmParts(
+            chain=true_model.chain,
+            joints=joints,
+            tool_body=tool_body(cell.plant, cell.arm).index(),
+            p_BE=_p_BE(cell.plant, cell.arm),
+            script=script,
+            contacts=_tool_contacts(cell) if cell.has_contact else None,
+            process=_machining_process(scenario),
+            current=_current_sensor(robot) if scenario.current_noise else None,
+            sensor=_force_torque_sensor(cell),
+            seed=scenario.seed,
+        )
+    )
+    _connect_arm(cell, true_arm)
+    if meshcat is not None and cell.scene_graph is not None:
+        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
+        MeshcatVisualizer.AddToBuilder(cell.builder, cell.scene_graph, meshcat, parameters)
+    diagram = cell.builder.Build()
+    diagram.set_name("robot_cell")
+    return RobotCell(diagram, cell.plant, cell.arm, joints, script)
+
+
+def _add_surroundings_and_arm(
+    scenario: Scenario, robot: Robot, true_model: Robot, is_drawn: bool
+) -> _CellParts:
+    """Adds the plant with the arm, the workpiece and the floor, to a new builder.
+
+    Args:
+        true_model: the robot's true links, of `true_robot`.
+        is_drawn: whether pictures are needed.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = _add_plant(builder, scenario, _has_contact(scenario) or is_drawn)
+    arm = true_model.add_to_plant(plant)
+    for joint in arm.joints:  # viscous friction is the true joints'
         joint.set_default_damping(0.0)
     if scenario.workpiece is not None:
         add_workpiece(plant, scenario.workpiece)
     if scene_graph is not None:
         _add_floor(plant, solid=scenario.floor)
     plant.Finalize()
-    # The encoders read q_0, their gears bent by the arm's weight.
-    q_start = joints.links_at(np.asarray(q_0, dtype=np.float64), true_model.chain)
-    plant.SetDefaultPositions(parts.model_instance, q_start)
-    if scene_graph is not None:
-        _prepare_contact(plant, scene_graph, parts, scenario, clear_links)
-        if meshcat is None:
-            _remove_pictures(plant, scene_graph)
-
-    script = WrenchScript(scenario.wrench, scenario.seed, "scenario")
-    sensor = _force_torque_sensor(plant, parts, scenario, robot)
-    arm = TrueArm(
-        ArmParts(
-            chain=true_model.chain,
-            joints=joints,
-            tool_body=tool_body(plant, parts).index(),
-            p_BE=_p_BE(plant, parts),
-            script=script,
-            contacts=_tool_contacts(scenario, robot, plant, parts) if has_contact else None,
-            process=_machining_process(scenario),
-            current=_current_sensor(robot) if scenario.current_noise else None,
-            sensor=sensor,
-            seed=scenario.seed,
-        )
-    )
-    _connect_arm(builder, robot, plant, parts, arm, has_contact, sensor is not None)
-    if meshcat is not None and scene_graph is not None:
-        parameters = MeshcatVisualizerParams(publish_period=1.0 / scenario.recording.fps)
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
-    diagram = builder.Build()
-    diagram.set_name("robot_cell")
-    return RobotCell(diagram, plant, parts, joints, script)
+    return _CellParts(builder, scenario, robot, plant, scene_graph, arm)
 
 
-def _connect_arm(
-    builder: DiagramBuilder,
-    robot: Robot,
-    plant: MultibodyPlant,
-    parts: RobotInPlant,
-    arm: TrueArm,
-    has_contact: bool,
-    has_sensor: bool,
-) -> None:
-    """Adds the true arm, connects it with drives and plant, and exports the cell's ports.
-
-    Args:
-        has_contact: whether there is something to touch.
-        has_sensor: whether there is a force/torque sensor.
-    """
-    n = robot.num_joints
-    builder.AddNamedSystem("true_arm", arm)
-    drives = builder.AddNamedSystem("drives", Saturation(-robot.current_limit, robot.current_limit))
-    builder.ExportInput(drives.get_input_port(), "current_command")
-    state = plant.get_state_output_port(parts.model_instance)
-    arm_inputs = {"state": state, "current_command": drives.get_output_port()}
-    if has_contact:
-        arm_inputs["contact_results"] = plant.get_contact_results_output_port()
-        arm_inputs["tau_contact"] = plant.get_generalized_contact_forces_output_port(
-            parts.model_instance
-        )
-    if has_sensor:
-        arm_inputs["reaction_forces"] = plant.get_reaction_forces_output_port()
-        arm_inputs["vdot"] = plant.get_generalized_acceleration_output_port(parts.model_instance)
-    for name, port in arm_inputs.items():
-        builder.Connect(port, arm.GetInputPort(name))
-    # Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
-    parts_of = {}
-    sizes = {"motion": list(arm.motion_sizes.values()), "drives": arm.drive_sizes}
-    if has_contact:
-        sizes["truth"] = arm.truth_sizes
-    for name, part_sizes in sizes.items():
-        demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(part_sizes))
-        builder.Connect(arm.GetOutputPort(name), demultiplexer.get_input_port())
-        parts_of[name] = [demultiplexer.get_output_port(i) for i in range(len(part_sizes))]
-    motion = dict(zip(arm.motion_sizes, parts_of["motion"], strict=True))
-    wrench_true, tau_ext_true = motion["wrench"], motion["torque"]
-    tau_J, torque, tau_f, _, current, _ = parts_of["drives"]
-    builder.Connect(tau_J, plant.get_actuation_input_port(parts.model_instance))
-    builder.Connect(torque, plant.get_applied_generalized_force_input_port())
-    outputs = {"q": motion["q_read"], "v": motion["v_read"], "state": state, "current": current}
-    outputs |= {"tau_J_true": tau_J, "tau_f_true": tau_f}
-    if has_contact:
-        wrench_true, tau_ext_true, _ = parts_of["truth"]
-    elif not arm.pushed:  # zero, without a call into Python
-        for name, size in (("wrench_true", 6), ("tau_ext_true", n)):
-            zero_source = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
-            outputs[name] = zero_source.get_output_port()
-    outputs = {"wrench_true": wrench_true, "tau_ext_true": tau_ext_true} | outputs
-    if arm.pushed:
-        builder.Connect(
-            arm.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port()
-        )
-    if arm.HasOutputPort("wrench_unbalance"):
-        outputs["wrench_unbalance"] = arm.GetOutputPort("wrench_unbalance")
-    if has_sensor:
+def _connect_arm(cell: _CellParts, true_arm: TrueArm) -> None:
+    """Adds the true arm, connects it with drives and plant, and exports the cell's ports."""
+    builder, plant, instance = cell.builder, cell.plant, cell.arm.model_instance
+    builder.AddNamedSystem("true_arm", true_arm)
+    for name, port in _arm_inputs(cell).items():
+        builder.Connect(port, true_arm.GetInputPort(name))
+    motion = _split_up(builder, true_arm, "motion", true_arm.motion_sizes)
+    drives = _split_up(builder, true_arm, "drives", true_arm.drive_sizes)
+    builder.Connect(drives["tau_J"], plant.get_actuation_input_port(instance))
+    generalized_force = drives["generalized_force"]
+    builder.Connect(generalized_force, plant.get_applied_generalized_force_input_port())
+    if true_arm.pushed:
+        spatial_forces = true_arm.GetOutputPort("spatial_forces")
+        builder.Connect(spatial_forces, plant.get_applied_spatial_force_input_port())
+    outputs = _external_forces(cell, true_arm, motion) | {
+        "q": motion["q_read"],
+        "v": motion["v_read"],
+        "state": plant.get_state_output_port(instance),
+        "current": drives["current"],
+        "tau_J_true": drives["tau_J"],
+        "tau_f_true": drives["tau_f"],
+    }
+    if true_arm.HasOutputPort("wrench_unbalance"):
+        outputs["wrench_unbalance"] = true_arm.GetOutputPort("wrench_unbalance")
+    if cell.has_sensor:
         outputs["ft_wrench"] = motion["sensed"]
     for name, port in outputs.items():
         builder.ExportOutput(port, name)
 
 
-def _tool_contacts(
-    scenario: Scenario, robot: Robot, plant: MultibodyPlant, parts: RobotInPlant
-) -> ToolContacts:
-    tool = tool_body(plant, parts)
-    geometries = plant.GetCollisionGeometriesForBody(tool)
-    radius = tip_radius(robot) if scenario.machining is not None else 0.0
+def _arm_inputs(cell: _CellParts) -> dict[str, OutputPort]:
+    """The sources of the true arm's inputs, by their names; adds the drives, which are one."""
+    plant, instance = cell.plant, cell.arm.model_instance
+    limit = cell.robot.current_limit
+    drives = cell.builder.AddNamedSystem("drives", Saturation(-limit, limit))
+    cell.builder.ExportInput(drives.get_input_port(), "current_command")
+    sources = {
+        "state": plant.get_state_output_port(instance),
+        "current_command": drives.get_output_port(),
+    }
+    if cell.has_contact:
+        sources["contact_results"] = plant.get_contact_results_output_port()
+        sources["tau_contact"] = plant.get_generalized_contact_forces_output_port(instance)
+    if cell.has_sensor:
+        sources["reaction_forces"] = plant.get_reaction_forces_output_port()
+        sources["vdot"] = plant.get_generalized_acceleration_output_port(instance)
+    return sources
+
+
+def _split_up(
+    builder: DiagramBuilder, true_arm: TrueArm, name: str, sizes: dict[str, int]
+) -> dict[str, OutputPort]:
+    """The parts of an output of the true arm, by their names.
+
+    Split up by Drake: a port of its own for each signal is as many calls into Python at a tick.
+    """
+    demultiplexer = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(list(sizes.values())))
+    builder.Connect(true_arm.GetOutputPort(name), demultiplexer.get_input_port())
+    return {part: demultiplexer.get_output_port(i) for i, part in enumerate(sizes)}
+
+
+def _external_forces(
+    cell: _CellParts, true_arm: TrueArm, motion: dict[str, OutputPort]
+) -> dict[str, OutputPort]:
+    """The ports of the cell with the true wrench and the true external torque."""
+    builder = cell.builder
+    if cell.has_contact:
+        truth = _split_up(builder, true_arm, "truth", true_arm.truth_sizes)
+        return {"wrench_true": truth["wrench"], "tau_ext_true": truth["tau_ext"]}
+    if true_arm.pushed:
+        return {"wrench_true": motion["wrench"], "tau_ext_true": motion["torque"]}
+    # Zero, without a call into Python.
+    ports = {}
+    for name, size in (("wrench_true", 6), ("tau_ext_true", cell.robot.num_joints)):
+        zero_source = builder.AddNamedSystem(f"no_{name}", ConstantVectorSource(np.zeros(size)))
+        ports[name] = zero_source.get_output_port()
+    return ports
+
+
+def _tool_contacts(cell: _CellParts) -> ToolContacts:
+    tool = tool_body(cell.plant, cell.arm)
+    geometries = cell.plant.GetCollisionGeometriesForBody(tool)
+    radius = tip_radius(cell.robot) if cell.scenario.machining is not None else 0.0
     return ToolContacts(tool.index(), geometries, radius)
 
 
@@ -315,36 +371,31 @@ def _remove_pictures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
 
 
 def _prepare_contact(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    parts: RobotInPlant,
-    scenario: Scenario,
-    clear_links: Collection[str],
+    cell: _CellParts, scene_graph: SceneGraph, clear_links: Collection[str]
 ) -> None:
     """Gives the links the workpiece's contact material, and no contact among each other.
 
     At a blade only the ball at the tool's tip makes contact: the links pass through the blade.
     """
+    plant, arm, workpiece = cell.plant, cell.arm, cell.scenario.workpiece
     inspector = scene_graph.model_inspector()
-    has_contact = scenario.workpiece is not None or scenario.floor
-    workpiece = scenario.workpiece
     blade = workpiece if isinstance(workpiece, BladeConfig) else None
     plate = workpiece if isinstance(workpiece, PlateConfig) else PlateConfig()
     material = contact_material(plate.stiffness, plate.dissipation, plate.friction)
     source, links = plant.get_source_id(), GeometrySet()
-    for index in plant.GetBodyIndices(parts.model_instance):
+    for index in plant.GetBodyIndices(arm.model_instance):
         body = plant.get_body(index)
         for geometry in plant.GetCollisionGeometriesForBody(body):
             if blade is not None:
                 # A mesh is touched by patches alone: only the tip has a shape that makes them.
                 shape = inspector.GetShape(geometry)
-                if isinstance(shape, Sphere) and index == tool_body(plant, parts).index():
+                if isinstance(shape, Sphere) and index == tool_body(plant, arm).index():
                     tip = soft_tip(blade, shape.radius())
                     scene_graph.AssignRole(source, geometry, tip, RoleAssign.kReplace)
                     links.Add(geometry)
                 else:
                     scene_graph.RemoveRole(source, geometry, Role.kProximity)
-            elif has_contact and body.name() not in clear_links:
+            elif cell.has_contact and body.name() not in clear_links:
                 scene_graph.AssignRole(source, geometry, material, RoleAssign.kReplace)
                 links.Add(geometry)
             else:
@@ -352,9 +403,9 @@ def _prepare_contact(
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
     filters = scene_graph.collision_filter_manager()
     filters.Apply(CollisionFilterDeclaration().ExcludeWithin(links))
-    if scenario.floor:
+    if cell.scenario.floor:
         # What the robot stands on always touches the floor.
-        foot = GeometrySet(plant.GetCollisionGeometriesForBody(parts.joints[0].parent_body()))
+        foot = GeometrySet(plant.GetCollisionGeometriesForBody(arm.joints[0].parent_body()))
         floor = [
             geometry
             for geometry in inspector.GetAllGeometryIds(Role.kProximity)
@@ -363,13 +414,12 @@ def _prepare_contact(
         filters.Apply(CollisionFilterDeclaration().ExcludeBetween(foot, GeometrySet(floor)))
 
 
-def _force_torque_sensor(
-    plant: MultibodyPlant, parts: RobotInPlant, scenario: Scenario, robot: Robot
-) -> ForceTorqueSensor | None:
+def _force_torque_sensor(cell: _CellParts) -> ForceTorqueSensor | None:
+    arm, robot, scenario = cell.arm, cell.robot, cell.scenario
     config = scenario.force_torque_sensor
     if config is None:
         return None
-    if parts.tool_weld is None:
+    if arm.tool_weld is None:
         raise InputError(
             "scenario",
             "force_torque_sensor",
@@ -378,9 +428,9 @@ def _force_torque_sensor(
         )
     noisy = config.force_noise_sd > 0 or config.moment_noise_sd > 0
     return ForceTorqueSensor(
-        plant,
-        parts.tool_weld,
-        parts.frame_E,
+        cell.plant,
+        arm.tool_weld,
+        arm.frame_E,
         config,
         robot.num_joints,
         scenario.time_step,

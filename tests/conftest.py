@@ -172,11 +172,11 @@ def some_data(
     """Makes a folder of links to the recordings that are named, and to no others."""
 
     def link(*names: str) -> Path:
-        root, own = data_holding(*names), tmp_path_factory.mktemp("data")
+        root, folder = data_holding(*names), tmp_path_factory.mktemp("data")
         for name in names:
-            (own / name).parent.mkdir(exist_ok=True)
-            (own / name).symlink_to(root / name)
-        return own
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).symlink_to(root / name)
+        return folder
 
     return link
 

@@ -129,10 +129,10 @@ def seal(q: float, v: float) -> float:
 
 @pytest.fixture
 def term() -> Iterator[FrictionTerm]:
-    own = FrictionTerm("seal", seal, laws=("coulomb-viscous-offset", "presliding"), least=0.0)
-    TERMS.append(own)
-    yield own
-    TERMS.remove(own)
+    seal_term = FrictionTerm("seal", seal, laws=("coulomb-viscous-offset", "presliding"), least=0.0)
+    TERMS.append(seal_term)
+    yield seal_term
+    TERMS.remove(seal_term)
 
 
 # A log container ----------------------------------------------------------------------------------
@@ -175,10 +175,10 @@ class NumpyContainer:
 
 @pytest.fixture
 def container() -> Iterator[None]:
-    own = NumpyContainer()
-    CONTAINERS.append(own)
+    numpy_container = NumpyContainer()
+    CONTAINERS.append(numpy_container)
     yield
-    CONTAINERS.remove(own)
+    CONTAINERS.remove(numpy_container)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -266,7 +266,7 @@ def test_a_friction_term_runs_in_every_engine(
     structure = FrictionStructure.of(f"{below}+seal", n)
     values = {"coulomb": 3.0, "viscous": 2.0, "offset": 0.1, "stribeck": 0.5}
     values |= {"load": 0.05, "cubic": 0.1, "seal": 1.5}
-    law = structure.law([np.array([values[name] for name in own]) for own in structure.terms])
+    law = structure.law([np.array([values[name] for name in names]) for names in structure.terms])
     assert isinstance(law, ExtendedFriction)
     model = replace(IdentifiedModel.nominal(sts), friction=law)
     from_batch = assert_alike_everywhere(sts, model, WrenchEstimatorConfig())
@@ -341,10 +341,10 @@ def test_a_log_container_is_registered_reads_back_and_is_removed(
     again = read_recording(path, robot=sts, check=False)
     for name in ("t", "q", "v", "current"):
         np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
-    (own,) = (kind for kind in CONTAINERS if ".nparchive" in kind.suffixes)
-    CONTAINERS.remove(own)
+    (numpy_container,) = (kind for kind in CONTAINERS if ".nparchive" in kind.suffixes)
+    CONTAINERS.remove(numpy_container)
     try:
         with pytest.raises(InputError, match=r"expected \.csv, \.parquet, \.npz, \.mcap"):
             read_recording(path)
     finally:
-        CONTAINERS.append(own)
+        CONTAINERS.append(numpy_container)

@@ -23,6 +23,10 @@ from wrenchsight.analyses.methods.identify.identification import identify_logs a
 from wrenchsight.analyses.methods.identify.identification_config import (
     IdentificationConfig as IdentificationConfig,
 )
+from wrenchsight.analyses.methods.identify.identification_config import (
+    IdentifySettings as IdentifySettings,
+)
+from wrenchsight.analyses.methods.place.place_settings import PlaceSettings as PlaceSettings
 from wrenchsight.analyses.methods.place.placement import place_task as place_task
 from wrenchsight.analyses.methods.place.placement_result import (
     PlacementResult as PlacementResult,

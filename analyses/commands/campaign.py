@@ -100,18 +100,17 @@ def _print(result: "CampaignResult") -> None:
             if distribution.unit
             else distribution.label
         )
-        shown = (row[key] for key in ("article", "median", "range", "ahead"))
-        table.add_row(plain_text(label), *shown)
+        cells = [row[key] for key in ("article", "median", "range", "ahead")]
+        table.add_row(plain_text(label), *cells)
     reused = f", {result.reused} of them from earlier runs" if result.reused else ""
-    show(
-        *([table] if table.row_count else []),
-        *(
-            f"world {number} (seed {outcome.seed}) failed in {name}: {reason.splitlines()[0]}"
-            for number, outcome in sorted(result.failures.items())
-            for name, reason in outcome.failures.items()
-        ),
-        f"worlds: {result.worlds}{reused}",
-    )
+    if table.row_count:
+        show(table)
+    failures = [
+        f"world {number} (seed {outcome.seed}) failed in {name}: {reason.splitlines()[0]}"
+        for number, outcome in sorted(result.failures.items())
+        for name, reason in outcome.failures.items()
+    ]
+    show(*failures, f"worlds: {result.worlds}{reused}")
     if result.seconds:
         times = "; ".join(f"{name} {seconds:.1f} s" for name, seconds in result.seconds.items())
         show(f"processor time a world: {times}")

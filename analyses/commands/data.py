@@ -98,12 +98,11 @@ def _fetch(names: list[str], mirror: str | None) -> None:
 
         result = fetch_data_sets(sets, mirror, progress)
     complete = [fetched for fetched in result if not fetched.problem]
-    show(
-        *(
-            f"{fetched.name}: {fetched.folder}, files fetched: {fetched.num_files}"
-            for fetched in complete
-        )
-    )
+    lines = [
+        f"{fetched.name}: {fetched.folder}, files fetched: {fetched.num_files}"
+        for fetched in complete
+    ]
+    show(*lines)
     problems = [f"{fetched.name}: {fetched.problem}" for fetched in result if fetched.problem]
     if problems:
         remedy = "run it again: it resumes where it was cut; behind a proxy, pass --mirror"
@@ -119,5 +118,6 @@ def _path(names: list[str], data: Path | None) -> None:
     from wrenchsight.analyses.data_sets.places import cache_folder, data_set_folder
     from wrenchsight.analyses.data_sets.registry import data_set
 
-    folders = [data_set_folder(data_set(name).name, data) for name in names]
-    show(*(str(folder) for folder in folders or [cache_folder()]))
+    folders = [data_set_folder(data_set(name).name, data) for name in names] or [cache_folder()]
+    for folder in folders:
+        show(str(folder))

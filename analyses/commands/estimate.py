@@ -127,7 +127,9 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
                 f"{rows['sensor_above_n']:g} N: RMSE {rows['rmse_n']:.2f} N, stated sd "
                 f"{rows['stated_sd_n']:.2f} N"
             )
-        show(*(line if len(result.logs) == 1 else f"{log.name}: {line}" for line in log.contacts))
+        prefix = f"{log.name}: " if len(result.logs) > 1 else ""
+        for line in log.contacts:
+            show(f"{prefix}{line}")
     count = sum(log.num_samples for log in result.logs)
     valid = sum(log.num_samples * log.valid_share for log in result.logs) / count
     sds = " ".join(f"{x:.3g}" for x in result.config.torque_sd)
@@ -141,7 +143,8 @@ def _read_torque_logs(settings: EstimateSettings, out: Path) -> None:
     if result.against_sensor is not None and len(result.logs) > 1:
         mean = result.metrics()["reference"]["mean_rmse_n"]
         show(f"against the sensor: mean of the logs' RMSE {mean:.3f} N")
-    show(*(f"wrench: {log.table}" for log in result.logs))
+    for log in result.logs:
+        show(f"wrench: {log.table}")
 
 
 def _print(result: "EstimateResult", out: Path) -> None:

@@ -66,16 +66,7 @@ def command(settings: IdentifySettings, out: Out = Path("out/identify")) -> None
             from wrenchsight.analyses.methods.identify.identification import identify_logs
 
             calibrated = None
-            result = identify_logs(
-                [Path(log) for log in settings.logs],
-                settings.robot,
-                out,
-                [Path(log) for log in settings.validate],
-                settings.log_format,
-                settings.identification,
-                progress,
-                settings.accept_signs,
-            )
+            result = identify_logs(settings, out, progress)
     _print(result, out)
     if calibrated is not None:
         _print_calibration(calibrated, out)
@@ -239,13 +230,15 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     columns |= {f"{fit.name}\nRMSE [N m]": fit.rmse for fit in result.validation}
     table = new_table("\njoint", *columns)
     for j, name in enumerate(model.joint_names):
-        table.add_row(name, *(f"{values[j]:#.3g}".rstrip(".") for values in columns.values()))
+        cells = [f"{values[j]:#.3g}".rstrip(".") for values in columns.values()]
+        table.add_row(name, *cells)
+    residuals = [
+        f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}"
+        for fit in (joined, *result.validation)
+    ]
     show(
         table,
-        *(
-            f"residual, {fit.name}, mean ± 1 sd [N m]: {residual_text(fit.bias, fit.residual_sd)}"
-            for fit in (joined, *result.validation)
-        ),
+        *residuals,
         *law_lines(result.held_out, result.law, kind, result.extrapolated),
         f"filter: {filter_text(result.config)}",
         f"friction {result.law}, {len(result.base.names)} base parameters, "
@@ -254,7 +247,10 @@ def _print(result: "IdentificationResult", out: Path) -> None:
     if result.config.friction == IdentificationConfig().friction:
         show("note: this law is the default; --friction best lets held-out logs choose")
     links = inconsistent_links_text(metrics["inconsistent_links"], len(model.joint_names))
+    sentences = [*result.notices, *result.warnings]
+    if links:
+        sentences.append(links)
     show(
-        *notes((*result.notices, *result.warnings, *([links] if links else []))),
+        *notes(sentences),
         f"model: {out / 'model.yaml'}",
     )

@@ -48,10 +48,8 @@ def command(settings: JcnMapSettings, out: Out = Path("out/jcn-map")) -> None:
 def _print(result: "JcnMapResult", settings: JcnMapSettings, out: Path) -> None:
     metrics = result.metrics
     table = new_table("condition number", "smallest", "median", "mean", "above 11 [%]")
-    keys = ("min", "median", "mean", "above_11_pct")
-    table.add_row(
-        f"{settings.num_samples} configurations", *(f"{metrics[key]:.4g}" for key in keys)
-    )
+    cells = [f"{metrics[key]:.4g}" for key in ("min", "median", "mean", "above_11_pct")]
+    table.add_row(f"{settings.num_samples} configurations", *cells)
     show(table)
     free = metrics.get("free")
     if free:

@@ -1,6 +1,7 @@
 """The command `place`: where a straight path belongs."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,20 +32,10 @@ def command(settings: PlaceSettings, ctx: typer.Context, out: Out = Path("out/pl
     """Find where a straight path belongs, and how the arm should stand along it."""
     from wrenchsight.analyses.methods.place.placement import place_task
 
+    if on_command_line(ctx, "task"):
+        settings = replace(settings, task_content=None)
     with showing_progress("place") as progress:
-        result = place_task(
-            settings.task,
-            out,
-            settings.robot,
-            objective=settings.objective,
-            solver=settings.solver,
-            seed=settings.seed,
-            model_path=None if settings.model is None else Path(settings.model),
-            method=settings.method,
-            quick=settings.quick,
-            content=None if on_command_line(ctx, "task") else settings.task_content,
-            progress=progress,
-        )
+        result = place_task(settings, out, progress)
     _print(result, out)
 
 
@@ -56,7 +47,8 @@ def _print(result: "PlacementResult", out: Path) -> None:
     table = new_table("", *names.values())
     for solution in ("initial", "optimised", "free"):
         if solution in metrics:
-            table.add_row(solution, *(f"{metrics[solution][name]:.4f}" for name in names))
+            cells = [f"{metrics[solution][name]:.4f}" for name in names]
+            table.add_row(solution, *cells)
     optimised = metrics["optimised"]
     optima = ", ".join(f"{o[f'mean_{key}']:.4f} ({o['starts']} starts)" for o in metrics["optima"])
     show(

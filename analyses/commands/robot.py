@@ -96,11 +96,18 @@ def _show(name: str, out: Path) -> None:
 
 def _print(robot: "Robot") -> None:
     table = new_table("joint", "from", "to", "speed", "effort", "N m/A", "rotor\n[kg m^2]", "home")
+    columns = (
+        robot.position_lower,
+        robot.position_upper,
+        robot.velocity_limit,
+        robot.effort_limit,
+        robot.torque_per_ampere,
+        robot.reflected_inertia,
+        robot.home,
+    )
     for j, name in enumerate(robot.joint_names):
-        values = (robot.position_lower, robot.position_upper, robot.velocity_limit)
-        row = [f"{value[j]:.4g}" for value in (*values, robot.effort_limit)]
-        drive = (robot.torque_per_ampere[j], robot.reflected_inertia[j], robot.home[j])
-        table.add_row(name, *row, *(f"{value:.4g}" for value in drive))
+        cells = [f"{values[j]:.4g}" for values in columns]
+        table.add_row(name, *cells)
     mass = float(robot.chain.inertial_parameters[:, 0].sum())
     lost_shapes = (f"collision shape lost: {link}" for link in robot.unusable_collisions)
     show(

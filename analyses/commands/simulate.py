@@ -76,5 +76,6 @@ def _print(result: "SimulationResult") -> None:
         f"{100 * metrics['valid_share']:.0f} % of the readings valid, "
         f"{100 * metrics['coverage_share']:.0f} % of the true force inside the 95 % band",
         *notes((*result.robot.notices, *result.notices)),
-        *(f"wrote {file}" for file in result.files),
     )
+    for file in result.files:
+        show(f"wrote {file}")

@@ -103,14 +103,14 @@ def _print(result: "StudyResult") -> None:
         for outcome in result.outcomes
         for text in outcome.stored.get("failures", [])
     ]
-    show(
-        *([table] if table.row_count else []),
-        *(
-            f"{outcome.name} {outcome.state}: {outcome.reason}"
-            for outcome in result.outcomes
-            if not outcome.has_result and not outcome.lacks
-        ),
-        *([missing_recordings(missing)] if missing else []),
-        *failures,
-        f"report: {result.report}",
-    )
+    without_result = [
+        f"{outcome.name} {outcome.state}: {outcome.reason}"
+        for outcome in result.outcomes
+        if not outcome.has_result and not outcome.lacks
+    ]
+    if table.row_count:
+        show(table)
+    show(*without_result)
+    if missing:
+        show(missing_recordings(missing))
+    show(*failures, f"report: {result.report}")

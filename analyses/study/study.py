@@ -122,30 +122,48 @@ def run_study(
     if truth not in TRUTHS:
         raise InputError("--truth", "", f"is {truth!r}, expected {', '.join(TRUTHS)}")
     with ends_are_interrupts(), open_results(out, COMMAND) as folder:
-        runs = {}
-        for name in settings.requested:
-            earlier, why = (None, "") if fresh else _earlier(folder, name, settings)
-            if earlier is None:
-                runs[name] = _Run(name, folder, settings)
-                if why:
-                    watch(Progress(name, "waiting", action=why))
-            else:
-                watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
-        seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
-        # Measured seconds of this folder take precedence over typical ones.
-        for name, timing in _read_timings(out).items():
-            seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
-        longest_first = sorted(runs.values(), key=lambda run: -seconds[run.outcome.name])
+        runs = _due_runs(folder, settings, fresh, watch)
         try:
             with writing_to(out):
                 _shared(folder).mkdir()
-            _run_all(longest_first, jobs, watch)
+            _run_all(_longest_first(runs.values(), out), jobs, watch)
         except BaseException:
             # The user should see the cause, not an error that follows from it.
             with suppress(InputError, OSError):
                 _summarise(folder, runs, settings)
             raise
         return _summarise(folder, runs, settings)
+
+
+def _due_runs(
+    folder: ResultFolder,
+    settings: StudySettings,
+    fresh: bool,
+    watch: Callable[[Progress], None],
+) -> "dict[str, _Run]":
+    """The runs of the experiments, by name, whose earlier result is missing or does not count.
+
+    Args:
+        fresh: whether no earlier result counts.
+    """
+    runs = {}
+    for name in settings.requested:
+        earlier, why = (None, "") if fresh else _earlier(folder, name, settings)
+        if earlier is not None:
+            watch(Progress(name, "earlier", 1.0, "nothing has changed since its run"))
+            continue
+        runs[name] = _Run(name, folder, settings)
+        if why:
+            watch(Progress(name, "waiting", action=why))
+    return runs
+
+
+def _longest_first(runs: "Iterable[_Run]", out: Path) -> "list[_Run]":
+    """The runs by their processor seconds: those measured in `out` before, else typical ones."""
+    seconds = {name: entry.seconds for name, entry in REGISTRY.entries().items()}
+    for name, timing in _read_timings(out).items():
+        seconds[name] = timing.get("processor_seconds", seconds.get(name, 0.0))
+    return sorted(runs, key=lambda run: -seconds[run.outcome.name])
 
 
 def _shared(folder: ResultFolder) -> Path:

@@ -65,30 +65,41 @@ def write_path_page(
     meshcat = make_meshcat(robot, np.mean(np.concatenate(tips), axis=0))
     picture = ArmPicture(robot, meshcat, fps)
     if workpiece is not None:
-        meshcat.SetTriangleMesh(
-            "workpiece",
-            np.ascontiguousarray(workpiece.vertices.T),
-            np.ascontiguousarray(workpiece.triangles.T),
-            Rgba(0.80, 0.82, 0.85, 1.0),
-        )
+        _draw_workpiece(meshcat, workpiece)
     for motion, tip in zip(motions, tips, strict=True):
         _draw_tube(meshcat, _meshcat_path(motion), tip, colour_scale(motion.measure, low, high))
     start_animation(meshcat, fps)
+    num_frames = max(2, round(seconds * fps))
     start = 0.0
     for index, motion in enumerate(motions):
-        for shown in motions:
-            meshcat.SetProperty(
-                _meshcat_path(shown), "visible", shown is motion, time_in_recording=start
-            )
-        frames = max(2, round(seconds * fps))
-        indices = np.linspace(0.0, len(motion.q) - 1.0, frames)
-        for frame in range(frames):
+        _show_one_path(meshcat, motions, motion, start)
+        indices = np.linspace(0.0, len(motion.q) - 1.0, num_frames)
+        for frame in range(num_frames):
             picture.show(_between(motion.q, float(indices[frame])), start + frame / fps)
         start += seconds + _PAUSE
-        if index + 1 < len(motions):
+        if index + 1 < len(motions):  # the arm waits for the next motion
             picture.show(motion.q[-1], start - 1.0 / fps)
     names = ", then ".join(motion.name for motion in motions)
     write_page(meshcat, path, f"{title}: {names}", scale_legend(label, low, high))
+
+
+def _draw_workpiece(meshcat: Meshcat, workpiece: TriangleMesh) -> None:
+    meshcat.SetTriangleMesh(
+        "workpiece",
+        np.ascontiguousarray(workpiece.vertices.T),
+        np.ascontiguousarray(workpiece.triangles.T),
+        Rgba(0.80, 0.82, 0.85, 1.0),
+    )
+
+
+def _show_one_path(
+    meshcat: Meshcat, motions: Sequence[PathMotion], current: PathMotion, time: float
+) -> None:
+    """Shows the path of one motion, and hides the others, from a time of the recording on, s."""
+    for motion in motions:
+        meshcat.SetProperty(
+            _meshcat_path(motion), "visible", motion is current, time_in_recording=time
+        )
 
 
 def _meshcat_path(motion: PathMotion) -> str:

@@ -28,7 +28,7 @@ from wrenchsight.models.truth.arm_tick import (
     motion_type,
 )
 from wrenchsight.models.truth.free_arm import VELOCITY_STREAM, WANDER_STREAM
-from wrenchsight.models.truth.joint_kernels import SIGNALS, tick_work
+from wrenchsight.models.truth.joint_kernels import tick_work
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.systems.force_torque_sensor import NO_SENSOR, ForceTorqueSensor
 from wrenchsight.systems.truth.tool_contacts import ToolContacts
@@ -128,7 +128,7 @@ class TrueArm(LeafSystem):
         )
         self._drives = self.DeclareVectorOutputPort(
             "drives",
-            sum(self.drive_sizes),
+            sum(self.drive_sizes.values()),
             self._calc_drives,
             prerequisites | {self._command.ticket()},
         )
@@ -139,7 +139,7 @@ class TrueArm(LeafSystem):
             self._tau_contact = self.DeclareVectorInputPort("tau_contact", n)
             in_contact = prerequisites | {self._results.ticket(), self._tau_contact.ticket()}
             self._truth = self.DeclareVectorOutputPort(
-                "truth", sum(self.truth_sizes), self._calc_truth, in_contact
+                "truth", sum(self.truth_sizes.values()), self._calc_truth, in_contact
             )
         self._weld: int | None = None
         if sensor is not None:
@@ -229,14 +229,15 @@ class TrueArm(LeafSystem):
         return sizes | {name: motion[name].shape[0] for name in other_fields}
 
     @property
-    def drive_sizes(self) -> list[int]:
-        """Sizes of the parts of `drives`: four signals of the joints, current, joints' state."""
-        return [self._n] * (SIGNALS + 1) + [self._joint_size]
+    def drive_sizes(self) -> dict[str, int]:
+        """Sizes of the parts of `drives`: the signals of `joint_tick`, current, joints' state."""
+        names = ("tau_J", "generalized_force", "tau_f", "current_true", "current")
+        return dict.fromkeys(names, self._n) | {"joint_state": self._joint_size}
 
     @property
-    def truth_sizes(self) -> list[int]:
-        """Sizes of the parts of `truth`: wrench, torque, normal force with its normal."""
-        return [6, self._n, 4]
+    def truth_sizes(self) -> dict[str, int]:
+        """Sizes of the parts of `truth`; `normal_force` is followed by the normal."""
+        return {"wrench": 6, "tau_ext": self._n, "normal_force": 4}
 
     @property
     def pushed(self) -> bool:

@@ -113,12 +113,12 @@ def test_the_articles_method_alone_reads_the_same(result, tmp_path, monkeypatch)
     context = ExperimentContext(out=tmp_path, data=tmp_path, quick=True)
     if name.startswith("repeat-cycle"):
         monkeypatch.setattr(article_cycles, "ONE_WAY_QUICK", 0.8)
-        own = article_cycles.method_by_repetition(context, MODULES[name].SCENARIO)
+        method_metrics = article_cycles.method_by_repetition(context, MODULES[name].SCENARIO)
     else:
         monkeypatch.setattr(article_method, "ONE_WAY_QUICK", 0.8)
         monkeypatch.setattr(article_method, "article_models", known_models)
-        own = article_method.run(context).metrics[name]
-    for key, value in own.items():
+        method_metrics = article_method.run(context).metrics[name]
+    for key, value in method_metrics.items():
         expected = found.metrics[key]
         if isinstance(value, dict):
             assert {f"rmse_{axis}_n" for axis in "xyz"} < set(value)
@@ -148,10 +148,15 @@ def test_reductions_are_those_of_the_articles_two_variants(result):
 def test_every_variant_states_how_often_its_bands_hold(result):
     name, found, _ = result
     for variant in MODULES[name].VARIANTS:
-        own = found.metrics[variant.key]
+        variant_metrics = found.metrics[variant.key]
         for axis in "xyz":
-            assert 0.0 <= own[f"share_in_68_band_{axis}"] <= own[f"share_in_95_band_{axis}"] <= 1.0
-            assert (f"correlation_{axis}" in own) == (name != "repeat-cycle")
+            assert (
+                0.0
+                <= variant_metrics[f"share_in_68_band_{axis}"]
+                <= variant_metrics[f"share_in_95_band_{axis}"]
+                <= 1.0
+            )
+            assert (f"correlation_{axis}" in variant_metrics) == (name != "repeat-cycle")
 
 
 def test_the_error_is_the_initial_paths_and_the_low_pass_takes_noise_away(result):

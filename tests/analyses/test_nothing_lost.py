@@ -88,7 +88,8 @@ def test_identify_does_not_overwrite_the_robot_that_it_loads(tmp_path, log):
 def test_estimate_does_not_overwrite_what_it_reads(X, log, read, words):
     before = _files(X)
     places = {"LOG": log, read: X / read}
-    line = refused("estimate", *(places.get(word, word) for word in words), "--out", X)
+    arguments = [places.get(word, word) for word in words]
+    line = refused("estimate", *arguments, "--out", X)
     assert line.startswith(f"{X / read}: is read by this command")
     assert _files(X) == before
 
@@ -150,11 +151,11 @@ def test_a_configuration_runs_again(X, tmp_path):
 
 
 def test_a_picture_does_not_overwrite_what_is_not_one(tmp_path, log):
-    own = tmp_path / "log.csv"
-    shutil.copy(log, own)
-    before = own.read_bytes()
-    refused("robot", "show", "sts_sre4_600", "--out", own)
-    assert own.read_bytes() == before
+    log_copy = tmp_path / "log.csv"
+    shutil.copy(log, log_copy)
+    before = log_copy.read_bytes()
+    refused("robot", "show", "sts_sre4_600", "--out", log_copy)
+    assert log_copy.read_bytes() == before
     page = tmp_path / "arm.html"
     for _ in range(2):  # an earlier picture is replaced
         assert invoke("robot", "show", "sts_sre4_600", "--out", page).exit_code == 0

@@ -329,12 +329,12 @@ def test_torque_in_the_log_identifies_the_same_arm(
     )
     np.testing.assert_allclose(coulomb, expected, rtol=1e-6)
     # What the observer errs by is learnt with the drives' signs, though no drive was read.
-    own, of_currents = (
+    of_torques, of_currents = (
         IdentifiedModel.load(folder / "model.yaml", tilted_arm).torque_error
         for folder in (tmp_path / "out", identified)
     )
-    assert own is not None and of_currents is not None
-    np.testing.assert_allclose(own.constant, of_currents.constant, rtol=1e-3)
+    assert of_torques is not None and of_currents is not None
+    np.testing.assert_allclose(of_torques.constant, of_currents.constant, rtol=1e-3)
 
 
 def test_a_moving_arms_load_is_read(

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 from wrenchsight.analyses.methods.jcn_map.jcn_map import sample
-from wrenchsight.analyses.methods.place.placement import place
+from wrenchsight.analyses.methods.place.placement import PlacementRequest, place
 from wrenchsight.analyses.methods.redundancy.redundancy import find_redundancy
 from wrenchsight.analyses.methods.redundancy.redundancy_task import RedundancyTask
 from wrenchsight.models.numerics.arrays import Array
@@ -52,7 +52,7 @@ def test_a_path_is_placed_for_the_tool_as_it_is_turned(ur10e_turned: Robot) -> N
         tool_direction=_DOWN.tolist(),
         tool_tilt_deg=15.0,
     )
-    result = place(task, source, ur10e_turned, effort=_SMALL)
+    result = place(task, source, ur10e_turned, PlacementRequest(effort=_SMALL))
     placement, q = result.best.placement, result.best.fine.q
     R, p = _pose_of_E(ur10e_turned, q)
     along = np.linspace(-0.3, 0.3, len(q))[:, np.newaxis]

@@ -26,6 +26,7 @@ from wrenchsight.analyses.methods.estimate.estimation import estimate_log
 from wrenchsight.analyses.methods.excite.excitation import ExcitationResult, excite_robot
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
 from wrenchsight.analyses.methods.identify.identification import identify_logs
+from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
 from wrenchsight.analyses.methods.robot.robot_draft import draft_robot
 from wrenchsight.analyses.methods.simulate.simulated_logs import simulate_excitation
 from wrenchsight.models.files.input_error import InputError
@@ -143,7 +144,9 @@ def run_arm(arm: Arm, folder: Path, excitation: ExcitationConfig = EXCITATION) -
             logs.append(folder / f"log_{k}.parquet")
             log = simulate_excitation(robot, result.trajectory, 1, k)
             write_recording(log.recording, logs[k])
-        found = identify_logs(logs[:1], name, folder / "identify", logs[1:])
+        log_names = [str(log) for log in logs]
+        settings = IdentifySettings(robot=name, logs=log_names[:1], validate=log_names[1:])
+        found = identify_logs(settings, folder / "identify")
         row["condition"] = found.base.condition_number
         row["stage"] = "estimate"
         read = estimate_log(logs[1], name, folder / "identify/model.yaml", folder / "estimate")

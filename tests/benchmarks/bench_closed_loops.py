@@ -84,14 +84,14 @@ def plant_alone(cell: RobotCell, context: Context, scenario: Scenario) -> Array:
     touched, as if it were new.
     """
     plant, parts = cell.plant, cell.parts
-    own = plant.GetMyMutableContextFromRoot(context.Clone())
-    x = plant.GetPositionsAndVelocities(own)
+    plant_context = plant.GetMyMutableContextFromRoot(context.Clone())
+    x = plant.GetPositionsAndVelocities(plant_context)
     for pushed in (
         plant.get_actuation_input_port(parts.model_instance),
         plant.get_applied_generalized_force_input_port(),
         plant.get_applied_spatial_force_input_port(),
     ):
-        pushed.FixValue(own, pushed.Eval(own))
+        pushed.FixValue(plant_context, pushed.Eval(plant_context))
     ports = (
         plant.get_contact_results_output_port(),
         plant.get_reaction_forces_output_port(),
@@ -104,10 +104,10 @@ def plant_alone(cell: RobotCell, context: Context, scenario: Scenario) -> Array:
     for _ in range(STRETCHES):
         before = time.process_time()
         for _ in range(ticks):
-            plant.SetPositionsAndVelocities(own, x)
+            plant.SetPositionsAndVelocities(plant_context, x)
             for port in ports:
-                port.Eval(own)
-            plant.CalcForcedDiscreteVariableUpdate(own, values)
+                port.Eval(plant_context)
+            plant.CalcForcedDiscreteVariableUpdate(plant_context, values)
         seconds.append((time.process_time() - before) / STRETCH)
     return np.array(seconds)
 

@@ -145,8 +145,8 @@ def main(seconds: float) -> None:
             f"sample in to reading out: p50 {p50:.3f} ms, p99 {p99:.3f} ms, "
             f"largest {latency.max():.1f} ms, {len(latency)} readings"
         )
-        own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        print(f"memory: reading process {size:.0f} MB, this one {own / 1e3:.0f} MB")
+        memory_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        print(f"memory: reading process {size:.0f} MB, this one {memory_kb / 1e3:.0f} MB")
         print(f"said last: {events[-8:]}")
         compare(folder, robot, seconds, rows)
 

@@ -60,8 +60,8 @@ def test_ports(sts, model):
 def test_a_controller_may_use_the_wrench_when_the_drive_holds_its_torque(
     sts, model, kind, remembers
 ):
-    own = replace(model, friction=remembering(6)) if remembers else model
-    estimator = make_estimator(sts, own, config(kind))
+    estimator_model = replace(model, friction=remembering(6)) if remembers else model
+    estimator = make_estimator(sts, estimator_model, config(kind))
     current = estimator.GetInputPort("current").get_index()
     for name in OUTPUTS:
         feeds_through = estimator.HasDirectFeedthrough(

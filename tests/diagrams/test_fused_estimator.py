@@ -25,9 +25,8 @@ ROWS = 400
 def friction(name):
     rng = np.random.default_rng(7)
     sliding = CoulombViscous(np.full(N, 5.0), np.full(N, 4.0), np.full(N, 0.1))
-    networks = FrictionNetworks(
-        *(rng.normal(size=(N, 5)) for _ in range(3)), rng.normal(size=N), np.full(N, 0.1)
-    )
+    layers = rng.normal(size=(3, N, 5))
+    networks = FrictionNetworks(*layers, rng.normal(size=N), np.full(N, 0.1))
     if name == "coulomb-viscous":
         return SemiParametricFriction(sliding)
     if name == "semi-parametric":
@@ -121,7 +120,8 @@ def test_the_numbers_of_the_stages_and_of_the_batch(sts_reversed, model, log, la
 def test_torque_of_the_present_tick(sts_reversed, model, log, law):
     model = replace(model, friction=friction(law))
     configuration = config(torque_samples="trapezoidal")
-    assert_same(*(played(sts_reversed, model, configuration, log, fused=f) for f in (False, True)))
+    stages = played(sts_reversed, model, configuration, log, fused=False)
+    assert_same(stages, played(sts_reversed, model, configuration, log, fused=True))
 
 
 PARAMETERS = {
@@ -145,13 +145,13 @@ def test_a_parameter_changed_through_the_context(sts_reversed, model, log, param
     law = "presliding" if parameter == "friction.slip" else "semi-parametric"
     model = replace(model, friction=friction(law))
     configuration = config("damped" if "damping" in parameter else "bayesian")
-    block_name, own = parameter.split(".")
+    block_name, parameter_name = parameter.split(".")
     place = {
         "viscous": 1,
         "v_crit": 3,
         "torque_covariance": 1,
         "damping": 2,
-    }.get(own, 0)
+    }.get(parameter_name, 0)
 
     def of_stages(estimator, context):
         block = estimator.GetSubsystemByName(block_name)
@@ -179,8 +179,10 @@ def test_a_broken_parameter_is_refused_when_it_is_used(sts_reversed, model):
     context = fused.CreateDefaultContext()
     for name in ("q", "v", "current"):
         fused.GetInputPort(name).FixValue(context, np.zeros(N))
-    own = block.GetMyMutableContextFromRoot(context)
-    own.get_mutable_numeric_parameter(block.parameters["observer.K_0"]).SetFromVector(-np.ones(N))
+    block_context = block.GetMyMutableContextFromRoot(context)
+    block_context.get_mutable_numeric_parameter(block.parameters["observer.K_0"]).SetFromVector(
+        -np.ones(N)
+    )
     with pytest.raises(ValueError, match="K_0 must be positive"):
         fused.GetOutputPort("wrench").Eval(context)
 
@@ -212,5 +214,6 @@ def test_two_contexts_of_one_block_do_not_meet(sts_reversed, model, log, both_fi
     estimator = WrenchEstimator(sts_reversed, model, config())
     for which in range(2):
         rows = slice(100 * which, 100 * which + 60)
-        batch = estimator.run(estimator.initial_state(), *(signal[rows] for signal in log))
+        samples = [signal[rows] for signal in log]
+        batch = estimator.run(estimator.initial_state(), *samples)
         np.testing.assert_allclose(read[which], batch.wrench, rtol=0.0, atol=1e-9)

@@ -32,8 +32,8 @@ def set_parameter(fused: bool, block: str, name: str, value: Any) -> Callable[[A
     def change(estimator: Any, context: Any) -> None:
         system = estimator.GetSubsystemByName("block" if fused else block)
         index = system.parameters[f"{block}.{name}"] if fused else 0
-        own = system.GetMyMutableContextFromRoot(context)
-        own.get_mutable_numeric_parameter(index).SetFromVector(np.ravel(value))
+        system_context = system.GetMyMutableContextFromRoot(context)
+        system_context.get_mutable_numeric_parameter(index).SetFromVector(np.ravel(value))
 
     return change
 

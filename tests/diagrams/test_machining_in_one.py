@@ -146,8 +146,10 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
     assert Phase.WORK in signals["phase"]
     assert np.abs(signals["wrench_true"]).max() > 5.0
 
-    own = scenario.estimator
-    batch = WrenchEstimator(hard, reads, replace(own, observer=replace(own.observer, time_step=T)))
+    config = scenario.estimator
+    batch = WrenchEstimator(
+        hard, reads, replace(config, observer=replace(config.observer, time_step=T))
+    )
     given = None
     if taught is not None:
         time = signals["feed_time"][:, 0]
@@ -202,11 +204,11 @@ def test_terms_for_pictures_are_the_model_s_at_what_is_read(hard):
     model = plain_model(hard)
     loop = make_closed_loop(scenario, hard, model, machining_path=plan)
     context = loop.diagram.CreateDefaultContext()
-    own = loop.controller.GetMyMutableContextFromRoot(context)
+    controller_context = loop.controller.GetMyMutableContextFromRoot(context)
     q, v = plan.q_start + 0.1, np.linspace(-1.0, 1.0, 6)
-    loop.controller.GetInputPort("q").FixValue(own, q)
-    loop.controller.GetInputPort("v").FixValue(own, v)
-    terms = loop.controller.GetOutputPort("terms").Eval(own)
+    loop.controller.GetInputPort("q").FixValue(controller_context, q)
+    loop.controller.GetInputPort("v").FixValue(controller_context, v)
+    terms = loop.controller.GetOutputPort("terms").Eval(controller_context)
     expected = model.chain(hard).terms(q, v)
     for name in ("q", "v", "G", "Cv", "V_WE", "p_WE"):
         np.testing.assert_array_equal(getattr(terms, name), getattr(expected, name), err_msg=name)

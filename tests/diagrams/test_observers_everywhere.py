@@ -74,17 +74,18 @@ def columns(batch: EstimateBatch) -> dict[str, np.ndarray]:
 def test_every_engine_reads_the_same(
     sts: Robot, kind: type, with_error: bool, torque_samples: str
 ) -> None:
-    own = kind.Config(time_step=T, torque_samples=torque_samples)  # type: ignore[attr-defined]
+    observer_config = kind.Config(time_step=T, torque_samples=torque_samples)  # type: ignore[attr-defined]
     reading = WrenchReconstructionConfig(max_force_sd=1e3, max_phantom=1e3)
-    config = WrenchEstimatorConfig(own, reading)
+    config = WrenchEstimatorConfig(observer_config, reading)
     model, log = model_of(sts, with_error), samples(sts)
     estimator = WrenchEstimator(sts, model, config)
     state = estimator.initial_state()
-    halves = [
-        estimator.run(state, *(signal[part] for signal in log))
-        for part in (slice(0, 77), slice(77, None))
-    ]
-    found = columns(EstimateBatch(*(np.concatenate(both) for both in zip(*halves, strict=True))))
+    halves = []
+    for rows in (slice(0, 77), slice(77, None)):
+        signals = [signal[rows] for signal in log]
+        halves.append(estimator.run(state, *signals))
+    whole = EstimateBatch._make(np.concatenate(pair) for pair in zip(*halves, strict=True))
+    found = columns(whole)
     assert np.isfinite(found["wrench"]).all()
     assert 0.0 < found["valid"].mean() < 1.0
     if with_error and kind is not KalmanObserver:  # whose tau_ext is that of its wrench

@@ -193,7 +193,8 @@ def test_a_first_cell_like_a_number(estimate, file, clean, head):
 )
 def test_a_device_without_an_end(run, clean, arguments):
     words = {"LOG": clean.log, "ROBOT": clean.robot}
-    run(*(words.get(word, word) for word in arguments), "--out", "out")
+    command = [words.get(word, word) for word in arguments]
+    run(*command, "--out", "out")
 
 
 def test_a_urdf_that_is_such_a_device(run, robot):
@@ -438,8 +439,8 @@ def test_shapes_that_are_none_are_left_out(run, robot, kind):
 def test_materials_that_are_none_or_two(run, robot):
     box = '<visual><geometry><box size="1 1 1"/></geometry>{}</visual>'
     colour = '<material name="m"><color rgba="{}"/></material>'
-    own = ('<material name="nothing"/>', colour.format("1 0 0 1"), colour.format("0 1 0 1"))
-    shapes = "".join(box.format(material) for material in (*own, colour.format("1 x")))
+    materials = ('<material name="nothing"/>', colour.format("1 0 0 1"), colour.format("0 1 0 1"))
+    shapes = "".join(box.format(material) for material in (*materials, colour.format("1 x")))
     link = re.search(r"<link name=[^>]*>", URDF).group()
     urdf = URDF.replace(link, link + shapes, 1)
     twice = colour.format("1 0 0 1") + colour.format("0 0 1 1") + "<material/>"

@@ -134,8 +134,8 @@ def test_a_full_disk_keeps_an_older_study_or_campaign(with_an_experiment, work, 
     after = checksums(out)
     changed = {name for name in before if after.get(name) != before[name]}
     # The experiment itself had room, and its new result is kept whole.
-    own = {name for name in changed if name.startswith(f"{_EXPERIMENT}/")}
-    assert changed - own <= ({MARKER} if own else set())
+    experiment_files = {name for name in changed if name.startswith(f"{_EXPERIMENT}/")}
+    assert changed - experiment_files <= ({MARKER} if experiment_files else set())
     if command == "study":
         assert ResultFolder(out, command).below(_EXPERIMENT)
 

@@ -32,8 +32,8 @@ def write_data_set(
     features: dict[str, Any] = {}
     for name, values in episodes[0].items():
         shape = [values.shape[1] if values.ndim > 1 else 1]
-        own = (names or {}).get(name)
-        features[name] = {"dtype": "float32", "shape": shape, "names": own}
+        entry_names = (names or {}).get(name)
+        features[name] = {"dtype": "float32", "shape": shape, "names": entry_names}
     features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
     for name in INDICES[1:]:
         features[name] = {"dtype": "int64", "shape": [1], "names": None}

@@ -80,8 +80,8 @@ def test_along_a_motion_it_is_the_kernel_tick_by_tick():
     t = np.arange(0.0, 1.0, STEP)
     q = np.stack([2e-3 * np.sin(6.0 * t), 3e-3 * np.cos(5.0 * t)])
     v = np.gradient(q, STEP, axis=1)
-    builder, own = DiagramBuilder(), remembering_law()
-    system = builder.AddSystem(PreslidingFrictionSystem(own, STEP))
+    builder, friction = DiagramBuilder(), remembering_law()
+    system = builder.AddSystem(PreslidingFrictionSystem(friction, STEP))
     for name, samples in (("q", q), ("v", v)):
         source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(t, samples)))
         builder.Connect(source.get_output_port(), system.GetInputPort(name))
@@ -91,12 +91,12 @@ def test_along_a_motion_it_is_the_kernel_tick_by_tick():
     log = LogVectorOutput(system.GetOutputPort("tau_f"), builder, STEP)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.9)
-    found, state = log.FindLog(simulator.get_context()).data().T, own.initial_state()
+    found, state = log.FindLog(simulator.get_context()).data().T, friction.initial_state()
     for k in range(80):
         qk, vk = q[:, k].copy(), v[:, k].copy()
-        tau_f = own.velocity_law.torque(vk)
-        add_slip_torque(own.slip_table, state, qk, vk, tau_f)
-        update_slip(own.slip_table, state, qk, vk, tau_J - tau_f)
+        tau_f = friction.velocity_law.torque(vk)
+        add_slip_torque(friction.slip_table, state, qk, vk, tau_f)
+        update_slip(friction.slip_table, state, qk, vk, tau_J - tau_f)
         np.testing.assert_allclose(found[k], tau_f, rtol=0, atol=1e-12)
 
 

@@ -159,9 +159,8 @@ def test_a_broken_sample_is_held_flagged_and_recovered_from(kind, broken):
     np.testing.assert_array_equal(tau_ext[:, 0], [row[0][0] for row in clean_rows])
     observer = MomentumObserver(config([2000.0], kind), 2)
     state = observer.initial_state()
-    batch, fresh = observer.run(
-        state, *(log[k] for k in ("momentum", "CTv", "G", "tau_J", "tau_f"))
-    )
+    signals = [log[name] for name in ("momentum", "CTv", "G", "tau_J", "tau_f")]
+    batch, fresh = observer.run(state, *signals)
     np.testing.assert_array_equal(tau_ext, batch)
     np.testing.assert_array_equal(valid, fresh)
 

@@ -91,8 +91,8 @@ def test_a_logger_of_any_period_reads_the_last_ticks(sts, log, model, config, fu
 def test_advancing_and_evaluating_reads_the_last_tick(sts, log, fused):
     model, config = MODELS["plain"](sts), CONFIGS["momentum"]
     simulator, estimator, _ = simulator_of(sts, model, config, log, fused)
-    own = WrenchEstimator(sts, model, config)
-    batch = own.run(own.initial_state(), *log)
+    wrench_estimator = WrenchEstimator(sts, model, config)
+    batch = wrench_estimator.run(wrench_estimator.initial_state(), *log)
     context = simulator.get_context()
     for k in range(1, 29):
         simulator.AdvanceTo(k * 0.05)

@@ -45,7 +45,8 @@ def log(ur10e):
 
 
 def samples(log):
-    return [Sample(5.0 + H * k, 0.0, *(signal[k] for signal in log)) for k in range(len(log[0]))]
+    ticks = enumerate(zip(*log, strict=True))
+    return [Sample(5.0 + H * k, 0.0, *signals) for k, signals in ticks]
 
 
 def simulated(robot, model, items, ticks):

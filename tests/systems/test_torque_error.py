@@ -76,7 +76,9 @@ def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
     configuration = WrenchEstimatorConfig(MomentumObserverConfig([20.0], T))
     error = replace(model.torque_error, read_load=0.2, resting_only=1.0)
     loaded = replace(model, torque_error=error)
-    estimator, plain = (WrenchEstimator(sts, own, configuration) for own in (loaded, model))
+    estimator, plain = (
+        WrenchEstimator(sts, known_model, configuration) for known_model in (loaded, model)
+    )
     batch = estimator.run(estimator.initial_state(), *log)
     found = played(sts, loaded, configuration, log, fused=fused)
     scale = float(np.abs(batch.covariance).max())
@@ -95,8 +97,8 @@ def test_a_point_force_is_weighted_by_the_models_usual_errors_too(sts, model, lo
     first, second = (
         one.run(one.initial_state(), *log)
         for one in (
-            WrenchEstimator(sts, own, configuration)
-            for own in (model, replace(model, residual_covariance=np.diag(other**2)))
+            WrenchEstimator(sts, known_model, configuration)
+            for known_model in (model, replace(model, residual_covariance=np.diag(other**2)))
         )
     )
     assert np.abs(first.wrench - second.wrench).max() > 0.1
@@ -104,13 +106,13 @@ def test_a_point_force_is_weighted_by_the_models_usual_errors_too(sts, model, lo
 
 
 def test_the_encoders_step_comes_from_robot_yaml_unless_the_configuration_says_it(sts, model, log):
-    own = copy(sts)
-    own.position_resolution = np.full(N, 2e-4)
+    with_step = copy(sts)
+    with_step.position_resolution = np.full(N, 2e-4)
     said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
     by_robot, by_configuration, by_model = (
         one.run(one.initial_state(), *log).torque_sd
         for one in (
-            WrenchEstimator(own, model, WrenchEstimatorConfig()),
+            WrenchEstimator(with_step, model, WrenchEstimatorConfig()),
             WrenchEstimator(sts, model, said),
             WrenchEstimator(sts, model, WrenchEstimatorConfig()),
         )

@@ -20,7 +20,12 @@ from wrenchsight.analyses.experiments.setups.path_runs.article_paths import (
     followed,
 )
 from wrenchsight.analyses.methods.place.particle_swarm import SwarmConfig
-from wrenchsight.analyses.methods.place.placement import EFFORT, EFFORT_WITH_CLEARANCE, place
+from wrenchsight.analyses.methods.place.placement import (
+    EFFORT,
+    EFFORT_WITH_CLEARANCE,
+    PlacementRequest,
+    place,
+)
 from wrenchsight.analyses.methods.place.placement_files import (
     draw_profiles,
     write_placement_page,
@@ -65,25 +70,28 @@ def linear_path(context: ExperimentContext) -> LinearPath:
     task, source = load_task("linear_path")
     seeds = range(context.seed, context.seed + (NUM_SEEDS_QUICK if context.quick else NUM_SEEDS))
     context.progress(0.0, "first run")
-    place(task, source, robot, effort=_FIRST)
-    place(task, source, robot, solver="pso-ga", swarm=SwarmConfig(num_iterations=1))
+    place(task, source, robot, PlacementRequest(effort=_FIRST))
+    short_swarm = PlacementRequest(solver="pso-ga", swarm=SwarmConfig(num_iterations=1))
+    place(task, source, robot, short_swarm)
     context.progress(0.05, "from the article's guess")
-    optimised = place(task, source, robot, seed=context.seed)
+    optimised = place(task, source, robot, PlacementRequest(seed=context.seed))
     unguided = replace(task, initial=None)
     from_seeds, swarms = [], []
     for index, seed in enumerate(seeds):
         context.progress(0.1 + 0.3 * index / len(seeds), f"seed {seed}, without a guess")
-        from_seeds.append(place(unguided, source, robot, seed=seed))
+        from_seeds.append(place(unguided, source, robot, PlacementRequest(seed=seed)))
     for index, seed in enumerate(seeds):
         context.progress(0.4 + 0.4 * index / len(seeds), f"PSO-GA, seed {seed}")
         swarm = SWARM_QUICK if context.quick else SWARM
-        swarms.append(place(unguided, source, robot, solver="pso-ga", seed=seed, swarm=swarm))
+        request = PlacementRequest(solver="pso-ga", seed=seed, swarm=swarm)
+        swarms.append(place(unguided, source, robot, request))
     context.progress(0.8, "with table and clearance")
     table_task, table_source = load_task("linear_path_table")
     effort = EFFORT_WITH_CLEARANCE
     if context.quick:
         effort = replace(effort, num_rounds=2, num_solves=4)
-    table = place(table_task, table_source, robot, seed=context.seed, effort=effort)
+    request = PlacementRequest(seed=context.seed, effort=effort)
+    table = place(table_task, table_source, robot, request)
     s = np.linspace(0.0, 1.0, OPTIMISED_PATH.num_segments + 1)
     elbows = {"one_elbow": OPTIMISED_POSTURE, "other_elbow": OTHER_ELBOW_POSTURE}
     postures = {

@@ -25,7 +25,7 @@ reaches come from the three fitted runs.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -95,7 +95,7 @@ def run(context: ExperimentContext) -> ExperimentResult:
     for k, (log, mass) in enumerate(LOADS.items()):
         context.progress(0.6 + 0.35 * k / len(LOADS), log)
         recording = read_recording(log_file(context.data, log), robot=robot)
-        log_metrics = _log_metrics(recording, mass, robot, model, MARGIN)
+        log_metrics = _log_metrics(recording, mass, robot, _Reader(model), MARGIN)
         begin = MARGIN
         if mass == 0.0 and "sliding" in log_metrics:
             config = RefreshConfig(part=[0.0, REFRESH_SECONDS])
@@ -105,16 +105,17 @@ def run(context: ExperimentContext) -> ExperimentResult:
             if drift is not None and model.torque_error is not None:
                 error = replace(model.torque_error, drift_shown=drift)
                 model_with_drift = replace(model, torque_error=error)
-                widened = _log_metrics(recording, mass, robot, model, MARGIN, model_with_drift)
+                reader = _Reader(model, model_with_drift)
+                widened = _log_metrics(recording, mass, robot, reader, MARGIN)
                 log_metrics["widened"] = {"drift": drift, **widened}
         if "sliding" in log_metrics:
             tracked_from = round(TRACKED_FROM / TIME_STEP)
-            log_metrics["tracked"] = _log_metrics(
-                recording, mass, robot, model, tracked_from, tracked=True
-            )
+            reader = _Reader(model, is_tracked=True)
+            log_metrics["tracked"] = _log_metrics(recording, mass, robot, reader, tracked_from)
         source = REFRESHED_BY.get(log, log)
         if source in renewed:
-            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, renewed[source], begin)
+            reader = _Reader(renewed[source])
+            log_metrics["refreshed"] = _log_metrics(recording, mass, robot, reader, begin)
         metrics[log] = log_metrics
     context.progress(0.95, "figure")
     none = {"all": {"inside_95_pct": [np.nan] * 3}}
@@ -201,8 +202,53 @@ class _PointLog:
         )
 
 
-def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> tuple[Array, Array, Flags]:
-    """Wrench, covariance and validity of a log whose friction is followed."""
+@dataclass(frozen=True, eq=False)
+class _Reader:
+    """What a log is read by.
+
+    Attributes:
+        model: of the arm.
+        model_with_drift: whose band is stated, about the reading of `model`; None: that of `model`.
+        is_tracked: whether friction is followed along the log.
+    """
+
+    model: IdentifiedModel
+    model_with_drift: IdentifiedModel | None = None
+    is_tracked: bool = False
+
+
+class _PointReading(NamedTuple):
+    """A reading at the point of action.
+
+    Attributes:
+        wrench: (N, 6) rotation first, N m and N.
+        covariance: (N, 6, 6).
+        valid: (N,).
+    """
+
+    wrench: Array
+    covariance: Array
+    valid: Flags
+
+
+def _read(
+    log: _PointLog, robot: Robot, reader: _Reader, config: WrenchEstimatorConfig
+) -> _PointReading:
+    """Reads a log with an estimator of that configuration."""
+    if reader.is_tracked:
+        reading = _read_tracked(log, TrackedEstimator(robot, reader.model, config))
+    else:
+        estimate = log.read(WrenchEstimator(robot, reader.model, config))
+        reading = _PointReading(estimate.wrench, estimate.covariance, estimate.valid)
+    if reader.model_with_drift is None:
+        return reading
+    wide = log.read(WrenchEstimator(robot, reader.model_with_drift, config))
+    covariance = covariance_about(reading.wrench, wide.wrench, wide.covariance)
+    return _PointReading(reading.wrench, covariance, reading.valid & wide.valid)
+
+
+def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> _PointReading:
+    """The reading of a log whose friction is followed."""
     uniform, estimator = log.uniform, follower.estimator
     batch, _ = follower.run(uniform.q, uniform.v, uniform.current)
     followed = replace(log, observation=log.observation._replace(tau_ext=batch.tau_ext))
@@ -212,55 +258,41 @@ def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> tuple[Array, Ar
     gain = ReadingGain(estimator).of(at_point)
     estimate = followed.read(estimator)
     friction_part = (gain * friction_variance[:, None, :]) @ gain.transpose(0, 2, 1)
-    return estimate.wrench, estimate.covariance + friction_part, estimate.valid
+    return _PointReading(estimate.wrench, estimate.covariance + friction_part, estimate.valid)
 
 
 def _log_metrics(
-    recording: Recording,
-    mass: float,
-    robot: Robot,
-    model: IdentifiedModel,
-    begin: int,
-    model_with_drift: IdentifiedModel | None = None,
-    tracked: bool = False,
+    recording: Recording, mass: float, robot: Robot, reader: _Reader, begin: int
 ) -> dict[str, Any]:
-    """Reads a log by `model`, with the band of `model_with_drift` or with followed friction."""
+    """The error and the stated band of a log, by method and regime of motion.
+
+    Args:
+        mass: kg, that hangs on the arm; 0 for a log without contact.
+        begin: first sample, on the uniform grid, that is judged.
+    """
     uniform = resampled(recording, TIME_STEP)
+    judged = ~uniform.dropout
+    judged[:begin] = judged[-MARGIN:] = False
     metrics: dict[str, Any] = {}
     for method in ("force_only", "bayesian"):
         config = _config(recording, method)
-        estimator = WrenchEstimator(robot, model, config)
+        estimator = WrenchEstimator(robot, reader.model, config)
         if not estimator.learnt:
             raise ValueError("the model has no torque error")
         observation = estimator.observe(uniform.q, uniform.v, uniform.current)
         J, truth = observation.J, np.zeros((len(observation.J), 3))
         if mass > 0.0:
-            Sigma_tau = model.residual_covariance
+            Sigma_tau = reader.model.residual_covariance
             point, truth = force_of_load(robot, uniform, J, observation.tau_ext, Sigma_tau, mass)
             J = jacobian_at(J, robot.chain.pose(uniform.q)[0], point)
-
-        log = _PointLog(uniform, observation, J)
-        if tracked:
-            wrench, covariance, valid = _read_tracked(log, TrackedEstimator(robot, model, config))
-        else:
-            wrench, covariance, _, valid = log.read(estimator)
-        if model_with_drift is not None:
-            wide_estimator = WrenchEstimator(robot, model_with_drift, config)
-            mean, wide_covariance, _, wide_valid = log.read(wide_estimator)
-            covariance = covariance_about(wrench, mean, wide_covariance)
-            valid = valid & wide_valid
-        sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, 3:]
-        judged = ~uniform.dropout
-        judged[:begin] = judged[-MARGIN:] = False
-        parts = {
-            name: _counted(
-                wrench[rows & judged, 3:] - truth[rows & judged],
-                sd[rows & judged],
-                valid[rows & judged],
-            )
-            for name, rows in regimes(uniform.v).items()
-            if (rows & judged).sum() >= FEWEST
-        }
+        reading = _read(_PointLog(uniform, observation, J), robot, reader, config)
+        error = reading.wrench[:, 3:] - truth
+        sd = np.sqrt(np.diagonal(reading.covariance, axis1=1, axis2=2))[:, 3:]
+        parts = {}
+        for name, in_regime in regimes(uniform.v).items():
+            rows = in_regime & judged
+            if rows.sum() >= FEWEST:
+                parts[name] = _counted(error[rows], sd[rows], reading.valid[rows])
         metrics |= parts if method == "force_only" else {method: parts}
     return metrics
 

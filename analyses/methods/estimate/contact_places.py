@@ -76,7 +76,7 @@ def _pieces(stretch: slice, t: Array) -> list[slice]:
     begin, end = float(t[stretch.start]), float(t[stretch.stop - 1])
     count = min(max(1, int(np.ceil((end - begin) / LONGEST))), MOST_PIECES)
     cuts = np.searchsorted(t, np.linspace(begin, end, count + 1)[1:-1])
-    limits = [stretch.start, *(int(k) for k in cuts), stretch.stop]
+    limits = [stretch.start] + [int(cut) for cut in cuts] + [stretch.stop]
     return [slice(start, stop) for start, stop in pairwise(limits) if stop > start]
 
 

@@ -430,32 +430,24 @@ def _model_of(
 
 
 def identify_logs(
-    logs: Sequence[Path],
-    robot_name: str | Path,
+    settings: IdentifySettings,
     out: Path,
-    validate: Sequence[Path] = (),
-    log_format: str | Path | None = None,
-    config: IdentificationConfig | None = None,
     progress: ProgressCallback = lambda fraction, message: None,
-    accept_signs: bool = False,
 ) -> IdentificationResult:
     """The command `identify`: reads the logs, fits, and writes the result into `out`.
+
+    Args:
+        settings: its robot, its logs, those to validate on, and how they are read and fitted.
 
     Raises:
         InputError: as `Robot.load`, `read_recording`, `result_folder` and `identify`.
     """
+    config = settings.identification
     with result_folder(out, "identify") as folder:
-        robot = Robot.load(robot_name)
-        settings = IdentifySettings(
-            robot=str(robot_name),
-            accept_signs=accept_signs,
-            logs=[str(log) for log in logs],
-            validate=[str(log) for log in validate],
-            log_format=None if log_format is None else str(log_format),
-        )
-        recordings = read_episodes(logs, settings, robot)
-        validation = read_episodes(validate, settings, robot)
-        recordings, notes_on_short = long_enough(recordings, config or IdentificationConfig())
+        robot = Robot.load(settings.robot)
+        recordings = read_episodes([Path(log) for log in settings.logs], settings, robot)
+        validation = read_episodes([Path(log) for log in settings.validate], settings, robot)
+        recordings, notes_on_short = long_enough(recordings, config)
         result = identify(recordings, robot, validation, config, progress)
         result.write(folder, settings)
     notices = [line for recording in (*recordings, *validation) for line in recording.notices]

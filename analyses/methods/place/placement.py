@@ -8,7 +8,7 @@ initial guess.
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,8 @@ from wrenchsight.models.planning.placement.placement_task import (
 )
 from wrenchsight.models.robot.robot import Robot
 
+ProgressCallback = Callable[[float, str], None]
+
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
 _FREE_SEEDS = 3  # searches for a placement with a free path, approach and retreat
@@ -71,152 +73,156 @@ EFFORT_NUMERIC = SearchEffort(
 )
 
 
-def place(
-    task: PlacementTask,
-    source: Path | str,
-    robot: Robot,
-    *,
-    objective: str = "jcn",
-    solver: str = "snopt",
-    seed: int = 0,
-    model: IdentifiedModel | None = None,
-    method: str = "bayesian",
-    effort: SearchEffort | None = None,
-    swarm: SwarmConfig | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
-) -> PlacementResult:
-    """Places a path.
+@dataclass(frozen=True)
+class PlacementRequest:
+    """What makes a placement good, and how it is searched for.
 
-    Args:
-        task: as read from `source`, which error messages name.
+    Attributes:
         objective: one of OBJECTIVES.
         solver: one of PLACE_SOLVERS.
         seed: of the random starts.
         model: of force-sd: whose residual covariance counts; None for the robot's nominal one.
         method: of force-sd: how wrenches are reconstructed.
         effort: size of the search; None for what suits task and arm.
-        swarm: of pso-ga.
+        swarm: of pso-ga; None for the article's.
+    """
+
+    objective: str = "jcn"
+    solver: str = "snopt"
+    seed: int = 0
+    model: IdentifiedModel | None = None
+    method: str = "bayesian"
+    effort: SearchEffort | None = None
+    swarm: SwarmConfig | None = None
+
+
+_LEAST_JCN = PlacementRequest()
+
+
+def place(
+    task: PlacementTask,
+    source: Path | str,
+    robot: Robot,
+    request: PlacementRequest = _LEAST_JCN,
+    progress: ProgressCallback = lambda fraction, message: None,
+) -> PlacementResult:
+    """Places a path.
+
+    Args:
+        task: as read from `source`, which error messages name.
+        request: objective and search.
 
     Raises:
         InputError: no placement can be followed, or none keeps all constraints.
     """
-    _check_choice("--objective", objective, OBJECTIVES)
-    _check_choice("--solver", solver, PLACE_SOLVERS)
+    _check_choice("--objective", request.objective, OBJECTIVES)
+    _check_choice("--solver", request.solver, PLACE_SOLVERS)
     check_task(task, source, robot)
-    measure, notices = measure_of(robot, objective, model, method)
-    cell = None
-    if task.clearance is not None:
-        cell = PlacementCell(robot, task.clearance)
-        notices += cell.notices
-    if not is_closed_form(robot):
-        notices.append(
-            f"{robot.name} has no known analytic inverse kinematics: branches are searched "
-            "numerically, and some may be missed"
-        )
-    bounds = task.bounds(robot)
+    measure, notices = measure_of(robot, request.objective, request.model, request.method)
+    cell = None if task.clearance is None else PlacementCell(robot, task.clearance)
+    notices += _arm_notices(robot, cell)
     program = PlacementProgram(
-        robot.chain, measure, bounds, task.path_length, task.num_segments, cell
+        robot.chain, measure, task.bounds(robot), task.path_length, task.num_segments, cell
     )
     began = time.perf_counter()
-    if solver == "pso-ga":
-        result = place_by_swarm(robot, program, seed, swarm, progress)
-    else:
-        guess = task.initial_path()
-        start = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
-        search = PlacementSearch(robot, program, start)
-        result = search.run(seed, solver, effort or _effort(robot, cell), progress)
+    search = _search(task, robot, program, request, progress)
     seconds = time.perf_counter() - began
-    if result.best is None:
-        _explain_nothing(task, source, robot, result)
-    assert result.best is not None
-    best = result.best.placement
-    profile = _profile(task, robot, measure, cell, best)
-    if profile is None:
+    if search.best is None:
+        _explain_nothing(task, source, robot, search)
+    assert search.best is not None
+    placement = search.best.placement
+    best = _profile(task, robot, measure, cell, placement)
+    if best is None:
         problem = "the best path changes its branch between two points"
         raise InputError(source, "", problem, "choose another --seed or --solver")
     initial = _initial_profile(task, robot, measure, cell)
     if task.initial is not None and initial is None:
         notices.append("no branch follows the task's guess within the joint limits")
-    if result.interrupted:
+    if search.interrupted:
         notices.append("interrupted: this is the best placement so far")
     return PlacementResult(
         task=task,
         robot=robot,
-        objective=objective,
-        solver=solver,
-        seed=seed,
+        objective=request.objective,
+        solver=request.solver,
+        seed=request.seed,
         measure=measure,
         initial=initial,
-        best=profile,
-        search=result,
+        best=best,
+        search=search,
         seconds=seconds,
-        largest_violation=program.violation(best),
+        largest_violation=program.violation(placement),
         notices=tuple(notices),
     )
 
 
+def _arm_notices(robot: Robot, cell: PlacementCell | None) -> list[str]:
+    """Sentences on shapes that are missing and branches that may be."""
+    notices = [] if cell is None else list(cell.notices)
+    if not is_closed_form(robot):
+        notices.append(
+            f"{robot.name} has no known analytic inverse kinematics: branches are searched "
+            "numerically, and some may be missed"
+        )
+    return notices
+
+
+def _search(
+    task: PlacementTask,
+    robot: Robot,
+    program: PlacementProgram,
+    request: PlacementRequest,
+    progress: ProgressCallback,
+) -> SearchResult:
+    """Searches with the solver that is requested; all but pso-ga also start from a guess."""
+    if request.solver == "pso-ga":
+        return place_by_swarm(robot, program, request.seed, request.swarm, progress)
+    guess = task.initial_path()
+    start = None if guess is None else (guess.n_W, guess.p_WM, guess.R_WE)
+    effort = request.effort or _effort(robot, has_clearance=task.clearance is not None)
+    return PlacementSearch(robot, program, start).run(
+        request.seed, request.solver, effort, progress
+    )
+
+
 def place_task(
-    task_name: str | Path,
+    settings: PlaceSettings,
     out: Path,
-    robot_name: str | Path = "sts_sre4_600",
-    *,
-    objective: str = "jcn",
-    solver: str = "snopt",
-    seed: int = 0,
-    model_path: Path | None = None,
-    method: str = "bayesian",
-    quick: bool = False,
-    content: PlacementTask | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    progress: ProgressCallback = lambda fraction, message: None,
 ) -> PlacementResult:
     """The command `place`: reads the task, places its path and writes the results.
-
-    Args:
-        content: used instead of the content of the task that `task_name` names.
 
     Raises:
         InputError: as `place` and `result_folder`; the task, the robot or the model cannot be
             read.
     """
     with result_folder(out, "place") as folder:
-        task, source = load_task(task_name) if content is None else (content, Path(task_name))
-        robot = Robot.load(robot_name)
-        model = None if model_path is None else IdentifiedModel.load(model_path, robot)
-        result = place(
-            task,
-            source,
-            robot,
-            objective=objective,
-            solver=solver,
-            seed=seed,
-            model=model,
-            method=method,
-            effort=EFFORT_QUICK if quick and task.clearance is None else None,
-            progress=progress,
+        task, source = settings.task_content, Path(settings.task)
+        if task is None:
+            task, source = load_task(settings.task)
+        robot = Robot.load(settings.robot)
+        request = PlacementRequest(
+            objective=settings.objective,
+            solver=settings.solver,
+            seed=settings.seed,
+            model=None
+            if settings.model is None
+            else IdentifiedModel.load(Path(settings.model), robot),
+            method=settings.method,
+            effort=EFFORT_QUICK if settings.quick and task.clearance is None else None,
         )
-        if task.clearance is None and not quick:
-            result = _with_free(result, source, model, method, progress)
-        settings = PlaceSettings(
-            task=str(task_name),
-            robot=str(robot_name),
-            objective=objective,
-            solver=solver,
-            model=None if model_path is None else str(model_path),
-            method=method,
-            seed=seed,
-            quick=quick,
-            task_content=task,
-        )
-        write_placement(folder, result, settings)
+        result = place(task, source, robot, request, progress)
+        if task.clearance is None and not settings.quick:
+            result = _with_free(result, source, request, progress)
+        write_placement(folder, result, replace(settings, task_content=task))
     return result
 
 
 def _with_free(
     result: PlacementResult,
     source: Path | str,
-    model: IdentifiedModel | None = None,
-    method: str = "bayesian",
-    progress: Callable[[float, str], None] = lambda fraction, message: None,
+    request: PlacementRequest,
+    progress: ProgressCallback,
 ) -> PlacementResult:
     """The result with its smallest distance; where its arm overlaps, the best free placement."""
     robot = result.robot
@@ -242,14 +248,8 @@ def _with_free(
                 task,
                 source,
                 robot,
-                objective=result.objective,
-                solver=result.solver,
-                seed=seed,
-                model=model,
-                method=method,
-                progress=lambda fraction, message: progress(
-                    fraction, f"free of collision: {message}"
-                ),
+                replace(request, seed=seed),
+                lambda fraction, message: progress(fraction, f"free of collision: {message}"),
             ).best
         except InputError as error:
             notices.append(f"no collision-free placement: {error}")
@@ -290,10 +290,10 @@ def measure_of(
     return ForceSd(robot.chain, model.residual_covariance, config), notices
 
 
-def _effort(robot: Robot, cell: PlacementCell | None) -> SearchEffort:
+def _effort(robot: Robot, has_clearance: bool) -> SearchEffort:
     if not is_closed_form(robot):
         return EFFORT_NUMERIC
-    return EFFORT if cell is None else EFFORT_WITH_CLEARANCE
+    return EFFORT_WITH_CLEARANCE if has_clearance else EFFORT
 
 
 def _profile(

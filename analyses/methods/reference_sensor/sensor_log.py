@@ -62,12 +62,12 @@ class SensorSamples(NamedTuple):
 
     def rows(self, rows: slice) -> "SensorSamples":
         """Some of the samples."""
-        return SensorSamples(*[signal[rows] for signal in self])
+        return SensorSamples._make(signal[rows] for signal in self)
 
     def followed_by(self, later: "SensorSamples") -> "SensorSamples":
         """The samples of both."""
         pairs = zip(self, later, strict=True)
-        return SensorSamples(*[np.concatenate(pair) for pair in pairs])
+        return SensorSamples._make(np.concatenate(pair) for pair in pairs)
 
 
 class SensorLogCollector:
@@ -87,7 +87,7 @@ class SensorLogCollector:
 
     def add(self, samples: SensorSamples) -> None:
         """Takes the next samples."""
-        samples = SensorSamples(*[np.asarray(signal, float) for signal in samples])
+        samples = SensorSamples._make(np.asarray(signal, float) for signal in samples)
         if self._unfinished is not None:
             samples = self._unfinished.followed_by(samples)
         count = len(samples.t) // self.samples
@@ -99,8 +99,8 @@ class SensorLogCollector:
         """The first `count` blocks of the samples."""
         size = self.samples
         whole = samples.rows(slice(0, count * size))
-        blocks = SensorSamples(
-            *[signal.reshape(count, size, *signal.shape[1:]) for signal in whole]
+        blocks = SensorSamples._make(
+            signal.reshape(count, size, *signal.shape[1:]) for signal in whole
         )
         return SensorLog(
             t=blocks.t.mean(axis=1),

@@ -322,8 +322,7 @@ class _Draft:
             "# numbers only make the file load. docs/your-robot.md says where they are found.",
             f"name: {_quoted(self.name)}",
             f"urdf: {_quoted(str(path))}",
-            *(["xacro_args:"] if self.arguments else []),
-            *(f"  {_quoted(key)}: {json.dumps(value)}" for key, value in self.arguments.items()),
+            *self._argument_lines(),
             f"base_link: {_quoted(self.base)}  # W is its frame",
             f"flange: {_quoted(self.flange)}  # the link that carries the tool",
             "tool_frame: {xyz: [0, 0, 0], rpy: [0, 0, 0]}"
@@ -364,6 +363,13 @@ class _Draft:
             lines += _truth_lines(self.arm, carried)
         return "\n".join(lines) + "\n"
 
+    def _argument_lines(self) -> list[str]:
+        """What xacro is given, if anything."""
+        if not self.arguments:
+            return []
+        values = [f"  {_quoted(key)}: {json.dumps(value)}" for key, value in self.arguments.items()]
+        return ["xacro_args:", *values]
+
 
 def _truth_lines(arm: list[_Joint], carried: Array) -> list[str]:
     """Plain friction and resolution of the simulated arm, which only `simulate` reads."""
@@ -381,16 +387,18 @@ def _truth_lines(arm: list[_Joint], carried: Array) -> list[str]:
     def listed(values: Sequence[float] | Array) -> str:
         return "[" + ", ".join(f"{value:.2g}" for value in values) + "]"
 
+    friction_lines = [f"    {name}: {listed(values)}" for name, values in rows.items()]
+    encoder_lines = [f"      {name}: {listed(values)}" for name, values in encoder.items()]
     return [
         "",
         "# What only simulations read, all of it assumed: friction of a twentieth of what a joint",
         "# carries, as the noise and steps of the currents above are parts of it. N m, rad, s.",
         "simulated_truth:",
         "  friction:",
-        *(f"    {name}: {listed(values)}" for name, values in rows.items()),
+        *friction_lines,
         "  mechanisms:",
         "    encoder:",
-        *(f"      {name}: {listed(values)}" for name, values in encoder.items()),
+        *encoder_lines,
     ]
 
 

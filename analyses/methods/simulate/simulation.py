@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from scipy.optimize import nnls
 
 from wrenchsight.analyses.methods.simulate.advance import advance
-from wrenchsight.analyses.methods.simulate.air_pass import learn_air_passes
+from wrenchsight.analyses.methods.simulate.air_pass import LearntCorrection, learn_air_passes
 from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSettings
 from wrenchsight.analyses.methods.simulate.simulation_result import SimulationResult
 from wrenchsight.analyses.output.outputs import OutputFolder
@@ -255,32 +256,22 @@ def simulate(
         InputError: scenario, robot and model do not fit; or the motion diverges.
     """
     robot.require_inertias("simulate")
-    scenario, plan, trajectory, notices = _planned(scenario, robot)
+    work = _planned(scenario, robot)
+    scenario, notices = work.scenario, work.notices
     if model is None:
-        model = known_model(robot, scenario, trajectory)
+        model = known_model(robot, scenario, work.trajectory)
         notices.append(_known_model_notice(scenario))
-    correction, estimator_model = None, model
-    if plan is not None and scenario.machining is not None and scenario.machining.air_pass > 0.0:
-        correction, estimator_model = learn_air_passes(
-            scenario,
-            robot,
-            model,
-            plan,
-            scenario.seed + 1,
-            lambda _, message: progress(0.0, message),
-        )
-    meshcat = None
-    if page is not None:
-        _, p_WE = robot.chain.pose(trajectory.q[len(trajectory.q) // 2])
-        meshcat = make_meshcat(robot, p_WE, None if plan is None else view_of(plan.path))
+    learnt = _learnt_correction(work, robot, model, progress)
+    estimator_model = model if learnt is None else learnt.model
+    meshcat = None if page is None else _make_meshcat(work, robot)
     loop = make_closed_loop(
         scenario,
         robot,
         model,
         meshcat,
-        trajectory=trajectory,
-        machining_path=plan,
-        air_pass=correction,
+        trajectory=work.trajectory,
+        machining_path=work.plan,
+        air_pass=None if learnt is None else learnt.correction,
         fused=graph is None,  # a drawing shows the stages
         estimator_model=estimator_model,
     )
@@ -297,12 +288,36 @@ def simulate(
         write_page(meshcat, page, title)
         files.append(page)
     t, signals = recorder.logged()
-    valid = signals["valid"][:, 0] == 1.0
     notices += _retreat_notices(t, signals)
+    valid = signals["valid"][:, 0] == 1.0
     if valid.mean() < _FEW_VALID:
         notices.append(_why_uncertain(scenario, robot, estimator_model, signals, valid))
     result = _result_of(scenario, robot, t, signals, float(t[-1]) / elapsed)
     return replace(result, notices=tuple(notices), files=tuple(files))
+
+
+def _learnt_correction(
+    work: _Work, robot: Robot, model: IdentifiedModel, progress: ProgressCallback
+) -> LearntCorrection | None:
+    """What air passes teach before machining; None where the scenario has none."""
+    scenario = work.scenario
+    if work.plan is None or scenario.machining is None or not scenario.machining.air_pass > 0.0:
+        return None
+    return learn_air_passes(
+        scenario,
+        robot,
+        model,
+        work.plan,
+        scenario.seed + 1,
+        lambda _, message: progress(0.0, message),
+    )
+
+
+def _make_meshcat(work: _Work, robot: Robot) -> Meshcat:
+    """An empty picture that looks at the middle of the motion."""
+    q_middle = work.trajectory.q[len(work.trajectory.q) // 2]
+    _, p_WE = robot.chain.pose(q_middle)
+    return make_meshcat(robot, p_WE, None if work.plan is None else view_of(work.plan.path))
 
 
 def _fault(signals: Mapping[str, Array]) -> Fault:

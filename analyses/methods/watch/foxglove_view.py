@@ -32,6 +32,7 @@ METRES_PER_NEWTON = 0.005
 FLAGS = ("valid", "contact", "misfit", "link", "rest", "out_of_range", "dropout", "running")
 NUMBERS = ("statistic", "condition_number", "latency")
 LARGEST_MESH = 1 << 24  # bytes of a link's file that is sent
+_WRENCH_NAMES = list(WRENCH_AXES) + [f"sd_{axis}" for axis in WRENCH_AXES]
 _LAST_STAMP = 2.0**32  # s
 _VALID, _NOT_VALID = (0.0, 0.6, 0.2), (0.7, 0.7, 0.7)
 _MEDIA = {".obj": "model/obj", ".stl": "model/stl", ".gltf": "model/gltf+json"}
@@ -125,15 +126,14 @@ class _Listener(ServerListener):
 
 
 def _schema() -> dict[str, Any]:
-    wrench = [*WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES)]
-    numbers = {name: {"type": "number"} for name in ("t", *wrench, *NUMBERS)}
+    numbers = {name: {"type": "number"} for name in ("t", *_WRENCH_NAMES, *NUMBERS)}
     flags = {name: {"type": "integer"} for name in FLAGS}
     return {"type": "object", "title": "wrenchsight.Reading", "properties": numbers | flags}
 
 
 def _numbers(reading: Reading) -> dict[str, float | None]:
-    names = [*WRENCH_AXES, *(f"sd_{axis}" for axis in WRENCH_AXES)]
-    values: dict[str, float] = dict(zip(names, reading.force_first.tolist(), strict=True))
+    wrench_values = reading.force_first.tolist()
+    values: dict[str, float] = dict(zip(_WRENCH_NAMES, wrench_values, strict=True))
     values |= {name: getattr(reading, name) for name in NUMBERS}
     numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
     flags = {name: int(getattr(reading, name)) for name in FLAGS}

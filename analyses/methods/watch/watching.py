@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -126,6 +126,90 @@ class SinkThread(threading.Thread):
             self._report(text)
 
 
+class _Screen:
+    """The readings of a session on a terminal, until the session ends or its time is over.
+
+    Args:
+        settings: what is shown, and for how long.
+        session: gives the readings.
+        threads: the sinks, whose lost readings are counted too.
+        sink_events: what sinks report; taken from here once shown.
+        console: to show readings on.
+
+    Attributes:
+        summary: of the readings so far.
+    """
+
+    def __init__(
+        self,
+        settings: WatchSettings,
+        session: LiveSession,
+        threads: Sequence[SinkThread],
+        sink_events: list[StreamEvent],
+        console: Console,
+    ) -> None:
+        self._session, self._threads, self._console = session, threads, console
+        self._sink_events = sink_events
+        self._duration = settings.duration_s
+        self._shows = settings.view != "none"
+        self._is_plain = settings.view == "lines" or not console.is_terminal or not self._shows
+        self._reader = session.follow()
+        self._end = np.inf
+        self._says_legend = True
+        self.summary = LiveSummary(settings.source)
+
+    def show(self) -> None:
+        """Shows readings as a picture, or as lines where there is no terminal."""
+        if self._is_plain:
+            self._show_lines()
+        else:
+            self._show_picture()
+
+    def _show_lines(self) -> None:
+        last_line = time.monotonic()
+        while self._step():
+            if time.monotonic() - last_line >= LINE_TIME:
+                last_line = time.monotonic()
+                self._say_line()
+            time.sleep(0.05)
+        self._say_line()
+
+    def _show_picture(self) -> None:
+        with Live(console=self._console, auto_refresh=False) as picture:
+            while self._step():
+                picture.update(self.summary.picture(), refresh=True)
+                time.sleep(FRAME_TIME)
+            picture.update(self.summary.picture(), refresh=True)
+
+    def _step(self) -> bool:
+        """Takes what is new; returns whether there may be more."""
+        now = time.monotonic()
+        if self._duration and self.summary.last is not None:
+            self._end = min(self._end, now + self._duration)  # since the first reading
+        is_over = self._session.ended or now >= self._end
+        events = self._session.new_events() + self._new_sink_events()
+        events = self.summary.add(self._reader.read(), events)
+        dropped_by_sinks = sum(thread.reader.dropped for thread in self._threads)
+        self.summary.dropped = dropped_by_sinks + self._reader.dropped
+        if self._is_plain and self._shows:
+            for event in events:
+                if not self._session.is_refusal(event):
+                    say_event(self._console, event)
+        return not is_over
+
+    def _new_sink_events(self) -> list[StreamEvent]:
+        # One by one: the sinks' threads may add more at any time.
+        return [self._sink_events.pop(0) for _ in range(len(self._sink_events))]
+
+    def _say_line(self) -> None:
+        if not self._shows or self.summary.last is None:
+            return
+        if self._says_legend:
+            say(self._console, LEGEND)
+            self._says_legend = False
+        say(self._console, self.summary.line())
+
+
 def watch(settings: WatchSettings, console: Console) -> int:
     """The command `watch`: reads a robot until it ends, or its time is over.
 
@@ -144,68 +228,44 @@ def watch(settings: WatchSettings, console: Console) -> int:
         def report(text: str) -> None:
             sink_events.append(StreamEvent(EventKind.SINK, text, time.monotonic()))
 
-        def recorder() -> Sink:
-            assert settings.record is not None
-            folder = Path(settings.record)
-            # config.yaml comes with the first reading: a refused source leaves the folder empty.
-            config = partial(OutputFolder(folder).write_settings, "config.yaml", settings)
-            return Recorder(folder, session.robot, settings.record_format, config)
-
-        def view() -> Sink:
-            served_view = SERVED_VIEWS[settings.view](session.robot)
-            report(f"the arm and its force are at {served_view.url}")
-            return served_view
-
-        sinks = [recorder] if settings.record is not None else []
-        sinks += [view] if settings.view in SERVED_VIEWS else []
+        sinks = _sinks(settings, session.robot, report)
         threads = [SinkThread(make, session.follow(), report) for make in sinks]
-        summary, reader = LiveSummary(settings.source), session.follow()
-        shows = settings.view != "none"
-        plain = settings.view == "lines" or not console.is_terminal or not shows
-        end, legend = np.inf, LEGEND
-
-        def step() -> bool:
-            nonlocal end
-            now = time.monotonic()
-            if settings.duration_s and summary.last is not None:
-                end = min(end, now + settings.duration_s)  # since the first reading
-            is_over = session.ended or now >= end
-            events = session.new_events() + [sink_events.pop(0) for _ in range(len(sink_events))]
-            events = summary.add(reader.read(), events)
-            summary.dropped = sum(thread.reader.dropped for thread in threads) + reader.dropped
-            if plain and shows:
-                for event in events:
-                    if not session.is_refusal(event):
-                        say_event(console, event)
-            return not is_over
-
-        def say_line() -> None:
-            nonlocal legend
-            if shows and summary.last is not None:
-                if legend:
-                    say(console, legend)
-                    legend = ""
-                say(console, summary.line())
-
+        screen = _Screen(settings, session, threads, sink_events, console)
         try:
-            if plain:
-                last_line = time.monotonic()
-                while step():
-                    if time.monotonic() - last_line >= LINE_TIME:
-                        last_line = time.monotonic()
-                        say_line()
-                    time.sleep(0.05)
-                say_line()
-            else:
-                with Live(console=console, auto_refresh=False) as picture:
-                    while step():
-                        picture.update(summary.picture(), refresh=True)
-                        time.sleep(FRAME_TIME)
-                    picture.update(summary.picture(), refresh=True)
+            screen.show()
         finally:
             for thread in threads:
                 thread.finish()
             for event in sink_events:
                 say_event(console, event)
         session.check()
-        return summary.count
+        return screen.summary.count
+
+
+def _sinks(
+    settings: WatchSettings, robot: Robot, report: Callable[[str], None]
+) -> list[Callable[[], Sink]]:
+    """What makes the recorder and the view of the settings, each in its own thread.
+
+    Args:
+        report: takes messages.
+    """
+
+    def recorder() -> Sink:
+        assert settings.record is not None
+        folder = Path(settings.record)
+        # config.yaml comes with the first reading: a refused source leaves the folder empty.
+        config = partial(OutputFolder(folder).write_settings, "config.yaml", settings)
+        return Recorder(folder, robot, settings.record_format, config)
+
+    def view() -> Sink:
+        served_view = SERVED_VIEWS[settings.view](robot)
+        report(f"the arm and its force are at {served_view.url}")
+        return served_view
+
+    sinks: list[Callable[[], Sink]] = []
+    if settings.record is not None:
+        sinks.append(recorder)
+    if settings.view in SERVED_VIEWS:
+        sinks.append(view)
+    return sinks

@@ -114,8 +114,8 @@ def test_late_experiments_run_on_the_nearest_arms_alone(tmp_path, experiment, fi
     experiment("toy")
     experiment("slow")
     rows = ROWS | {"late": {"key": "slow.coulomb", "figure": 1.3}}
-    own = figures(rows=rows, late=["slow"], late_arms=13)
-    result = fit(own, 30, tmp_path / "fit")
+    fitted_figures = figures(rows=rows, late=["slow"], late_arms=13)
+    result = fit(fitted_figures, 30, tmp_path / "fit")
     assert (counted("ran_toy"), counted("ran_slow")) == (30, 13)
     assert result.arms == 30
     assert {row.name for row in result.rows} == set(rows)

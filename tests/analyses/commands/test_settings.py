@@ -148,10 +148,8 @@ def test_a_setting_given_nowhere_is_a_usage_error(call):
 def test_every_command_with_settings_reads_them_from_a_file(call):
     identify = IdentifySettings(robot="r", logs=["a", "b"], validate=["c"])
     identify.identification.num_passes = 7
-    seen = call("identify", config=identify)["values"]
-    assert seen[:2] == ([Path("a"), Path("b")], "r")
-    assert seen[3] == [Path("c")]
-    assert seen[5] == identify.identification
+    assert call("identify", config=identify)["values"][0] == identify
+    assert not call("identify", "--no-check", config=identify)["values"][0].check
 
     excite = ExciteSettings(robot="r", validation=False)
     excite.excitation.limits.floor, excite.excitation.num_starts = None, 3
@@ -170,9 +168,9 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
 
     task, _ = load_task("linear_path")
     place = PlaceSettings(task="linear_path", solver="ipopt", task_content=task)
-    seen = call("place", config=place)
-    assert (seen["values"][0], seen["solver"], seen["content"]) == ("linear_path", "ipopt", task)
-    assert call("place", "--task", "other", config=place)["content"] is None
+    assert call("place", config=place)["values"][0] == place
+    other = call("place", "--task", "other", config=place)["values"][0]
+    assert other == dataclasses.replace(place, task="other", task_content=None)
 
     content = load_configuration(task_file("blade_path", "redundancy"), RedundancyTask)
     content.model = Path("model.yaml")
@@ -183,7 +181,9 @@ def test_every_command_with_settings_reads_them_from_a_file(call):
 def test_without_a_file_the_settings_are_the_defaults(call):
     assert call("excite", "--robot", "r")["values"][2] == ExciteSettings().excitation
     assert call("estimate", "a", "--robot", "r")["values"][5] == EstimateConfig()
-    assert call("identify", "a", "--robot", "r")["values"][5] == IdentifySettings().identification
+    assert call("identify", "a", "--robot", "r")["values"][0] == IdentifySettings(
+        robot="r", logs=["a"]
+    )
     assert call("jcn-map", "--slice", "z=0.3")["values"][0].slice == SliceConfig("z", 0.3)
 
 
@@ -197,9 +197,9 @@ def test_a_slice_that_is_no_plane_is_one_line(call, words):
 def test_a_command_that_has_settings_takes_a_file_of_them():
     for name, entry in find_commands().items():
         options = {parameter.name for parameter in load_command(entry).params}
-        own = getattr(import_module(entry.module), "OPTIONS", None)
-        assert ("config" in options) == (own is not None), name
-        assert {option.parameter for option in own or ()} <= options, name
+        settings_options = getattr(import_module(entry.module), "OPTIONS", None)
+        assert ("config" in options) == (settings_options is not None), name
+        assert {option.parameter for option in settings_options or ()} <= options, name
 
 
 def test_help_shows_what_people_need_and_help_all_every_option():
@@ -282,8 +282,8 @@ def test_options_reach_the_simulation(call, tmp_path, scenario, expected):
     ],
 )
 def test_validate_takes_several_logs(call, arguments, logs, validate):
-    seen = call("identify", *arguments)["values"]
-    assert (seen[0], seen[3]) == ([Path(p) for p in logs], [Path(p) for p in validate])
+    settings = call("identify", *arguments)["values"][0]
+    assert (settings.logs, settings.validate) == (logs, validate)
 
 
 # ---- the observer of `estimate` ----

@@ -290,8 +290,10 @@ def _stopped_after(out, monkeypatch, steps):
 
         def dying(act):
             def die_in_time(self, *values, **options):
-                own = f"{STAGING}/ready" in str(self) or (act is unlink and LOCK not in str(self))
-                if own and (out / STAGING / "ready").exists() and next(count) == steps:
+                moves_results = f"{STAGING}/ready" in str(self) or (
+                    act is unlink and LOCK not in str(self)
+                )
+                if moves_results and (out / STAGING / "ready").exists() and next(count) == steps:
                     os.kill(os.getpid(), signal.SIGKILL)
                 return act(self, *values, **options)
 

@@ -205,9 +205,12 @@ def test_campaigns_in_a_folder_each_make_one_table(study, readme, campaign, tmp_
     text = readme.read_text(encoding="utf-8")
     assert "median of 200 worlds (20 of `constant-wrench`) and" in text
     assert results_table(collect(study), expected) in text
-    own = ["constant-wrench", "surface-path"]  # whose names a file has sorted
+    late_experiments = ["constant-wrench", "surface-path"]  # whose names a file has sorted
     other["surface-path"] = other["constant-wrench"]
-    fewer = [{**worlds, **{n: other[n] for n in names}} for names in (own, own[::-1])]
+    fewer = [
+        {**worlds, **{n: other[n] for n in names}}
+        for names in (late_experiments, late_experiments[::-1])
+    ]
     first, again = (results_table(collect(study), one) for one in fewer)
     assert "(20 of `constant-wrench`, `surface-path`)" in first
     assert first == again

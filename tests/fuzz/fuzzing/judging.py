@@ -70,16 +70,16 @@ def stray(clean: Path, spoilt: Path) -> tuple[float, float] | None:
     Returns:
         Its distance in N and the time; None where all valid samples lie within.
     """
-    own, other = readings(clean), readings(spoilt)
+    clean_readings, other = readings(clean), readings(spoilt)
     worst: tuple[float, float] | None = None
     for t, (force, sd, valid) in other.items():
         if not valid:
             continue
         if not all(map(math.isfinite, (*force, *sd))):
             return math.inf, t
-        if t not in own or not own[t][2]:
+        if t not in clean_readings or not clean_readings[t][2]:
             continue
-        for a, s, b, s_b in zip(force, sd, own[t][0], own[t][1], strict=True):
+        for a, s, b, s_b in zip(force, sd, clean_readings[t][0], clean_readings[t][1], strict=True):
             distance = abs(a - b)
             if distance > BAND * math.hypot(s, s_b) and (worst is None or distance > worst[0]):
                 worst = distance, t
@@ -131,13 +131,13 @@ def untellable(clean: Path, spoilt: Path, robot: Path, printed: str = "") -> str
     if "signs of the currents are doubtful" in printed:
         return "signs in doubt, and said so"
     a, b = read_recording(clean, check=False), read_recording(spoilt, check=False)
-    _, own, other = np.intersect1d(
+    _, clean_rows, other = np.intersect1d(
         np.round(a.t, 6), np.round(b.t, 6), assume_unique=True, return_indices=True
     )
-    if len(own) < 0.5 * min(len(a.t), len(b.t)):
+    if len(clean_rows) < 0.5 * min(len(a.t), len(b.t)):
         return None
     signals = ("q", "v", "current")
-    before = {name: getattr(a, name)[own] for name in signals}
+    before = {name: getattr(a, name)[clean_rows] for name in signals}
     after = {name: getattr(b, name)[other] for name in signals}
     for name in signals:
         for j in range(after[name].shape[1]):

@@ -125,9 +125,9 @@ class StudyResults(Results):
         changed = {name for name in after if self._older.get(name) != after[name]}
         if "metrics.json" in changed and "report.html" not in changed:
             return "metrics.json beside an older report"
-        own = {name for name in changed if name.startswith(f"{self._experiment}/")}
-        if own and f"{self._experiment}/metrics.json" not in own:
-            return f"{sorted(own)} beside older metrics"
+        changed_files = {name for name in changed if name.startswith(f"{self._experiment}/")}
+        if changed_files and f"{self._experiment}/metrics.json" not in changed_files:
+            return f"{sorted(changed_files)} beside older metrics"
         if self._tidy_end and not self._had_part and hidden:
             return f"left behind: {hidden}"
         return None

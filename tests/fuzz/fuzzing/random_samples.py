@@ -82,20 +82,20 @@ def estimators() -> Iterator[tuple[str, WrenchEstimator]]:
                     WrenchReconstructionConfig(method, prior_force_sd=30.0, prior_moment_sd=3.0),
                 )
                 try:
-                    own = WrenchEstimator(arm(), model_of(with_error), config)
+                    estimator = WrenchEstimator(arm(), model_of(with_error), config)
                 except ValueError:  # this observer has no use for this method
                     continue
                 error = "with" if with_error else "without"
-                yield f"{kind_name(kind)}, {method}, {error} torque error", own
+                yield f"{kind_name(kind)}, {method}, {error} torque error", estimator
 
 
-def faults(own: WrenchEstimator, ticks: int, seed: int) -> list[str]:
+def faults(estimator: WrenchEstimator, ticks: int, seed: int) -> list[str]:
     """What goes wrong in that many ticks; [] if nothing does."""
     rng = np.random.default_rng(seed)
     sound = sound_log()
-    state = own.initial_state()
-    clean = own.run(own.initial_state(), *sound)
-    settled = math.ceil(own.observer.settling_time / T - 1e-6) + _TOLD
+    state = estimator.initial_state()
+    clean = estimator.run(estimator.initial_state(), *sound)
+    settled = math.ceil(estimator.observer.settling_time / T - 1e-6) + _TOLD
     found: list[str] = []
     for block in range(max(1, ticks // ROWS)):
         bits = rng.integers(0, 2**64, (3, ROWS, 6), dtype=np.uint64).view(np.float64)
@@ -106,7 +106,7 @@ def faults(own: WrenchEstimator, ticks: int, seed: int) -> list[str]:
         where = rng.random((3, ROWS, 6)) < rng.choice([0.001, 0.1, 1.0])
         where[:, rng.integers(150, 400) :] = False
         wild = [np.where(w, b, x) for w, b, x in zip(where, bits, sound, strict=True)]
-        batch = own.run(state, *wild)
+        batch = estimator.run(state, *wild)
         found += [
             f"block {block}: {name} is not finite"
             for name in ("tau_ext", "wrench", "covariance")
@@ -137,9 +137,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     bad = 0
-    for name, own in estimators():
+    for name, estimator in estimators():
         began = time.process_time()
-        found = faults(own, options.ticks, options.seed)
+        found = faults(estimator, options.ticks, options.seed)
         bad += bool(found)
         seconds = time.process_time() - began
         print(f"{name}: {len(found)} faults {found[:3]} ({seconds:.1f} s)", flush=True)

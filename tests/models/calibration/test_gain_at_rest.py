@@ -21,8 +21,9 @@ def samples(rest=1.0, gravity=40.0, moves=0.5, lag=0.0, creep=0.0):
     current = (
         torque + FRICTION * np.sign(target_velocity) * (target_velocity != creep) + ROTOR * vdot
     ) / GAIN
-    columns = [np.cumsum(v) * H, v, current, torque]
-    return TargetSamples(t, *(np.stack([np.zeros_like(t), column], axis=1) for column in columns))
+    signals = [np.cumsum(v) * H, v, current, torque]
+    columns = [np.stack([np.zeros_like(t), signal], axis=1) for signal in signals]
+    return TargetSamples(t, *columns)
 
 
 def gain(target_samples, gravity=40.0):

@@ -23,7 +23,7 @@ _KNOWN = PreslidingFriction(
     weight=np.ones((2, 1)),
     displacement=np.full((2, 1), 1e-4),
 )
-_NONE = SlidingRows(*(np.zeros(0) for _ in range(5)))
+_NONE = SlidingRows(*np.zeros((5, 0)))
 
 
 def _rows(rng: np.random.Generator, gain: float = 0.0, noise: float = 0.5) -> SlidingRows:

@@ -115,13 +115,13 @@ def learnt(model, robot, samples, seed):
 
 
 def test_false_alarms_of_gaussian_noise_are_as_many_as_stated(sts, model):
-    own = learnt(model, sts, 60_000, 1)  # ten minutes
-    assert own.contact_noise.hours == pytest.approx(1.0 / 6.0)
+    learnt_model = learnt(model, sts, 60_000, 1)  # ten minutes
+    assert learnt_model.contact_noise.hours == pytest.approx(1.0 / 6.0)
     # A low-pass of .3 s of an error of .2 s keeps .2 / .5 of its variance.
-    np.testing.assert_allclose(own.contact_noise.mean_scale, np.sqrt(0.4), rtol=0.1)
-    tau_ext = noise(own, 720_000, np.random.default_rng(2))  # two hours
+    np.testing.assert_allclose(learnt_model.contact_noise.mean_scale, np.sqrt(0.4), rtol=0.1)
+    tau_ext = noise(learnt_model, 720_000, np.random.default_rng(2))  # two hours
     for rate in (60.0, 10.0, 1.0):
-        _, found = judged(detector_of(own, sts, rate), own, sts, tau_ext)
+        _, found = judged(detector_of(learnt_model, sts, rate), learnt_model, sts, tau_ext)
         # A Gaussian tail is lighter than the exponential one that is the least to be assumed, so
         # that two hours have fewer than stated, by more the further the level is out.
         assert begins(found.contact) <= 2.0 * rate
@@ -139,14 +139,16 @@ def test_without_learnt_tails_the_rate_is_kept_for_gaussian_noise(sts, model):
 
 
 def test_a_higher_rate_has_lower_levels(sts, model):
-    own = learnt(model, sts, 60_000, 4)
-    levels = np.array([detector_of(own, sts, rate).levels for rate in (0.1, 1.0, 10.0, 100.0)])
+    learnt_model = learnt(model, sts, 60_000, 4)
+    levels = np.array(
+        [detector_of(learnt_model, sts, rate).levels for rate in (0.1, 1.0, 10.0, 100.0)]
+    )
     sample, mean, power, change = levels.T
     assert (np.diff([sample, mean, change]) < 0.0).all()
     # Misfit is asked in contact alone: its level follows a rate that is high already.
     assert power[0] == power[1] == power[2] > power[3]
     with pytest.raises(ValueError, match="false_alarms_per_hour"):
-        detector_of(own, sts, 0.0)
+        detector_of(learnt_model, sts, 0.0)
 
 
 def test_a_push_is_found_at_once_and_ends_when_it_ends(sts, model):
@@ -202,38 +204,40 @@ def test_the_sample_that_follows_a_contact_is_no_mean(sts, model):
 
 
 def test_the_mean_is_given_more_on_other_days(sts, model):
-    own = learnt(model, sts, 60_000, 17)
-    detector = detector_of(own, sts, 2.0)
+    learnt_model = learnt(model, sts, 60_000, 17)
+    detector = detector_of(learnt_model, sts, 2.0)
     # The change has the other half of the rate, at the level that it was learnt.
-    assert detector.levels[1] == pytest.approx(OTHER_DAYS * own.contact_noise.mean.level_at(1.0))
-    assert detector.levels[3] ** 2 == pytest.approx(own.contact_noise.change.level_at(1.0))
+    assert detector.levels[1] == pytest.approx(
+        OTHER_DAYS * learnt_model.contact_noise.mean.level_at(1.0)
+    )
+    assert detector.levels[3] ** 2 == pytest.approx(learnt_model.contact_noise.change.level_at(1.0))
 
 
 def test_what_no_force_at_e_explains_is_told_soon(sts, model):
     """A misfit of ten sds, some 7 of them beyond every force at E, for a second at a time."""
-    own = learnt(model, sts, 60_000, 18)
-    tau_ext = noise(own, 9000, np.random.default_rng(19))
+    learnt_model = learnt(model, sts, 60_000, 18)
+    tau_ext = noise(learnt_model, 9000, np.random.default_rng(19))
     onto = np.zeros(N)
     onto[:3] = [6.0, -6.0, 6.0]
     starts = range(500, 8500, 500)
     for start in starts:
         tau_ext[start : start + 100] += onto * SD
-    detector = detector_of(own, sts)
-    level = OTHER_DAYS * own.contact_noise.misfit.level_at(MISFIT_RATE)
+    detector = detector_of(learnt_model, sts)
+    level = OTHER_DAYS * learnt_model.contact_noise.misfit.level_at(MISFIT_RATE)
     assert detector.settings[MISFIT_LEVEL] == pytest.approx(level)
-    _, found = judged(detector, own, sts, tau_ext)
+    _, found = judged(detector, learnt_model, sts, tau_ext)
     late = [np.flatnonzero(found.misfit[start : start + 100])[0] for start in starts]
     # 1 - exp(-t / .1) = (level / 7)^2 = .3 at .04 s; over .3 s it would be .11 s.
     assert 0.02 <= T * np.median(late) <= 0.08
-    at_e = noise(own, 9000, np.random.default_rng(20))
-    J = own.chain(sts).jacobian(sts.home)
+    at_e = noise(learnt_model, 9000, np.random.default_rng(20))
+    J = learnt_model.chain(sts).jacobian(sts.home)
     for start in starts:
         at_e[start : start + 100] += J[3:].T @ [10.0, 10.0, -10.0]
-    _, found = judged(detector, own, sts, at_e)
+    _, found = judged(detector, learnt_model, sts, at_e)
     assert found.contact.sum() > 1000
     # A second of contact is misread once in a hundred times: 16 seconds here.
     assert found.misfit[found.contact].mean() < 0.02
-    older = replace(own, contact_noise=replace(own.contact_noise, misfit=None))
+    older = replace(learnt_model, contact_noise=replace(learnt_model.contact_noise, misfit=None))
     settings = detector_of(older, sts).settings
     assert settings[MISFIT_LEVEL] == settings[POWER_LEVEL]
 
@@ -275,22 +279,22 @@ def test_drifted_friction_widens_the_threshold_after_its_first_alarm(sts, model)
 
 def test_a_push_is_found_at_once_on_top_of_an_error_that_drifts(sts, model):
     """A slow error of 4 sds is no change; the push of 6 sds on it is."""
-    own = learnt(model, sts, 60_000, 14)
-    tau_ext = noise(own, 6000, np.random.default_rng(15))
+    learnt_model = learnt(model, sts, 60_000, 14)
+    tau_ext = noise(learnt_model, 6000, np.random.default_rng(15))
     t = T * np.arange(6000)
     tau_ext += 4.0 * SD[0] * np.sin(2.0 * np.pi * t / 10.0)[:, np.newaxis] * np.eye(N)[0]
     pushed = tau_ext.copy()
     pushed[3000:3040] += 6.0 * SD * [0.0, 1.0, -1.0, 1.0, 0.0, 1.0]
-    detector = detector_of(own, sts)
-    _, free = judged(detector, own, sts, tau_ext)
+    detector = detector_of(learnt_model, sts)
+    _, free = judged(detector, learnt_model, sts, tau_ext)
     assert not free.contact.any()
-    _, found = judged(detector, own, sts, pushed)
+    _, found = judged(detector, learnt_model, sts, pushed)
     assert np.flatnonzero(found.contact)[0] == 3000
 
 
 def test_a_change_is_learnt_from_what_it_is_made_of(sts, model):
-    own = learnt(model, sts, 60_000, 16)
-    shares = np.array(own.contact_noise.change_sd)
+    learnt_model = learnt(model, sts, 60_000, 16)
+    shares = np.array(learnt_model.contact_noise.change_sd)
     assert shares.shape == (N, 7)
     # x minus its low-pass of .3 s, of an error with covariance exp(-|t| / .2):
     # 1 - 2 * .2 / .5 + .2 / .5 of its variance.
@@ -398,9 +402,9 @@ def test_chunk_by_chunk_is_one_pass(sts, model):
     signals = v, transmitted, momentum, tau_ext, np.ones(900, bool)
     parts = []
     for rows in (slice(0, 1), slice(1, 350), slice(350, 900)):
-        known = TorqueError(*(part[rows] for part in error))
-        own = ArmSamples(known, *(signal[rows] for signal in signals))
-        parts.append(detector.judge(state, own))
+        known = TorqueError._make(part[rows] for part in error)
+        samples = [signal[rows] for signal in signals]
+        parts.append(detector.judge(state, ArmSamples(known, *samples)))
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
@@ -432,10 +436,10 @@ def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
 
 
 def test_noise_without_excursions_has_no_tail(sts, model):
-    own = learnt(model, sts, 300, 13)
-    assert own.contact_noise.sample is None
+    learnt_model = learnt(model, sts, 300, 13)
+    assert learnt_model.contact_noise.sample is None
     assert peaks_above(np.zeros(3), 1.0, T).size == 0
-    assert own.contact_noise.change is None
-    *levels, change = detector_of(own, sts).levels
+    assert learnt_model.contact_noise.change is None
+    *levels, change = detector_of(learnt_model, sts).levels
     assert np.isfinite(levels).all()
     assert change == np.inf  # changes are not looked at

@@ -40,9 +40,9 @@ def test_the_feet_of_an_axis_are_nearest_to_its_neighbours(J: np.ndarray) -> Non
     axis, through = J[:3].T, np.cross(J[:3].T, J[3:].T)  # a point of each axis
     for k in range(6):
         across = last[k] - first[k + 1]
-        for own, foot in ((k, last[k]), (k + 1, first[k + 1])):
-            assert np.linalg.norm(np.cross(foot - through[own], axis[own])) < 1e-12
-            assert abs(across @ axis[own]) < 1e-12
+        for joint, foot in ((k, last[k]), (k + 1, first[k + 1])):
+            assert np.linalg.norm(np.cross(foot - through[joint], axis[joint])) < 1e-12
+            assert abs(across @ axis[joint]) < 1e-12
     # Of the Panda: upper arm and forearm, the elbow's and the wrist's offset, the flange (m).
     lengths = np.linalg.norm(last - first, axis=1)
     np.testing.assert_allclose(lengths[[2, 4, 6]], [0.316, 0.384, 0.107], atol=1e-9)
@@ -140,7 +140,7 @@ def test_the_pressed_link_is_named(J: np.ndarray, link: int) -> None:
         side = np.cross(u, rng.normal(size=3))
         side /= np.linalg.norm(side)
         tau = pushed(J, link, begin + 0.7 * along + 0.08 * side, -15.0 * side)
-        best = max(best, tau, key=lambda own: abs(own[link - 1]))
+        best = max(best, tau, key=lambda joint_torques: abs(joint_torques[link - 1]))
     odds = odds_of(J, best)
     assert link in odds.named()
     assert len(odds.named()) <= 3

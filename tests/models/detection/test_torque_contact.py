@@ -51,8 +51,8 @@ def test_every_touch_is_found_and_nothing_else(touched) -> None:
 
 def test_the_error_is_noise_step_and_a_floor(touched) -> None:
     error = learn_torque_error(*touched)
-    own = np.r_[np.full(3, np.hypot(NOISE, 0.08)), np.full(4, NOISE)]
-    expected = np.sqrt(own**2 + np.mean(own**2))
+    joint_sd = np.r_[np.full(3, np.hypot(NOISE, 0.08)), np.full(4, NOISE)]
+    expected = np.sqrt(joint_sd**2 + np.mean(joint_sd**2))
     # Twenty steps tell their sd to a quarter; the baseline's own noise is on top.
     np.testing.assert_allclose(error.rest_sd, expected, rtol=0.35)
     np.testing.assert_array_equal(error.moving_sd, error.rest_sd)

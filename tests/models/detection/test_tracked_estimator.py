@@ -69,7 +69,7 @@ def test_a_drifted_arm_reads_as_if_refreshed(sts, model, log, method):
     assert inside(before, late).min() < 0.85
     assert inside(batch, late).min() > 0.9
     assert inside(batch, early).min() > 0.9
-    size = [np.linalg.norm(own.tau_ext[late]) for own in (before, batch)]
+    size = [np.linalg.norm(estimate.tau_ext[late]) for estimate in (before, batch)]
     assert size[1] < 0.6 * size[0]
     np.testing.assert_allclose(tracked.tracker.change[:, 1], MORE, atol=1.0)
     # The band shrinks as friction becomes known: the wrench's, too.
@@ -109,7 +109,10 @@ def test_a_push_is_read_whole_and_not_learnt(sts, model, log):
     # Motion is the same, so the difference is the push; the observer's lag costs nothing here.
     read = (batch.wrench - quiet.wrench)[full, 3:].mean(axis=0)
     plain = WrenchEstimator(sts, model, config())
-    untracked = [plain.run(plain.initial_state(), q, v, own).wrench for own in (pushed, current)]
+    untracked = [
+        plain.run(plain.initial_state(), q, v, motor_current).wrench
+        for motor_current in (pushed, current)
+    ]
     expected = (untracked[0] - untracked[1])[full, 3:].mean(axis=0)
     assert np.linalg.norm(read - expected) < 0.1 * 25.0
     assert found.contact[full].all()
@@ -132,12 +135,12 @@ def test_what_is_unknown_makes_a_reading_invalid(sts, model, log):
     _, q, v, current, _ = log
     gain = sts.torque_per_ampere * sts.current_sign
     heavy = SemiParametricFriction(CoulombViscous(np.zeros(6), np.full(6, 100.0), np.zeros(6)))
-    own = replace(model, friction=heavy)
+    viscous_model = replace(model, friction=heavy)
     current = current + (100.0 - VISCOUS - MORE) * v / gain
     wide = config()
     reading = replace(wide.reconstruction, max_force_sd=6.0)
     wide = replace(wide, reconstruction=reading, check_samples=False)
-    batch, _ = TrackedEstimator(sts, own, wide).run(q, v, current)
+    batch, _ = TrackedEstimator(sts, viscous_model, wide).run(q, v, current)
     early, late = batch.valid[50:200].mean(), batch.valid[-500:].mean()
     assert early < 0.1
     assert late > 0.9
@@ -158,8 +161,8 @@ def test_contact_has_the_levels_of_the_plain_estimator(sts, model, log):
     detector = ContactDetector.of(WrenchEstimator(sts, model, config()))
     _, found = tracked.run(q[:50], v[:50], current[:50])
     plain = WrenchEstimator(sts, model, config())
-    own = plain.run(plain.initial_state(), q[:50], v[:50], current[:50])
-    seen = detector.run(detector.initial_state(), own)
+    estimate = plain.run(plain.initial_state(), q[:50], v[:50], current[:50])
+    seen = detector.run(detector.initial_state(), estimate)
     # Before anything is learnt both read the same.
     np.testing.assert_array_equal(found.statistic[:30], seen.statistic[:30])
 
@@ -178,7 +181,7 @@ def test_a_zeroed_payload_is_read_no_more(sts, model, log):
     payload = tracked.finish_zero()
     assert payload.mass == pytest.approx(1.5, abs=0.1)
     after, found = tracked.run(q[~first], v[~first], current[~first])
-    size = [np.abs(own.wrench[50:, 3:].mean(axis=0)).max() for own in (before, after)]
+    size = [np.abs(estimate.wrench[50:, 3:].mean(axis=0)).max() for estimate in (before, after)]
     assert size[0] > 8.0
     assert size[1] < 1.0
     assert inside(after, slice(50, None)).min() > 0.9
@@ -193,11 +196,11 @@ def test_without_following_friction_it_reads_as_the_plain_estimator(sts, model, 
     _, q, v, current, _ = log
     plain = WrenchEstimator(sts, model, config())
     before = plain.run(plain.initial_state(), q, v, current)
-    own = TrackedEstimator(sts, model, config(), follows_friction=False)
-    batch, _ = own.run(q, v, current)
+    tracked = TrackedEstimator(sts, model, config(), follows_friction=False)
+    batch, _ = tracked.run(q, v, current)
     np.testing.assert_allclose(batch.wrench, before.wrench, atol=1e-9)
     np.testing.assert_allclose(batch.covariance, before.covariance, atol=1e-9)
-    assert not own.tracker.change.any()
+    assert not tracked.tracker.change.any()
 
 
 def test_after_a_break_it_knows_what_it_had_learnt(sts, model, log):

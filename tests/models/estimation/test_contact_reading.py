@@ -84,10 +84,10 @@ def _read(
     known[gap] = False
     ready = []
     for rows in np.array_split(np.arange(len(q)), parts):
-        own = EstimateBatch(*(column[rows] for column in batch))
-        ready.append(reader.take(q[rows], v[rows], tau_J[rows], known[rows], own))
+        estimates = EstimateBatch._make(column[rows] for column in batch)
+        ready.append(reader.take(q[rows], v[rows], tau_J[rows], known[rows], estimates))
     ready.append(reader.finish())
-    whole = EstimateBatch(*(np.concatenate(columns) for columns in zip(*ready, strict=True)))
+    whole = EstimateBatch._make(np.concatenate(columns) for columns in zip(*ready, strict=True))
     R_WE, _ = robot.chain.pose(q)
     return whole, -np.einsum("ki,ki->k", whole.wrench[:, 3:], R_WE[:, :, 2])
 

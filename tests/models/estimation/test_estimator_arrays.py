@@ -20,18 +20,17 @@ N = 3
 
 def test_every_parameter_keeps_its_place_and_shape() -> None:
     shapes = [(k + 1, 4) if k % 3 else (0, N) for k in range(len(Parameters._fields))]
-    given = Parameters(*(np.full(shape, float(k)) for k, shape in enumerate(shapes)))
-    own = packed(given, np.arange(5.0), 3, 2)
-    found = parameters_of(own.values, own.layout)
+    given = Parameters._make(np.full(shape, float(k)) for k, shape in enumerate(shapes))
+    constants = packed(given, np.arange(5.0), 3, 2)
+    found = parameters_of(constants.values, constants.layout)
     for name, value in given._asdict().items():
         np.testing.assert_array_equal(getattr(found, name), value)
-        np.testing.assert_array_equal(own.part(name), value)
+        np.testing.assert_array_equal(constants.part(name), value)
 
 
 def test_the_parts_of_a_state_do_not_meet() -> None:
-    constants = packed(
-        Parameters(*(np.zeros((1, N)) for _ in Parameters._fields)), np.empty(0), 2, 4
-    )
+    zeros = Parameters._make(np.zeros((1, N)) for _ in Parameters._fields)
+    constants = packed(zeros, np.empty(0), 2, 4)
     state = np.zeros(state_size(N, 2, 4))
     for value, part in enumerate(state_of(state, constants.layout, N), 1):
         assert (part == 0.0).all()

@@ -139,8 +139,8 @@ def test_live_readings_after_exchanged_joints_stay_not_valid(
     live = LiveEstimator(estimator.robot, estimator.model, config)
     rows = zip(T * np.arange(N), *exchanged_then_pushed(estimator, log), strict=True)
     taken = [live.take(Sample(t, t, q, v, current)) for t, q, v, current in rows]
-    readings = [own for out in taken for own in out if isinstance(own, Reading)]
-    t = np.array([own.t for own in readings]) / T
-    valid = np.array([own.valid for own in readings], bool)
+    readings = [item for out in taken for item in out if isinstance(item, Reading)]
+    t = np.array([reading.t for reading in readings]) / T
+    valid = np.array([reading.valid for reading in readings], bool)
     assert valid[(FREE.start < t) & (t < FREE.stop)].mean() > 0.9
     assert not valid[t > PUSHED.start].any()

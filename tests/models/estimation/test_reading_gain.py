@@ -71,7 +71,7 @@ def test_a_reading_without_a_gain_is_refused(sts):
         ReadingGain(estimator_of(sts, "truncated"))
     with pytest.raises(ValueError, match="states no torque error"):
         ReadingGain(WrenchEstimator(sts, IdentifiedModel.nominal(sts)))
-    own = estimator_of(sts, "bayesian")
-    kalman = replace(own.config, observer=KalmanObserverConfig(time_step=T))
+    estimator = estimator_of(sts, "bayesian")
+    kalman = replace(estimator.config, observer=KalmanObserverConfig(time_step=T))
     with pytest.raises(ValueError, match="reads the wrench itself"):
-        ReadingGain(WrenchEstimator(sts, own.model, kalman))
+        ReadingGain(WrenchEstimator(sts, estimator.model, kalman))

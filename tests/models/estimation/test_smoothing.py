@@ -106,7 +106,9 @@ class Dense(NamedTuple):
 
 
 def dense_posterior(
-    own: WrenchEstimator, samples: tuple[np.ndarray, ...], changes: np.ndarray | None = None
+    causal_estimator: WrenchEstimator,
+    samples: tuple[np.ndarray, ...],
+    changes: np.ndarray | None = None,
 ) -> Dense:
     """The states of the whole log as one Gaussian vector, conditioned on all its momenta at once.
 
@@ -115,10 +117,10 @@ def dense_posterior(
     q = samples[0]
     N, n = q.shape
     signals = np.empty((N, NUM_SIGNALS, n))
-    J = own.run(own.initial_state(), *samples, signals=signals).J
-    error, prior = own.model.torque_error, own.knowledge.prior
+    J = causal_estimator.run(causal_estimator.initial_state(), *samples, signals=signals).J
+    error, prior = causal_estimator.model.torque_error, causal_estimator.knowledge.prior
     assert error is not None and prior is not None
-    law = own.friction
+    law = causal_estimator.friction
     slow = error.drift * law.coulomb_viscous.viscous * signals[:, V]
     load = signals[:, TAU_J] - signals[:, TAU_F]
     sd, held = torque_sds(error, law, signals[:, Q], signals[:, V], load, STEP)
@@ -126,7 +128,7 @@ def dense_posterior(
     slow = slow + np.sqrt(error.lasting * moving)
     K_0, times = error.K_0, error.correlation_time
     smooth = np.sqrt((1 - WHITE_SHARE) * (1 + K_0 * times) / (K_0 * times) * moving + held**2)
-    kept, added, start = changing_wrench(prior, own.config.observer.bandwidth_hz, STEP)
+    kept, added, start = changing_wrench(prior, causal_estimator.config.observer.bandwidth_hz, STEP)
     jump = np.minimum(np.repeat(np.square(prior[2:]), 3), start)
     changes = np.zeros(N) if changes is None else changes
     a, drift = np.exp(-STEP * (1.0 - held**2 / smooth**2) / times), np.exp(-STEP / DRIFT_TIME)
@@ -188,19 +190,23 @@ def dense_posterior(
 def test_it_is_the_posterior_given_the_whole_log(
     ur10e: Robot, model: IdentifiedModel, method: str
 ) -> None:
-    own = estimator(ur10e, model, method)
+    causal_estimator = estimator(ur10e, model, method)
     samples = log(ur10e, model, 60, FORCE)
-    smoothed = smoothed_estimate(own, *samples)
-    wrench, covariance, *_ = dense_posterior(own, samples)
+    smoothed = smoothed_estimate(causal_estimator, *samples)
+    wrench, covariance, *_ = dense_posterior(causal_estimator, samples)
     # Both lose digits: prior variances of (2 kN)^2 against (N m s / 1e5)^2.
     size = float(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).max())
     np.testing.assert_allclose(smoothed.wrench, wrench, rtol=1e-4, atol=1e-5 * size)
     np.testing.assert_allclose(smoothed.covariance, covariance, rtol=2e-3, atol=1e-5 * size**2)
 
 
-def interval_smoother(own: WrenchEstimator) -> IntervalSmoother:
-    observer = KalmanObserver(own.config.observer, own.num_joints).informed(own.knowledge)
-    return IntervalSmoother(observer.table, own.num_joints, float(np.exp(-STEP / DRIFT_TIME)))
+def interval_smoother(causal_estimator: WrenchEstimator) -> IntervalSmoother:
+    observer = KalmanObserver(
+        causal_estimator.config.observer, causal_estimator.num_joints
+    ).informed(causal_estimator.knowledge)
+    return IntervalSmoother(
+        observer.table, causal_estimator.num_joints, float(np.exp(-STEP / DRIFT_TIME))
+    )
 
 
 @pytest.mark.parametrize("method", ["bayesian", "force_only"])
@@ -208,18 +214,21 @@ def test_evidence_of_a_change_is_its_likelihood_ratio(
     ur10e: Robot, model: IdentifiedModel, method: str
 ) -> None:
     """Bayes factor and generalized least squares of the dense log, and its posterior with them."""
-    own, rows = estimator(ur10e, model, method), 40
-    n = own.num_joints
+    causal_estimator, rows = estimator(ur10e, model, method), 40
+    n = causal_estimator.num_joints
     force = np.where(np.arange(rows)[:, None] > 24, 5.0 * FORCE, 0.0)
     samples = log(ur10e, model, rows, force)
     signals = np.empty((rows, NUM_SIGNALS, n))
-    J = own.run(own.initial_state(), *samples, signals=signals).J
-    plain, smoother = dense_posterior(own, samples), interval_smoother(own)
+    J = causal_estimator.run(causal_estimator.initial_state(), *samples, signals=signals).J
+    plain, smoother = (
+        dense_posterior(causal_estimator, samples),
+        interval_smoother(causal_estimator),
+    )
     smoothed, _ = smoother.smoothed(signals, J, np.zeros(rows), rows)
     for k in (8, 24, 30):
         changes = np.zeros(rows)
         changes[k] = 1.0
-        dense = dense_posterior(own, samples, changes)
+        dense = dense_posterior(causal_estimator, samples, changes)
         ratio = dense.log_likelihood - plain.log_likelihood
         np.testing.assert_allclose(smoothed.evidence[k, LIKELIER], ratio, rtol=1e-3, atol=1e-2)
         # Momentum that has changed stays so: it is in all that is measured after k.
@@ -238,17 +247,18 @@ def test_parts_do_not_show_but_for_the_drift(
 ) -> None:
     t = STEP * np.arange(1500)[:, None]
     force = FORCE + np.where((t > 2.0) & (t < 6.0), 4.0 * FORCE, 0.0)  # all edges in sight
-    own, samples = estimator(ur10e, model), log(ur10e, model, 1500, force)
-    whole = smoothed_estimate(own, *samples)
+    causal_estimator, samples = estimator(ur10e, model), log(ur10e, model, 1500, force)
+    whole = smoothed_estimate(causal_estimator, *samples)
     monkeypatch.setattr(smoothing, "PASS", 100)
     monkeypatch.setattr(smoothing, "LOOK_AHEAD", 8.0)
-    smoother = WrenchSmoother(own)
-    parts = [
-        smoother.take(*(signal[k : k + 137] for signal in samples)) for k in range(0, 1500, 137)
-    ]
+    smoother = WrenchSmoother(causal_estimator)
+    parts = []
+    for k in range(0, 1500, 137):
+        chunk = [signal[k : k + 137] for signal in samples]
+        parts.append(smoother.take(*chunk))
     assert len(parts[0].wrench) == 0 and len(parts[-1].wrench) > 0
     parts.append(smoother.finish())
-    joined = EstimateBatch(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    joined = EstimateBatch._make(np.concatenate(part) for part in zip(*parts, strict=True))
     assert len(joined.wrench) == 1500
     sd = whole.standard_deviation
     # What lies more than 8 s ahead says something of the friction's drift only.
@@ -264,9 +274,9 @@ def test_it_has_no_lag_and_errs_less_than_the_causal_reading(
 ) -> None:
     t = STEP * np.arange(1200)[:, None]
     force = 15.0 * np.sin(2.0 * np.pi * np.array([[0.3, 0.4, 0.5]]) * t)
-    own, samples = estimator(ur10e, model), log(ur10e, model, 1200, force)
-    causal = own.run(own.initial_state(), *samples)
-    smoothed = smoothed_estimate(own, *samples)
+    causal_estimator, samples = estimator(ur10e, model), log(ur10e, model, 1200, force)
+    causal = causal_estimator.run(causal_estimator.initial_state(), *samples)
+    smoothed = smoothed_estimate(causal_estimator, *samples)
     kept = slice(100, -100)
     errors = [np.sqrt(np.mean((x.wrench[kept, 3:] - force[kept]) ** 2)) for x in (causal, smoothed)]
     assert errors[1] < 0.7 * errors[0]
@@ -285,10 +295,10 @@ def test_it_has_no_lag_and_errs_less_than_the_causal_reading(
 
 
 def test_a_hole_is_bridged_from_both_sides(ur10e: Robot, model: IdentifiedModel) -> None:
-    own, (q, v, current) = estimator(ur10e, model), log(ur10e, model, 400, FORCE)
+    causal_estimator, (q, v, current) = estimator(ur10e, model), log(ur10e, model, 400, FORCE)
     current[150:155, 2] = np.nan
     q[250, 0] = v[250, 0] = np.nan
-    smoothed = smoothed_estimate(own, q, v, current)
+    smoothed = smoothed_estimate(causal_estimator, q, v, current)
     assert np.isfinite(smoothed.wrench).all() and np.isfinite(smoothed.covariance).all()
     assert np.isfinite(smoothed.tau_ext).all()
     assert not smoothed.valid[150:155].any() and not smoothed.valid[250]
@@ -307,8 +317,8 @@ def test_any_observer_and_a_model_without_a_torque_error(ur10e: Robot) -> None:
     smoothed = smoothed_estimate(plain, *samples)
     sd = smoothed.standard_deviation
     assert np.mean(np.abs(smoothed.wrench[:, 3:] - FORCE) < 1.96 * sd[:, 3:]) > 0.9
-    empty = smoothed_estimate(plain, *(signal[:0] for signal in samples))
-    assert len(empty.wrench) == 0
+    no_samples = [signal[:0] for signal in samples]
+    assert len(smoothed_estimate(plain, *no_samples).wrench) == 0
 
 
 def test_a_method_without_a_prior(ur10e: Robot) -> None:

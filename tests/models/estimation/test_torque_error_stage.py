@@ -54,10 +54,10 @@ def test_parts_are_the_whole(model: IdentifiedModel, log: Log) -> None:
     stage = stage_of(model)
     whole = stage.run(stage.initial_state(), *log)
     state = stage.initial_state()
-    parts = [
-        stage.run(state, *(signal[rows] for signal in log))
-        for rows in (slice(0, 1), slice(1, 150), slice(150, None))
-    ]
+    parts = []
+    for rows in (slice(0, 1), slice(1, 150), slice(150, None)):
+        samples = [signal[rows] for signal in log]
+        parts.append(stage.run(state, *samples))
     for name in TorqueError._fields:
         joined = np.concatenate([getattr(part, name) for part in parts])
         np.testing.assert_array_equal(joined, getattr(whole, name))
@@ -97,14 +97,14 @@ def test_a_posture_in_which_gravity_is_open_has_a_larger_sd(
     heavier = sts.chain.with_inertial_parameters(inertial, sts.chain.reflected_inertia)
     more = np.asarray(heavier.gravity_torque(log[0]) - sts.chain.gravity_torque(log[0]))
     law = model.friction.sampled(T)
-    own = law, np.full(N, 20.0), T, None
-    known = TorqueErrorStage(model.torque_error, *own)
+    stage_arguments = law, np.full(N, 20.0), T, None
+    known = TorqueErrorStage(model.torque_error, *stage_arguments)
     error = replace(model.torque_error, spread=spread)
-    open_ = TorqueErrorStage(error, *own, sts.chain)
+    open_ = TorqueErrorStage(error, *stage_arguments, sts.chain)
     a, b = (stage.run(stage.initial_state(), *log) for stage in (known, open_))
     np.testing.assert_allclose(b.sd**2, a.sd**2 + more**2, rtol=1e-9)
     fitted = replace(error, fitted_spread=np.abs(more).max(axis=0) * (1.0 + 1e-9))
-    within = TorqueErrorStage(fitted, *own, sts.chain)
+    within = TorqueErrorStage(fitted, *stage_arguments, sts.chain)
     np.testing.assert_array_equal(within.run(within.initial_state(), *log).sd, a.sd)
     retuned = within.retuned(law, np.full(N, 20.0))
     np.testing.assert_array_equal(retuned.table, within.table)

@@ -258,15 +258,15 @@ def test_elimination_and_singular_values_read_alike() -> None:
     tau = 5.0 * np.random.default_rng(6).normal(size=(60, 6))
     sd, stiction = np.full((60, 6), 1.5), np.full((60, 6), 0.2)
     read = [
-        WrenchReconstruction(own, noise_covariance()).reconstruct(J, tau, sd, stiction)
-        for own in (
+        WrenchReconstruction(reading_config, noise_covariance()).reconstruct(J, tau, sd, stiction)
+        for reading_config in (
             config("inverse"),
             WrenchReconstructionConfig("truncated", 30.0, 2.0, truncation=0.0),
         )
     ]
     error = 1e-14 * read[0].condition_number  # a few rounding errors times what magnifies them
     for name in ("wrench", "covariance"):
-        plain, singular = (getattr(own, name).reshape(60, -1) for own in read)
+        plain, singular = (getattr(reading, name).reshape(60, -1) for reading in read)
         size = np.abs(singular).max(axis=1)
         assert np.all(np.abs(plain - singular).max(axis=1) <= error * size)
     np.testing.assert_array_equal(read[0].valid, read[1].valid)
@@ -525,8 +525,8 @@ LIVE = {"live_force_sd": 60.0, "live_moment_sd": 3.0}
 def test_valid_is_the_same_whatever_the_prior_of_the_reading() -> None:
     """The least certain force has an sd of 19.9 N beside a live prior of 60 N, or of 20.1."""
     for worst, expected in ((19.9, True), (20.1, False)):
-        own = 1.0 / np.sqrt(1.0 / worst**2 - 1.0 / 60.0**2)
-        J, sd = seen_directions([1.0, own, 2.0])
+        torque_sd = 1.0 / np.sqrt(1.0 / worst**2 - 1.0 / 60.0**2)
+        J, sd = seen_directions([1.0, torque_sd, 2.0])
         for prior in (0.5, 5.0, 60.0, 1e4):
             config = WrenchReconstructionConfig("bayesian", prior, 0.1, **LIVE)
             reading = WrenchReconstruction(config, np.eye(6)).reconstruct(J, np.ones((1, 6)), sd)

@@ -43,9 +43,9 @@ def read(
 def balanced_gain(J: Array, force_sd: float = np.inf) -> Array:
     """(3, N), by the normal equations."""
     weights = np.sqrt(SD * USUAL)
-    own = np.linalg.inv(np.outer(weights, weights) * correlation())
+    precision = np.linalg.inv(np.outer(weights, weights) * correlation())
     A = J[3:]
-    return np.asarray(np.linalg.solve(A @ own @ A.T + np.eye(3) / force_sd**2, A @ own))
+    return np.asarray(np.linalg.solve(A @ precision @ A.T + np.eye(3) / force_sd**2, A @ precision))
 
 
 def test_the_force_is_weighted_by_the_means_and_its_covariance_is_that_of_the_sample() -> None:
@@ -123,7 +123,7 @@ def test_a_direction_that_no_joint_feels_stays_unknown() -> None:
 
 @pytest.mark.parametrize("usual", [0.0, -1.0, np.nan, np.inf])
 def test_usual_sds_must_be_numbers_above_zero(usual: float) -> None:
-    own = USUAL.copy()
-    own[2] = usual
+    usual_sd = USUAL.copy()
+    usual_sd[2] = usual
     with pytest.raises(ValueError, match="usual_sd"):
-        WrenchReconstruction(WrenchReconstructionConfig("force_only"), correlation(), own)
+        WrenchReconstruction(WrenchReconstructionConfig("force_only"), correlation(), usual_sd)

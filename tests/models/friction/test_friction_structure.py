@@ -20,7 +20,7 @@ def log(samples=300):
 def test_columns_times_coefficients_are_the_law(name):
     structure = FrictionStructure.of(name, N)
     rng = np.random.default_rng(1)
-    coefficients = [rng.uniform(0.0, 0.4, len(own)) for own in structure.terms]
+    coefficients = [rng.uniform(0.0, 0.4, len(names)) for names in structure.terms]
     law = structure.law(coefficients)
     assert isinstance(
         law, SemiParametricFriction if name.startswith("coulomb") else PreslidingFriction
@@ -33,14 +33,14 @@ def test_columns_times_coefficients_are_the_law(name):
 
 def test_a_joint_can_lack_a_term():
     structure = FrictionStructure.of("presliding", N).without("load", [1])
-    assert [("load" in own) for own in structure.terms] == [True, False, True]
+    assert [("load" in names) for names in structure.terms] == [True, False, True]
     assert structure.has("load")
     assert not structure.without("load").has("load")
-    law = structure.law([np.full(len(own), 0.1) for own in structure.terms])
+    law = structure.law([np.full(len(names), 0.1) for names in structure.terms])
     np.testing.assert_allclose(law.slip_table[:, 3], [0.1, 0.0, 0.1])
 
 
 def test_a_load_that_no_gear_has_is_refused():
     structure = FrictionStructure.of("load-dependent", N)
     with pytest.raises(ValueError, match="load"):
-        structure.law([np.full(len(own), 2.0) for own in structure.terms])
+        structure.law([np.full(len(names), 2.0) for names in structure.terms])

@@ -116,9 +116,9 @@ def test_the_estimator_reads_as_with_that_torque_taken_off(ur10e: Robot, law: Pa
     config.observer.time_step = 0.01
     tau = ur10e.chain.inverse_dynamics(q, v, np.zeros_like(v)) + 5.0 * np.sign(v) + 4.0 * v + _LEFT
     left = law.torque_along(q, v, tau) - law.law.torque_along(q, v, tau)
-    own = WrenchEstimator(ur10e, model, config)
+    estimator = WrenchEstimator(ur10e, model, config)
     below = WrenchEstimator(ur10e, replace(model, friction=law.law), config)
-    one = own.run(own.initial_state(), q, v, ur10e.motor_current(tau))
+    one = estimator.run(estimator.initial_state(), q, v, ur10e.motor_current(tau))
     # The current is held over a period, friction is the mean of its ends.
     later = 0.5 * (left + np.vstack([left[1:], left[-1:]]))
     other = below.run(below.initial_state(), q, v, ur10e.motor_current(tau - later))

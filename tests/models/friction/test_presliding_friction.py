@@ -41,38 +41,42 @@ def motion(samples: int = 400) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_the_formula_written_out() -> None:
-    own, (q, v, load) = law(), motion()
+    friction, (q, v, load) = law(), motion()
     z = np.zeros((N, 2))
     expected = np.empty_like(q)
     for k in range(len(q)):
         if k:
-            z = np.clip(z + (q[k] - q[k - 1])[:, None] / own.displacement, -1.0, 1.0)
-        level = own.coulomb + own.stribeck * np.exp(-((v[k] / own.stribeck_velocity) ** 2))
-        level = level + own.load * np.abs(load[k])
-        expected[k] = VISCOUS * v[k] + OFFSET + own.cubic * v[k] ** 3
-        expected[k] += level * (own.weight * z).sum(axis=1)
-    np.testing.assert_allclose(own.torque_along(q, v, load), expected, rtol=1e-12, atol=1e-12)
+            z = np.clip(z + (q[k] - q[k - 1])[:, None] / friction.displacement, -1.0, 1.0)
+        level = friction.coulomb + friction.stribeck * np.exp(
+            -((v[k] / friction.stribeck_velocity) ** 2)
+        )
+        level = level + friction.load * np.abs(load[k])
+        expected[k] = VISCOUS * v[k] + OFFSET + friction.cubic * v[k] ** 3
+        expected[k] += level * (friction.weight * z).sum(axis=1)
+    np.testing.assert_allclose(friction.torque_along(q, v, load), expected, rtol=1e-12, atol=1e-12)
 
 
 def test_sliding_it_is_the_law_of_its_coefficients() -> None:
     """Far beyond the displacements: Coulomb, Stribeck, load and cubic viscous at a velocity."""
-    own = law()
+    friction = law()
     v = np.array([0.3, -0.2])
     q = np.outer(np.arange(20.0) * 0.01, v)
     load = np.full((20, N), 30.0)
     sliding = np.sign(v) * (
-        own.coulomb + own.stribeck * np.exp(-((v / own.stribeck_velocity) ** 2)) + own.load * 30.0
+        friction.coulomb
+        + friction.stribeck * np.exp(-((v / friction.stribeck_velocity) ** 2))
+        + friction.load * 30.0
     )
-    expected = sliding + VISCOUS * v + OFFSET + own.cubic * v**3
-    np.testing.assert_allclose(own.torque_along(q, np.tile(v, (20, 1)), load)[-1], expected)
+    expected = sliding + VISCOUS * v + OFFSET + friction.cubic * v**3
+    np.testing.assert_allclose(friction.torque_along(q, np.tile(v, (20, 1)), load)[-1], expected)
 
 
 def test_a_joint_that_stops_keeps_its_torque() -> None:
-    own = law(stribeck=np.zeros(N), load=np.zeros(N))
+    friction = law(stribeck=np.zeros(N), load=np.zeros(N))
     forth = np.linspace(0.0, 0.01, 50)
     back = forth[-1] - np.linspace(0.0, 5e-5, 10)  # half of the first element's displacement
     q = np.concatenate([forth, back, np.full(100, back[-1])])[:, None] * np.ones(N)
-    tau = own.torque_along(q, np.zeros_like(q), np.zeros_like(q)) - OFFSET
+    tau = friction.torque_along(q, np.zeros_like(q), np.zeros_like(q)) - OFFSET
     assert np.ptp(tau[-100:], axis=0).max() == 0.0
     # Joint 1: weights 0.7 and 0.3, displacements 0.1 and 1 mrad, 0.05 mrad back.
     assert tau[-1, 0] == pytest.approx(5.0 * (0.7 * 0.5 + 0.3 * 0.95))
@@ -80,9 +84,9 @@ def test_a_joint_that_stops_keeps_its_torque() -> None:
 
 
 def test_a_closed_loop_takes_energy() -> None:
-    own = law(stribeck=np.zeros(N), load=np.zeros(N))
+    friction = law(stribeck=np.zeros(N), load=np.zeros(N))
     q = 5e-4 * np.sin(np.linspace(0.0, 4.0 * np.pi, 4001))[:, None] * np.ones(N)
-    tau = own.torque_along(q, np.zeros_like(q), np.zeros_like(q)) - OFFSET
+    tau = friction.torque_along(q, np.zeros_like(q), np.zeros_like(q)) - OFFSET
     loop = slice(2000, 4001)
     work = np.trapezoid(tau[loop], q[loop], axis=0)
     assert (work > 0.0).all()
@@ -94,18 +98,17 @@ def test_a_closed_loop_takes_energy() -> None:
 def test_a_rigid_element_is_the_sign_of_the_velocity() -> None:
     q, v, load = motion(50)
     v[3] = 0.0
-    own = law(weight=np.ones((N, 1)), displacement=np.zeros((N, 1)))
-    level = own.coulomb + own.stribeck * np.exp(-((v / own.stribeck_velocity) ** 2))
-    expected = np.sign(v) * (level + own.load * np.abs(load))
-    expected += VISCOUS * v + OFFSET + own.cubic * v**3
-    np.testing.assert_allclose(own.torque_along(q, v, load), expected, rtol=1e-13, atol=1e-13)
+    friction = law(weight=np.ones((N, 1)), displacement=np.zeros((N, 1)))
+    level = friction.coulomb + friction.stribeck * np.exp(-((v / friction.stribeck_velocity) ** 2))
+    expected = np.sign(v) * (level + friction.load * np.abs(load))
+    expected += VISCOUS * v + OFFSET + friction.cubic * v**3
+    np.testing.assert_allclose(friction.torque_along(q, v, load), expected, rtol=1e-13, atol=1e-13)
 
 
 def test_the_network_comes_on_top() -> None:
     rng = np.random.default_rng(0)
-    nets = FrictionNetworks(
-        *(rng.normal(size=(N, 10)) for _ in range(3)), rng.normal(size=N), np.full(N, 0.05)
-    )
+    layers = rng.normal(size=(3, N, 10))
+    nets = FrictionNetworks(*layers, rng.normal(size=N), np.full(N, 0.05))
     near_zero = SemiParametricFriction(
         CoulombViscous(np.zeros(N), VISCOUS, OFFSET), nets, np.full(N, 0.05)
     )
@@ -118,32 +121,32 @@ def test_the_network_comes_on_top() -> None:
 
 
 def test_a_gap_costs_its_rows_and_the_displacement_over_it_counts() -> None:
-    own = law(load=np.zeros(N))
+    friction = law(load=np.zeros(N))
     q, v, load = motion(30)
     broken = q.copy()
     broken[10:13] = np.nan
-    tau = own.torque_along(broken, v, load)
+    tau = friction.torque_along(broken, v, load)
     assert np.isnan(tau[10:13]).all()
     assert np.isfinite(np.delete(tau, [10, 11, 12], axis=0)).all()
     # Without the rows of the gap the same positions follow each other: the same slips.
     kept = np.delete(np.arange(30), [10, 11, 12])
-    np.testing.assert_array_equal(tau[kept], own.torque_along(q[kept], v[kept], load[kept]))
+    np.testing.assert_array_equal(tau[kept], friction.torque_along(q[kept], v[kept], load[kept]))
 
 
 def test_tick_by_tick_is_the_log_and_the_output_changes_nothing() -> None:
-    own, (q, v, load) = law(), motion(60)
-    state = own.initial_state()
-    assert state.shape == (own.state_rows, N) == (4, N)
+    friction, (q, v, load) = law(), motion(60)
+    state = friction.initial_state()
+    assert state.shape == (friction.state_rows, N) == (4, N)
     state[1] = load[0]
     for k in range(len(q)):
-        tau = own.velocity_law.torque(v[k])
+        tau = friction.velocity_law.torque(v[k])
         before = state.copy()
-        add_slip_torque(own.slip_table, state, q[k], v[k], tau)
+        add_slip_torque(friction.slip_table, state, q[k], v[k], tau)
         np.testing.assert_array_equal(state, before)
         np.testing.assert_array_equal(
-            tau, own.torque_along(q[: k + 1], v[: k + 1], load[: k + 1])[-1]
+            tau, friction.torque_along(q[: k + 1], v[: k + 1], load[: k + 1])[-1]
         )
-        update_slip(own.slip_table, state, q[k], v[k], load[min(k + 1, len(q) - 1)])
+        update_slip(friction.slip_table, state, q[k], v[k], load[min(k + 1, len(q) - 1)])
 
 
 def test_slip_path_is_one_element() -> None:
@@ -159,10 +162,10 @@ def test_slip_path_is_one_element() -> None:
 
 
 def test_what_a_controller_feeds_forward() -> None:
-    own = law()
+    friction = law()
     v = np.array([0.4, -0.3])
     np.testing.assert_allclose(
-        own.feedforward.torque(v), own.coulomb * np.sign(v) + VISCOUS * v + OFFSET
+        friction.feedforward.torque(v), friction.coulomb * np.sign(v) + VISCOUS * v + OFFSET
     )
 
 
@@ -192,10 +195,12 @@ def test_bad_shapes_are_refused() -> None:
 
 def test_beyond_the_fitted_speed_it_goes_on_along_its_tangent() -> None:
     limit = np.array([0.8, 0.8])
-    own, free = law(speed_limit=limit, load=np.zeros(N)), law(load=np.zeros(N))
+    friction, free = law(speed_limit=limit, load=np.zeros(N)), law(load=np.zeros(N))
     inside = np.linspace(-0.8, 0.8, 41)[:, None] * np.ones(N)
     q = np.zeros_like(inside)
-    np.testing.assert_array_equal(own.torque_along(q, inside, q), free.torque_along(q, inside, q))
+    np.testing.assert_array_equal(
+        friction.torque_along(q, inside, q), free.torque_along(q, inside, q)
+    )
 
     def sliding(one: PreslidingFriction, v: float) -> np.ndarray:
         return np.asarray(one.torque_along(np.zeros((1, N)), np.full((1, N), v), np.zeros((1, N))))[
@@ -205,24 +210,26 @@ def test_beyond_the_fitted_speed_it_goes_on_along_its_tangent() -> None:
     eps = 1e-6
     slope = (sliding(free, 0.8) - sliding(free, 0.8 - eps)) / eps
     for sign in (1.0, -1.0):
-        beyond = sliding(own, sign * 2.3)
-        expected = sliding(own, sign * 0.8) + sign * 1.5 * slope
+        beyond = sliding(friction, sign * 2.3)
+        expected = sliding(friction, sign * 0.8) + sign * 1.5 * slope
         np.testing.assert_allclose(beyond, expected, rtol=1e-5)
 
 
 def test_beyond_the_fitted_speed_friction_never_falls() -> None:
     """A cubic whose tangent at the limit falls: 3 - 3 * 4 * 0.64 < 0."""
-    own = law(cubic=np.array([-4.0, -4.0]), speed_limit=np.full(N, 0.8), load=np.zeros(N))
+    friction = law(cubic=np.array([-4.0, -4.0]), speed_limit=np.full(N, 0.8), load=np.zeros(N))
     v = np.linspace(0.8, 3.0, 50)[:, None] * np.ones(N)
-    tau = own.torque_along(np.zeros_like(v), v, np.zeros_like(v))
+    tau = friction.torque_along(np.zeros_like(v), v, np.zeros_like(v))
     np.testing.assert_allclose(tau, np.tile(tau[0], (50, 1)), rtol=1e-12)
 
 
 def ticks(q: np.ndarray, v: np.ndarray, step: float = 0.01, **changes: Any) -> np.ndarray:
-    own = law(load=np.zeros(N), stribeck=np.zeros(N), **changes)
+    friction = law(load=np.zeros(N), stribeck=np.zeros(N), **changes)
     load = np.zeros_like(q)
-    own = own.sampled(step)
-    return np.asarray(own.torque_along(q, v, load) - VISCOUS * v - OFFSET - own.cubic * v**3)
+    friction = friction.sampled(step)
+    return np.asarray(
+        friction.torque_along(q, v, load) - VISCOUS * v - OFFSET - friction.cubic * v**3
+    )
 
 
 def test_an_encoder_that_flickers_does_not_move_a_joint_at_rest() -> None:

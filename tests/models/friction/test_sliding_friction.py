@@ -128,8 +128,8 @@ def test_stiction_is_at_least_half_of_the_friction_that_slides():
 @pytest.mark.parametrize("below", ["coulomb-viscous", "presliding"])
 def test_the_sliding_table_of_layers_is_that_of_the_bottom_law(below: str) -> None:
     law, ripple = LAWS[below](), FrictionTerm("ripple", njit(lambda q, v: q))
-    own = sliding_table(law)
-    np.testing.assert_array_equal(own[:, COULOMB], SLIDING.coulomb)
+    table = sliding_table(law)
+    np.testing.assert_array_equal(table[:, COULOMB], SLIDING.coulomb)
     for _ in range(2):
         law = ExtendedFriction(law, (ripple,), np.array([[0.3], [0.4]]))
-        np.testing.assert_array_equal(sliding_table(law), own)
+        np.testing.assert_array_equal(sliding_table(law), table)

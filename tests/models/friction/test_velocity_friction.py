@@ -90,6 +90,9 @@ def test_a_velocity_that_is_not_a_number_gives_no_number() -> None:
     assert np.isnan(friction.torque(np.array([np.nan, 0.0, 0.0]))).tolist() == [True, False, False]
 
 
+_LAYER = np.ones((2, 10))  # of the networks of two joints
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -97,7 +100,7 @@ def test_a_velocity_that_is_not_a_number_gives_no_number() -> None:
         ({"v_crit": np.array([0.1])}, "v_crit"),
         ({"handover": "smooth"}, "continuous or literal"),
         (
-            {"networks": FrictionNetworks(*(np.ones((2, 10)),) * 3, np.ones(2), np.ones(2))},
+            {"networks": FrictionNetworks(_LAYER, _LAYER, _LAYER, np.ones(2), np.ones(2))},
             "2 networks for 3 joints",
         ),
     ],

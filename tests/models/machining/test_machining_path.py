@@ -15,14 +15,14 @@ AWAY = PoseConfig([1.5, 0.0, 0.25], load_scenario("Polishing").workpiece.pose.rp
 
 def changed(name="Polishing", workpiece=None, phases=None, force=None, **machining):
     scenario = load_scenario(name)
-    own = scenario.machining
+    task = scenario.machining
     if phases:
-        machining["phases"] = replace(own.phases, **phases)
+        machining["phases"] = replace(task.phases, **phases)
     if force:
-        machining["force"] = replace(own.force, **force)
+        machining["force"] = replace(task.force, **force)
     if workpiece:
         scenario = replace(scenario, workpiece=replace(scenario.workpiece, **workpiece))
-    return replace(scenario, machining=replace(own, **machining))
+    return replace(scenario, machining=replace(task, **machining))
 
 
 @pytest.mark.parametrize("name", ["Polishing", "Grinding"])

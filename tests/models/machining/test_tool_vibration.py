@@ -309,8 +309,8 @@ def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker
     np.testing.assert_allclose([freed, sd], now, rtol=1e-12)
     np.testing.assert_allclose(departed, pole * 0.5 + (1.0 - pole) * 0.4, rtol=1e-12)
     np.testing.assert_allclose(lesson_sd, pole * uncertain + (1.0 - pole) * 0.4 * spread)
-    own = tick.error.sd**2 - taken[N : 2 * N] ** 2 + uncertain**2
-    spread = tick.J.T @ np.diag(tracker.constants.prior) @ tick.J + np.diag(own)
+    torque_variance = tick.error.sd**2 - taken[N : 2 * N] ** 2 + uncertain**2
+    spread = tick.J.T @ np.diag(tracker.constants.prior) @ tick.J + np.diag(torque_variance)
     tau = tick.tau_ext + taken[:N]
     expected = np.array(
         [

@@ -8,9 +8,9 @@ from wrenchsight.models.numerics.kernel import kernel
 
 @kernel
 def _double(pair, out):
-    own = pair[0]
-    out[0] = own.matrix[1, 0] + own.number
-    own.matrix[0, 1] *= 2.0
+    fields = pair[0]
+    out[0] = fields.matrix[1, 0] + fields.number
+    fields.matrix[0, 1] *= 2.0
 
 
 def test_a_kernel_reads_and_writes_the_fields_of_a_record():

@@ -40,12 +40,12 @@ def test_a_view_keeps_the_memory_that_it_shows() -> None:
 
 @kernel
 def doubled(flat: Array, scratch: Array) -> float:
-    own, total = borrowed(flat), 0.0
+    values, total = borrowed(flat), 0.0
     work = view_2d(borrowed(scratch), 1, 2, 3)
-    for k in range(own.shape[0]):
-        own[k] *= 2.0
-        work[1, k] = own[k]
-    for value in own[1:]:
+    for k in range(values.shape[0]):
+        values[k] *= 2.0
+        work[1, k] = values[k]
+    for value in values[1:]:
         total += value
     return total
 

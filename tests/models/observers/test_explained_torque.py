@@ -27,16 +27,16 @@ def correlated() -> np.ndarray:
 
 
 def table(correlation: np.ndarray | None = None) -> np.ndarray:
-    own = np.eye(N) if correlation is None else correlation
-    return explained_table(own, MOMENT_SD, FORCE_SD, SCALE, T)
+    R = np.eye(N) if correlation is None else correlation
+    return explained_table(R, MOMENT_SD, FORCE_SD, SCALE, T)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_square_is_that_of_the_normal_law(seed: int) -> None:
     rng = np.random.default_rng(seed)
     J, tau, sd = rng.normal(size=(6, N)), 20.0 * rng.normal(size=N), rng.uniform(0.2, 2.0, N)
-    own = np.sqrt(sd**2 + (SCALE * tau) ** 2)
-    covariance = own[:, None] * correlated() * own
+    torque_sd = np.sqrt(sd**2 + (SCALE * tau) ** 2)
+    covariance = torque_sd[:, None] * correlated() * torque_sd
     P = np.diag([MOMENT_SD**2] * 3 + [FORCE_SD**2] * 3)
     law = multivariate_normal(cov=covariance + J.T @ P @ J)
     square = 2.0 * (law.logpdf(np.zeros(N)) - law.logpdf(tau))
@@ -45,13 +45,13 @@ def test_the_square_is_that_of_the_normal_law(seed: int) -> None:
 
 def test_a_log_has_the_square_of_each_of_its_samples() -> None:
     """More than two threads' blocks; the same arithmetic, so the same bits."""
-    count, own = 10_000, table(correlated())
+    count, explained = 10_000, table(correlated())
     rng = np.random.default_rng(5)
     J, tau = rng.normal(size=(count, 6, N)), 20.0 * rng.normal(size=(count, N))
     sd = rng.uniform(0.2, 2.0, (count, N))
-    D = unexplained_log(own, J, tau, sd)
+    D = unexplained_log(explained, J, tau, sd)
     for k in (0, 1, 4095, 4096, count - 1):
-        assert D[k] == unexplained(own, J[k], tau[k], sd[k])
+        assert D[k] == unexplained(explained, J[k], tau[k], sd[k])
 
 
 def test_seven_joints_whose_errors_go_together_are_held_to_it() -> None:
@@ -60,9 +60,9 @@ def test_seven_joints_whose_errors_go_together_are_held_to_it() -> None:
     rng = np.random.default_rng(4)
     J, tau, sd = rng.normal(size=(6, n)), rng.normal(size=n), rng.uniform(0.2, 2.0, n)
     R = 0.99 + 0.01 * np.eye(n)
-    own = np.sqrt(sd**2 + (SCALE * tau) ** 2)
+    torque_sd = np.sqrt(sd**2 + (SCALE * tau) ** 2)
     P = np.diag([MOMENT_SD**2] * 3 + [FORCE_SD**2] * 3)
-    S = own[:, None] * R * own + J.T @ P @ J
+    S = torque_sd[:, None] * R * torque_sd + J.T @ P @ J
     found = unexplained(explained_table(R, MOMENT_SD, FORCE_SD, SCALE, T), J, tau, sd)
     np.testing.assert_allclose(found, tau @ np.linalg.solve(S, tau), rtol=1e-9)
 

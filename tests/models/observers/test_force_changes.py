@@ -89,8 +89,8 @@ def test_without_a_change_it_is_the_plain_smoother(step: float) -> None:
     rows = round(12.0 / step)
     signals, J = observed(np.tile(STILL, (rows, 1)), step)
     found = smoother(step).read(signals, J, rows)
-    for own, plain in zip(found, one_pass(signals, J, step), strict=True):
-        np.testing.assert_array_equal(own, plain)
+    for in_parts, plain in zip(found, one_pass(signals, J, step), strict=True):
+        np.testing.assert_array_equal(in_parts, plain)
 
 
 @pytest.mark.parametrize("lasts", [1, 200])
@@ -99,8 +99,8 @@ def test_a_sample_that_is_off_or_a_blow_is_no_change_of_force(lasts: int) -> Non
     signals, J = observed(np.tile(STILL, (rows, 1)), step)
     signals[200 : 200 + lasts, MOMENTUM, 1] += 2.0  # N m s
     found = smoother(step).read(signals, J, rows)
-    for own, plain in zip(found, one_pass(signals, J, step), strict=True):
-        np.testing.assert_array_equal(own, plain)
+    for in_parts, plain in zip(found, one_pass(signals, J, step), strict=True):
+        np.testing.assert_array_equal(in_parts, plain)
 
 
 def test_stretches_are_read_as_one_log() -> None:

@@ -28,8 +28,8 @@ def low_passed(x, K_0=K_0):
 def added(wrench, noise, K_0=K_0, parts=1):
     lag, covariance = LagPower(K_0, STEP, BAND), np.zeros((len(wrench), 6, 6))
     for rows in np.array_split(np.arange(len(wrench)), parts):
-        own = slice(rows[0], rows[-1] + 1)
-        lag.add(wrench[own], noise[own], covariance[own])
+        part = slice(rows[0], rows[-1] + 1)
+        lag.add(wrench[part], noise[part], covariance[part])
     return covariance
 
 

@@ -105,10 +105,13 @@ def test_chunks_and_single_steps_are_the_log() -> None:
     observer = MomentumObserver(MomentumObserverConfig([20.0, 45.0]), 2)
     whole, _ = observer.run(observer.initial_state(), *signals)
     state = observer.initial_state()
-    chunks = [observer.run(state, *(s[a:b] for s in signals))[0] for a, b in ((0, 7), (7, 300))]
+    chunks = []
+    for rows in (slice(0, 7), slice(7, 300)):
+        chunk = [signal[rows] for signal in signals]
+        chunks.append(observer.run(state, *chunk)[0])
     np.testing.assert_array_equal(np.concatenate(chunks), whole)
     state = observer.initial_state()
-    steps = [observer.step(state, *(s[k] for s in signals))[0] for k in range(300)]
+    steps = [observer.step(state, *sample)[0] for sample in zip(*signals, strict=True)]
     np.testing.assert_array_equal(np.array(steps), whole)
 
 
@@ -214,7 +217,7 @@ def test_shapes_that_disagree_are_refused() -> None:
     with pytest.raises(ValueError, match="inhomogeneous"):
         observer.run(observer.initial_state(), signals[0][:5], *signals[1:])
     with pytest.raises(ValueError, match="end in 2 joints"):
-        observer.step(observer.initial_state(), *(np.zeros(3) for _ in range(5)))
+        observer.step(observer.initial_state(), *np.zeros((5, 3)))
     with pytest.raises(ValueError, match="state must be"):
         observer.run(np.zeros(4), *signals)
 

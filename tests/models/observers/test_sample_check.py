@@ -51,8 +51,8 @@ def log(rows: int = N) -> tuple[Array, Array, Array]:
 
 
 def run(signals: tuple[Array, Array, Array], method: str = "bayesian") -> EstimateBatch:
-    own = estimator(method)
-    return own.run(own.initial_state(), *signals)
+    wrench_estimator = estimator(method)
+    return wrench_estimator.run(wrench_estimator.initial_state(), *signals)
 
 
 def finite(batch: EstimateBatch) -> bool:
@@ -127,9 +127,9 @@ def test_a_signal_that_sticks_while_its_joint_moves_is_flagged_until_it_recovers
 ) -> None:
     signal, size, change, code, (soonest, latest), end, sound = FAULTS[fault]
     signals = log()
-    own = signals[signal][:, 3]
-    own *= size
-    own[300:end] = change(own.copy())
+    joint_signal = signals[signal][:, 3]
+    joint_signal *= size
+    joint_signal[300:end] = change(joint_signal.copy())
     batch = run(signals)
     flagged = np.flatnonzero(batch.fault & code)
     assert 300 + round(soonest / T) <= flagged[0] <= 300 + round(latest / T)
@@ -182,11 +182,11 @@ def test_tick_by_tick_is_the_log_in_any_split() -> None:
     signals[0][300:400, 3] = signals[0][300, 3]
     signals[1][500, 0] = 1e9
     signals[2][600, 2] = -1e9
-    own = estimator()
-    whole = own.run(own.initial_state(), *signals)
-    state = own.initial_state()
-    for k in range(N):
-        tick = own.step(state, *(x[k] for x in signals))
+    wrench_estimator = estimator()
+    whole = wrench_estimator.run(wrench_estimator.initial_state(), *signals)
+    state = wrench_estimator.initial_state()
+    for k, sample in enumerate(zip(*signals, strict=True)):
+        tick = wrench_estimator.step(state, *sample)
         np.testing.assert_array_equal(tick.wrench, whole.wrench[k])
         assert (tick.valid, tick.fault) == (whole.valid[k], whole.fault[k])
 
@@ -196,8 +196,8 @@ def test_tick_by_tick_is_the_log_in_any_split() -> None:
 def test_random_bit_patterns(method: str) -> None:
     """Any finite doubles among sound samples: 200,000 ticks a method, a million in all."""
     rng = np.random.default_rng(METHODS.index(method))
-    own = estimator(method)
-    state = own.initial_state()
+    wrench_estimator = estimator(method)
+    state = wrench_estimator.initial_state()
     clean = run(log(), method)
     settled = round(3.0 / 20.0 / T)
     for _ in range(200):
@@ -207,7 +207,7 @@ def test_random_bit_patterns(method: str) -> None:
         where = rng.random((3, N, 6)) < rng.choice([0.001, 0.1, 1.0])
         where[:, rng.integers(300, 700) :] = False
         wild = tuple(np.where(w, b, x) for w, b, x in zip(where, bits, signals, strict=True))
-        batch = own.run(state, *wild)
+        batch = wrench_estimator.run(state, *wild)
         assert finite(batch)
         # Impossible are what is far beyond any arm's numbers; now or, for a current, a tick later.
         beyond = np.stack([(np.abs(x) > 1e5).any(axis=1) for x in wild])
@@ -244,6 +244,6 @@ def test_without_the_check_only_what_is_not_finite_is_missing() -> None:
     q, v, current = log()
     v[500, 0] = 50.0
     config = replace(estimator().config, check_samples=False)
-    own = WrenchEstimator(arm(), IdentifiedModel.nominal(arm()), config)
-    batch = own.run(own.initial_state(), q, v, current)
+    wrench_estimator = WrenchEstimator(arm(), IdentifiedModel.nominal(arm()), config)
+    batch = wrench_estimator.run(wrench_estimator.initial_state(), q, v, current)
     assert not batch.fault.any() and batch.valid[500]

@@ -57,8 +57,10 @@ def test_a_finger_that_follows_a_locked_one_is_locked_where_it_belongs(tmp_path:
     model = pinocchio.buildModelFromUrdf(str(tmp_path / "robot.urdf"))
     q = np.array([0.3, -0.5, 0.03, -2 * 0.03 - 0.01])
     tau = pinocchio.rnea(model, model.createData(), q, np.zeros(4), np.zeros(4))
-    own = robot.chain.inverse_dynamics(q[None, :2], np.zeros((1, 2)), np.zeros((1, 2)))[0]
-    np.testing.assert_allclose(own, tau[:2], atol=1e-12)
+    gravity_torque = robot.chain.inverse_dynamics(q[None, :2], np.zeros((1, 2)), np.zeros((1, 2)))[
+        0
+    ]
+    np.testing.assert_allclose(gravity_torque, tau[:2], atol=1e-12)
     # What robot.yaml states itself counts.
     stated = _load(tmp_path, locked_joints={"finger": 0.03, "other_finger": 0.0})
     assert abs(stated.chain.inertial_parameters[-1, 2] - robot.chain.inertial_parameters[-1, 2]) > 0

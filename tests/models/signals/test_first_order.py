@@ -9,13 +9,13 @@ from wrenchsight.models.signals.first_order import low_pass
 def test_low_pass_is_scipys():
     x = np.random.default_rng(0).normal(size=(50, 2, 3))
     keep = np.array([0.9, 0.5])
-    own = x.copy()
-    low_pass(keep, np.full((2, 3), np.nan), own)
+    smoothed = x.copy()
+    low_pass(keep, np.full((2, 3), np.nan), smoothed)
     for j in range(2):
         b, a = [1.0 - keep[j]], [1.0, -keep[j]]
         expected = lfilter(b, a, x[1:, j], axis=0, zi=keep[j] * x[:1, j])[0]
-        np.testing.assert_allclose(own[1:, j], expected, rtol=1e-12)
-        np.testing.assert_array_equal(own[0, j], x[0, j])
+        np.testing.assert_allclose(smoothed[1:, j], expected, rtol=1e-12)
+        np.testing.assert_array_equal(smoothed[0, j], x[0, j])
 
 
 def test_the_filter_holds_over_values_that_are_not_finite():

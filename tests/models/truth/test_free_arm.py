@@ -62,8 +62,8 @@ def test_it_is_the_cell_of_drake_tick_by_tick(robot, sts, coupled_wrist, truth):
     The encoders round nothing here: in the last bit of a step two roundings would part.
     """
     mechanisms = dataclasses.replace(robot.config.simulated_truth.mechanisms, encoder=None)
-    own = dataclasses.replace(robot.config.simulated_truth, mechanisms=mechanisms)
-    arm = {"own": robot.with_truth(own), "plain": sts, "coupled": coupled_wrist}[truth]
+    truth_config = dataclasses.replace(robot.config.simulated_truth, mechanisms=mechanisms)
+    arm = {"own": robot.with_truth(truth_config), "plain": sts, "coupled": coupled_wrist}[truth]
     for name, found, true in both(arm):
         step = arm.current_resolution.max() if name == "current" else 0.0  # as above
         size = 1e-12 * np.abs(true).max() + 1.001 * step

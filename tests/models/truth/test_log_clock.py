@@ -39,6 +39,9 @@ def test_rows_are_interpolated_as_numpy_does_it_to_the_bit():
     log = Recording(t=T, q=signal, v=signal, current=signal, source="walk")
     jitter = np.random.default_rng([5, 23]).standard_normal(len(T))
     found = clocked(log, ClockConfig(latency=2.5e-3, jitter_sd=4e-4), 5)
-    for times, own in ((T + 4e-4 * jitter, found.q), (T + 4e-4 * jitter - 2.5e-3, found.current)):
+    for times, read_signal in (
+        (T + 4e-4 * jitter, found.q),
+        (T + 4e-4 * jitter - 2.5e-3, found.current),
+    ):
         expected = [np.interp(times, T, column) for column in signal.T]
-        np.testing.assert_array_equal(own, np.stack(expected, axis=1))
+        np.testing.assert_array_equal(read_signal, np.stack(expected, axis=1))

@@ -100,7 +100,8 @@ class AtWork:
 
     def parts(self, name):
         values = self.arm.GetOutputPort(name).Eval(self.context)
-        return np.split(values, np.cumsum(self.sizes[name])[:-1])
+        sizes = list(self.sizes[name].values())
+        return np.split(values, np.cumsum(sizes)[:-1])
 
     @property
     def motion(self):

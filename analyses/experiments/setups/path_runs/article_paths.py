@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrenchsight.analyses.methods.place.placement import place
+from wrenchsight.analyses.methods.place.placement import PlacementRequest, place
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
@@ -61,7 +61,8 @@ def _found_path(
     if model is not None:
         # The force's sd often leads to a joint's limit, which the arm would pass between points.
         objective, task = "force-sd", replace(task, limit_margin_deg=_LIMIT_MARGIN)
-    best = place(task, source, robot, objective=objective, model=model, seed=seed).best
+    request = PlacementRequest(objective, seed=seed, model=model)
+    best = place(task, source, robot, request).best
     turn_angle = -float(np.arctan2(best.placement.p_WM[1], best.placement.p_WM[0]))
     c, s = np.cos(turn_angle), np.sin(turn_angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

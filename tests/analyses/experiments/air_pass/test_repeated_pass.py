@@ -29,14 +29,14 @@ def _recording(robot: Robot, ahead: float) -> Recording:
     return Recording(t=t, q=q, v=v, current=np.zeros_like(q), source="test")
 
 
-def _pass(robot: Robot, ahead: float, load: float, own: float) -> Pass:
-    """What an observer without lag would read: an error of the motion, `own` times, and a load."""
+def _pass(robot: Robot, ahead: float, load: float, motion_error_scale: float) -> Pass:
+    """What an observer without lag would read: a load, and an error of the motion, scaled."""
     recording = _recording(robot, ahead)
     J, (R_WE, _) = robot.chain.jacobian(recording.q), robot.chain.pose(recording.q)
     weight = load * np.array([0.0, 0.0, -9.81])
     tau = np.einsum("kij,i->kj", jacobian_at(J, R_WE, _POINT)[:, 3:], weight)
     error = 3.0 * np.sin(7.0 * recording.q) + recording.v
-    return Pass(recording, tau + own * error, J)
+    return Pass(recording, tau + motion_error_scale * error, J)
 
 
 def test_passes_are_aligned_by_their_positions(ur10e: Robot) -> None:

@@ -68,8 +68,8 @@ def test_tasks_whose_recordings_are_there_are_measured_and_faults_mark_a_column(
     metrics = ran.metrics
     assert set(metrics) == {"wrench", "touches", "link"}
     # The same as eq. 22, by another's pseudo-inverse.
-    own = metrics["wrench"]["theirs"]["pose_rmse_n"]
-    np.testing.assert_allclose(own, metrics["wrench"]["article"]["pose_rmse_n"], rtol=1e-6)
+    pose_rmse = metrics["wrench"]["theirs"]["pose_rmse_n"]
+    np.testing.assert_allclose(pose_rmse, metrics["wrench"]["article"]["pose_rmse_n"], rtol=1e-6)
     assert metrics["link"]["theirs"]["named_pct_high"] == 100.0  # of link 2
     assert metrics["link"]["theirs"]["named_pct_low"] == 0.0  # of link 5
     shape = "wrench: expected shape ("
@@ -132,13 +132,16 @@ def test_the_example_gets_its_column_beside_the_others(data_holding, run_experim
         assert "failed" not in metrics[task]["my_estimator"]
     # The figures of `ur10e-identification`, same law, same runs.
     logs = {method: metrics["torque"][method]["logs"] for method in ("ours", "plain_tools")}
-    later = {m: own["ur-20_02_19_14harm50sec"]["joints_rmse_nm"] for m, own in logs.items()}
+    later = {
+        m: log_metrics["ur-20_02_19_14harm50sec"]["joints_rmse_nm"]
+        for m, log_metrics in logs.items()
+    }
     np.testing.assert_allclose(later["ours"], [1.04, 1.13, 0.53, 0.20, 0.22, 0.17], atol=0.006)
     plain = [1.77, 3.00, 1.14, 0.32, 0.33, 0.28]
     np.testing.assert_allclose(later["plain_tools"], plain, atol=0.006)
     # The model of ours, differentiated by hand: no better, and no worse than what has no model.
-    torque = {m: own["rmse_nm"] for m, own in metrics["torque"].items()}
+    torque = {m: method_metrics["rmse_nm"] for m, method_metrics in metrics["torque"].items()}
     assert torque["ours"] <= torque["my_estimator"] < torque["plain"]
-    load = {m: own["rmse_n"] for m, own in metrics["load"].items()}
+    load = {m: method_metrics["rmse_n"] for m, method_metrics in metrics["load"].items()}
     assert load["my_estimator"] < load["article"]
     assert "my_estimator" not in metrics["wrench"] and "my_estimator" not in metrics["link"]

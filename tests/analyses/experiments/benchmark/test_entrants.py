@@ -46,8 +46,8 @@ def test_a_callable_s_wrench_is_read_as_it_returns_it(log, ur10e, model):
     covariance = np.tile(np.diag(np.arange(1.0, 7.0)), (N, 1, 1))
 
     def theirs(q, v, current):
-        for own, given in zip((q, v, current), (log.q, log.v, log.current), strict=True):
-            np.testing.assert_array_equal(own, given)
+        for signal, given in zip((q, v, current), (log.q, log.v, log.current), strict=True):
+            np.testing.assert_array_equal(signal, given)
         return wrench, covariance
 
     reading = reader_of(theirs, ur10e, model, STEP)(log)

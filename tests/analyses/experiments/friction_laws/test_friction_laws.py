@@ -46,7 +46,8 @@ def test_laws_near_zero_where_friction_is_of_their_kind(tmp_path):
 
 @pytest.mark.slow
 def test_laws_on_the_real_arm(metrics, data_holding):
-    data_holding(*ur10e_logs.FILES, *(f"{ur10e_logs.FOLDER}/{name}" for name in SINGLE_JOINTS))
+    single_joint_logs = [f"{ur10e_logs.FOLDER}/{name}" for name in SINGLE_JOINTS]
+    data_holding(*ur10e_logs.FILES, *single_joint_logs)
     real = metrics["real"]
     rests = {law: real[law]["validation"]["ptp_10_points"]["relative_pct"] for law in LAWS}
     assert rests["presliding"][4] <= 9.0

@@ -16,8 +16,9 @@ _FILES = ("joint3_sweep", "jog_joint1_unloaded")
 @pytest.fixture(scope="module")
 def ran(some_data: Callable[..., Path], run_experiment):
     """Two of the recordings."""
-    files = (*(f"{name}.csv" for name in _FILES), "robot.yaml", "robot.urdf")
-    return run_experiment(EXPERIMENT, some_data(*(f"neura_lara8/{name}" for name in files)))
+    names = [f"{name}.csv" for name in _FILES] + ["robot.yaml", "robot.urdf"]
+    files = [f"neura_lara8/{name}" for name in names]
+    return run_experiment(EXPERIMENT, some_data(*files))
 
 
 def test_the_sources_figure_is_repeated(ran) -> None:

@@ -51,8 +51,10 @@ def test_figures_of_merit_by_hand(monkeypatch):
     force = 0.5 * 2.0 * direction
     force[3] += [0.0, 30.0, 40.0]
     valid = np.array([True, True, True, False])
-    own = estimate(force, [6.0, 6.1, 6.2, 6.3], valid, np.array([10.0, 11.0, 12.0, 1e9]))
-    metrics = payload_metrics(own, direction)
+    payload_estimate = estimate(
+        force, [6.0, 6.1, 6.2, 6.3], valid, np.array([10.0, 11.0, 12.0, 1e9])
+    )
+    metrics = payload_metrics(payload_estimate, direction)
     assert metrics["share_valid_pct"] == 75.0
     assert metrics["valid"]["mass_kg"] == pytest.approx(1.0)
     assert metrics["valid"]["rmse_fx_n"] == pytest.approx(1.0)
@@ -70,8 +72,8 @@ def test_figures_of_merit_by_hand(monkeypatch):
 def test_without_valid_samples_there_are_no_figures():
     direction = np.tile([0.1, 0.2, -9.8], (5, 1)) + np.arange(5.0)[:, None]
     count = np.arange(1.0, 6.0)
-    own = estimate(0.9 * MASS * direction, count, np.zeros(5, bool), count)
-    metrics = payload_metrics(own, direction)
+    payload_estimate = estimate(0.9 * MASS * direction, count, np.zeros(5, bool), count)
+    metrics = payload_metrics(payload_estimate, direction)
     assert metrics["share_valid_pct"] == 0.0
     assert set(metrics["valid"]) <= set(metrics)
     assert all(value is None for value in metrics["valid"].values())

@@ -30,7 +30,7 @@ def gathered(detections, edges, t0=0.0):
     force[:, 2] = np.arange(ROWS)
     valid = np.arange(ROWS) % 2 == 0
     for begin, end in zip((0, *edges), (*edges, ROWS), strict=True):
-        part = Detection(*(x[begin:end] for x in detections))
+        part = Detection._make(column[begin:end] for column in detections)
         episodes.add(t[begin:end], part, force[begin:end], valid[begin:end])
     episodes.finish()
     return episodes

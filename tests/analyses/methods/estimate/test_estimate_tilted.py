@@ -70,8 +70,8 @@ def test_the_estimate_says_so_with_the_vector_to_write(sts, tmp_path):
     text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
     assert "gravity:" not in text
     (tmp_path / "robot.yaml").write_text(f"{text}gravity: {found}\n")
-    own = ("--robot", tmp_path / "robot.yaml")
-    command("identify", after, *own, "--out", tmp_path / "anew")
+    robot_option = ("--robot", tmp_path / "robot.yaml")
+    command("identify", after, *robot_option, "--out", tmp_path / "anew")
     again = ("--model", tmp_path / "anew" / "model.yaml", "--out", tmp_path / "right")
-    assert "the log shows gravity" not in command("estimate", after, *own, *again)
+    assert "the log shows gravity" not in command("estimate", after, *robot_option, *again)
     assert rms_force(tmp_path / "right") < 0.2 * rms_force(tmp_path / "tilted")

@@ -153,7 +153,7 @@ def test_tracked_a_drifted_log_reads_better_within_its_band(data, model_file, tm
     assert inside(table).min() > 0.9
     assert inside(usual).min() < 0.85
     late = table[:, 0] - table[0, 0] > 5.0
-    rms = [np.sqrt(np.mean(own[late, 1:4] ** 2)) for own in (table, usual)]
+    rms = [np.sqrt(np.mean(wrenches[late, 1:4] ** 2)) for wrenches in (table, usual)]
     assert rms[0] < 0.7 * rms[1]
     tracked: Any = result.metrics()["friction_tracked"]
     assert tracked["viscous"]["change_nms_per_rad"][1] == pytest.approx(4.5, abs=1.5)

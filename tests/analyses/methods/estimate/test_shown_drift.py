@@ -80,8 +80,8 @@ def test_the_band_holds_what_the_log_shows_of_friction(sts, model_file, tmp_path
     assert stated.metrics()["drift_shown"] is None
     settled = slice(100, None)
     inside, before = (
-        np.mean(np.abs(own[settled, 1:4]) <= 1.96 * own[settled, 7:10], axis=0)
-        for own in (table, usual)
+        np.mean(np.abs(wrenches[settled, 1:4]) <= 1.96 * wrenches[settled, 7:10], axis=0)
+        for wrenches in (table, usual)
     )
     assert inside.min() > 0.9
     assert before.min() < 0.8

@@ -60,7 +60,7 @@ def test_touches_are_found_and_their_link_is_named(data, tmp_path, name, link, s
     touches = metrics["contact"]["contacts"]
     begins = t[1:][np.diff(label) == 1]
     assert len(touches) == len(begins)  # all found, no false one
-    named = [[own["link"] for own in each["links"]] for each in touches]
+    named = [[candidate["link"] for candidate in each["links"]] for each in touches]
     assert np.mean([link in each for each in named]) > 0.9
     assert max(len(each) for each in named) <= 3
     assert all(each["not_at_e"] == (link < 6) for each in touches)

@@ -235,12 +235,10 @@ def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
         logs.append(tmp_path / f"log_{k}.csv")
         write_recording(log, logs[-1])
     reports = []
+    names = [str(log) for log in logs]
+    settings = IdentifySettings(robot="sts_sre4_600", logs=names[:3], validate=names[3:])
     result = identify_logs(
-        logs[:3],
-        "sts_sre4_600",
-        tmp_path / "out",
-        logs[3:],
-        progress=lambda share, what: reports.append(share),
+        settings, tmp_path / "out", progress=lambda share, what: reports.append(share)
     )
     assert reports == sorted(reports)
     assert reports[-1] == 1.0
@@ -255,7 +253,7 @@ def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
     assert len(loaded.provenance.logs[0].sha256) == 64
     # The same logs give the same bytes.
     previous = {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
-    identify_logs(logs[:3], "sts_sre4_600", out, logs[3:])
+    identify_logs(settings, out)
     assert previous == {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
 
 

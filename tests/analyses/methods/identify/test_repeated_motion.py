@@ -48,10 +48,10 @@ def test_other_motions_and_the_same_path_at_another_pace() -> None:
 
 
 def test_a_common_place_to_rest_is_no_common_motion() -> None:
-    def resting(own: LowPassedLog) -> LowPassedLog:
-        q, v = own.q.copy(), own.v.copy()
+    def resting(low_passed: LowPassedLog) -> LowPassedLog:
+        q, v = low_passed.q.copy(), low_passed.v.copy()
         q[200:], v[200:] = 0.3, 0.0
-        return replace(own, q=q, v=v)
+        return replace(low_passed, q=q, v=v)
 
     assert motion_groups([resting(run(1)), resting(run(2))]) == (0, 1)
 

@@ -10,7 +10,13 @@ import yaml
 from typer.testing import CliRunner
 
 from wrenchsight.analyses.__main__ import app
-from wrenchsight.analyses.methods.place.placement import EFFORT_NUMERIC, place, place_task
+from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
+from wrenchsight.analyses.methods.place.placement import (
+    EFFORT_NUMERIC,
+    PlacementRequest,
+    place,
+    place_task,
+)
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult
 from wrenchsight.analyses.output.result_marker import MARKER
 from wrenchsight.diagrams.distances.clearance import Clearance
@@ -33,12 +39,14 @@ SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
     num_solves=2,
 )  # fmt: skip
+SMALL_SEARCH = PlacementRequest(effort=SMALL)
+QUICK = PlaceSettings(task="linear_path", quick=True)
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[PlacementResult, Path]:
     out = tmp_path_factory.mktemp("place")
-    return place_task("linear_path", out, quick=True), out
+    return place_task(QUICK, out), out
 
 
 def test_the_articles_figures_and_better_ones(written: tuple[PlacementResult, Path]) -> None:
@@ -84,7 +92,7 @@ def test_all_files_are_there_and_say_the_same(written: tuple[PlacementResult, Pa
 def test_the_same_seed_gives_the_same_bytes(
     written: tuple[PlacementResult, Path], tmp_path: Path
 ) -> None:
-    place_task("linear_path", tmp_path, quick=True)
+    place_task(QUICK, tmp_path)
     assert (tmp_path / "metrics.json").read_bytes() == (written[1] / "metrics.json").read_bytes()
 
 
@@ -92,8 +100,9 @@ def test_the_objective_force_sd_minimises_the_force_sd(sts: Robot) -> None:
     task, source = load_task("linear_path")
     Sigma = np.diag([3.3, 3.6, 2.3, 0.53, 0.78, 0.36]) ** 2  # the article's residuals
     model = dataclasses.replace(IdentifiedModel.nominal(sts), residual_covariance=Sigma)
-    result = place(task, source, sts, objective="force-sd", model=model, effort=SMALL)
-    by_jcn = place(task, source, sts, effort=SMALL)
+    least_sd = PlacementRequest("force-sd", model=model, effort=SMALL)
+    result = place(task, source, sts, least_sd)
+    by_jcn = place(task, source, sts, SMALL_SEARCH)
     config = WrenchReconstructionConfig().with_prior(*live_prior(sts.payload))
     force_sd = ForceSd(sts.chain, Sigma, config)
     sd = float(np.mean(force_sd.values(result.best.placement.q)))
@@ -107,7 +116,7 @@ def test_the_objective_force_sd_minimises_the_force_sd(sts: Robot) -> None:
 
 def test_clearance_is_kept_everywhere_and_has_its_price(sts: Robot) -> None:
     task, source = load_task("linear_path")
-    free = place(task, source, sts, effort=SMALL)
+    free = place(task, source, sts, SMALL_SEARCH)
     around = ClearanceConfig(
         0.015,
         [ObstacleConfig("table", [2.0, 2.0, 0.02], PoseConfig([0.0, 0.0, 0.19]))],
@@ -123,7 +132,7 @@ def test_clearance_is_kept_everywhere_and_has_its_price(sts: Robot) -> None:
     # A table that high stands in the way of the base too: only its legs would fit. Cut it out.
     around.obstacles[0].pose.xyz[0] = 1.2
     effort = dataclasses.replace(SMALL, num_starts=8)
-    result = place(crowded, source, sts, effort=effort)
+    result = place(crowded, source, sts, PlacementRequest(effort=effort))
     assert result.best.smallest_distance is not None
     assert result.best.smallest_distance >= 0.015
     assert result.metrics()["optimised"]["smallest_distance_m"] >= 0.015
@@ -137,7 +146,7 @@ def test_an_arm_of_seven_joints_is_placed_numerically(panda: Robot) -> None:
     task, source = load_task("linear_path")
     task = dataclasses.replace(task, initial=None, path_length=0.6)
     effort = dataclasses.replace(EFFORT_NUMERIC, num_samples=2000, num_rounds=0, num_solves=2)
-    result = place(task, source, panda, effort=effort)
+    result = place(task, source, panda, PlacementRequest(effort=effort))
     assert any("no known analytic inverse kinematics" in notice for notice in result.notices)
     # From 7.516, which every seed of a full search finds; random postures have a median of 40.
     assert result.best.metrics("jcn")["mean_jcn"] < 7.9
@@ -186,11 +195,11 @@ def test_an_impossible_task_is_one_line_and_exit_code_2(tmp_path: Path, case: st
 def test_options_that_are_none_are_answered(sts: Robot) -> None:
     task, source = load_task("linear_path")
     with pytest.raises(InputError, match='--solver: "snop" is not known; did you mean "snopt"'):
-        place(task, source, sts, solver="snop")
+        place(task, source, sts, PlacementRequest(solver="snop"))
     with pytest.raises(InputError, match='--objective: "sd" is not known'):
-        place(task, source, sts, objective="sd")
+        place(task, source, sts, PlacementRequest("sd"))
     with pytest.raises(InputError, match="truncated states a smaller sd"):
-        place(task, source, sts, objective="force-sd", method="truncated")
+        place(task, source, sts, PlacementRequest("force-sd", method="truncated"))
 
 
 def test_the_article_solver_is_a_choice_of_the_command(sts: Robot, tmp_path: Path) -> None:
@@ -198,7 +207,7 @@ def test_the_article_solver_is_a_choice_of_the_command(sts: Robot, tmp_path: Pat
 
     task, source = load_task("linear_path")
     swarm = SwarmConfig(num_particles=30, num_iterations=6)
-    result = place(task, source, sts, solver="pso-ga", swarm=swarm)
+    result = place(task, source, sts, PlacementRequest(solver="pso-ga", swarm=swarm))
     assert 10.97 < result.best.metrics("jcn")["mean_jcn"] < 15.0
     assert result.search.num_starts == 30
 
@@ -219,15 +228,18 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
     asked: list[tuple[int, ClearanceConfig | None]] = []
     outcome: list[PlacementResult] = []
 
-    def quickly(task: PlacementTask, *args: Any, **options: Any) -> PlacementResult:
-        asked.append((options["seed"], task.clearance))
+    def quickly(
+        task: PlacementTask, source: Path, robot: Robot, request: PlacementRequest, progress: Any
+    ) -> PlacementResult:
+        asked.append((request.seed, task.clearance))
         if task.clearance is not None:  # what is found then is the search's own matter
             return outcome[0]
-        outcome.append(place(task, *args, **{**options, "effort": SMALL}))
+        small = dataclasses.replace(request, effort=SMALL)
+        outcome.append(place(task, source, robot, small, progress))
         return outcome[-1]
 
     monkeypatch.setattr("wrenchsight.analyses.methods.place.placement.place", quickly)
-    plain = place_task("linear_path", tmp_path / "plain")
+    plain = place_task(PlaceSettings(task="linear_path"), tmp_path / "plain")
     # As it is, nothing is hit: no other placement is looked for.
     assert asked == [(0, None)] and plain.free is None
     assert plain.best.smallest_distance is not None and plain.best.smallest_distance > 0.0
@@ -236,7 +248,8 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
     text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
     (tmp_path / "robot.yaml").write_text(f"{text}floor: {floor}\n")
     asked.clear()
-    result = place_task("linear_path", tmp_path / "out", tmp_path / "robot.yaml")
+    settings = PlaceSettings(task="linear_path", robot=str(tmp_path / "robot.yaml"))
+    result = place_task(settings, tmp_path / "out")
     assert result.best.smallest_distance is not None and result.best.smallest_distance < 0.0
     overlap = f"itself or the floor by {-1e3 * result.best.smallest_distance:.0f} mm"
     assert overlap in " ".join(result.notices)

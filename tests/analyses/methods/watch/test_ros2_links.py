@@ -131,7 +131,8 @@ def numbers_of(message, kind):
 def dds_values(value, kind):
     fields = getattr(kind, "__dataclass_fields__", None)
     if fields is not None:
-        return kind(*(dds_values(getattr(value, f), fields[f].type) for f in fields))
+        values = {f: dds_values(getattr(value, f), fields[f].type) for f in fields}
+        return kind(**values)
     if isinstance(value, list | np.ndarray):
         return [dds_values(one, kind.__metadata__[0].subtype) for one in value]
     return value

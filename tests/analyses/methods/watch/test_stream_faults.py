@@ -151,11 +151,15 @@ def check_faults(robot, model, recording, kind, count, seed=0):
     for number in range(count):
         where = f"seed {seed}, fault {number} ({kind})"
         at = rng.randrange(1, 350)
-        own = [replace(s, t=s.t + shift) for s in samples[begin : begin + at + 400 + tail]]
-        stream, last = spoilt(own, kind, at, rng)
-        first = len(stream) - (len(own) - last)  # of the stream, that is as it should be again
-        shift += stream[-1].t - own[-1].t
-        over = max((s.received for s in stream[at:first]), default=own[last - 1].received)
+        sound_samples = [
+            replace(s, t=s.t + shift) for s in samples[begin : begin + at + 400 + tail]
+        ]
+        stream, last = spoilt(sound_samples, kind, at, rng)
+        first = len(stream) - (
+            len(sound_samples) - last
+        )  # of the stream, that is as it should be again
+        shift += stream[-1].t - sound_samples[-1].t
+        over = max((s.received for s in stream[at:first]), default=sound_samples[last - 1].received)
         events, read, steady, since = [], [], 0, np.inf
         for fed, sample in enumerate(stream, 1):
             for item in live.take(sample):

@@ -31,14 +31,19 @@ def motion(seed=0, samples=30):
     return [rng.normal(size=(samples, 6)) for _ in range(3)]
 
 
+def moved(signals, direction, step):
+    """The signals q, v and vdot, each moved by `step` along its direction."""
+    return [x + step * d for x, d in zip(signals, direction, strict=True)]
+
+
 def test_the_regressor_is_the_torque(sts, information):
     q, v, vdot = motion()
     exact = replace(information, friction_velocity=0.0)
     n = sts.num_joints
-    own = np.stack(
+    drive_parameters = np.stack(
         [sts.chain.reflected_inertia, np.full(n, 2.0), np.full(n, 3.0), np.full(n, 0.5)], axis=1
     )
-    x = np.concatenate([sts.chain.inertial_parameters.ravel(), own.ravel()])
+    x = np.concatenate([sts.chain.inertial_parameters.ravel(), drive_parameters.ravel()])
     tau = sts.chain.inverse_dynamics(q, v, vdot) + 2.0 * np.sign(v) + 3.0 * v + 0.5
     W = exact.regressor(q, v, vdot)
     np.testing.assert_allclose(W @ x, (tau / sts.effort_limit).ravel(), atol=1e-12)
@@ -46,13 +51,12 @@ def test_the_regressor_is_the_torque(sts, information):
 
 @pytest.mark.parametrize("measure", MEASURES)
 def test_gradients_of_the_measures(information, measure):
-    q, v, vdot = motion()
-    _, *gradients = information.cost(measure, q, v, vdot)
-    way = motion(1)
+    signals, direction = motion(), motion(1)
+    _, *gradients = information.cost(measure, *signals)
     e = 1e-5
-    ahead = information.cost(measure, *(x + e * d for x, d in zip((q, v, vdot), way, strict=True)))
-    behind = information.cost(measure, *(x - e * d for x, d in zip((q, v, vdot), way, strict=True)))
-    slope = sum((g * d).sum() for g, d in zip(gradients, way, strict=True))
+    ahead = information.cost(measure, *moved(signals, direction, e))
+    behind = information.cost(measure, *moved(signals, direction, -e))
+    slope = sum((g * d).sum() for g, d in zip(gradients, direction, strict=True))
     assert slope == pytest.approx((ahead[0] - behind[0]) / (2 * e), rel=1e-5)
 
 
@@ -88,13 +92,11 @@ def test_torque_gradients(sts):
     by = torque_gradients(sts.chain, q, v, vdot)
     M = [sts.chain.terms(*row).M for row in zip(q, v, strict=True)]
     np.testing.assert_allclose(by[:, :, 12:], M, atol=1e-9)
-    way, e = motion(3, 4), 1e-6
-    moved = [
-        sts.chain.inverse_dynamics(*(x + s * d for x, d in zip((q, v, vdot), way, strict=True)))
-        for s in (e, -e)
-    ]
-    slope = np.einsum("kij,kj->ki", by, np.concatenate(way, axis=1))
-    np.testing.assert_allclose(slope, (moved[0] - moved[1]) / (2 * e), rtol=1e-5, atol=1e-5)
+    direction, e = motion(3, 4), 1e-6
+    ahead = sts.chain.inverse_dynamics(*moved([q, v, vdot], direction, e))
+    behind = sts.chain.inverse_dynamics(*moved([q, v, vdot], direction, -e))
+    slope = np.einsum("kij,kj->ki", by, np.concatenate(direction, axis=1))
+    np.testing.assert_allclose(slope, (ahead - behind) / (2 * e), rtol=1e-5, atol=1e-5)
 
 
 def test_a_joint_that_stays_is_named(information):

@@ -19,8 +19,9 @@ _FILES = ("joint3_sweep", "jog_joint1_unloaded")
 
 @pytest.fixture(scope="module")
 def logs(some_data: Callable[..., Path]) -> dict[str, Lara8Log]:
-    names = (*(f"{name}.csv" for name in _FILES), "robot.yaml", "robot.urdf")
-    return {log.name: log for log in read_logs(some_data(*(f"{FOLDER}/{n}" for n in names)))}
+    names = [f"{name}.csv" for name in _FILES] + ["robot.yaml", "robot.urdf"]
+    files = [f"{FOLDER}/{name}" for name in names]
+    return {log.name: log for log in read_logs(some_data(*files))}
 
 
 def test_the_sensors_zero_is_the_one_stated(logs: dict[str, Lara8Log]) -> None:

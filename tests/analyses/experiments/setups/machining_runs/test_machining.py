@@ -204,8 +204,8 @@ def test_both_scenarios_of_a_task_are_one_but_for_the_loop(task):
     with_sensor, without = load_scenario(task.scenario), load_scenario(task.sensorless)
     assert uses_sensor(with_sensor) and not uses_sensor(without)
     assert with_sensor.workpiece == without.workpiece
-    for own, other in ((with_sensor, without), (without, with_sensor)):
-        assert own.machining == replace(other.machining, phases=own.machining.phases)
+    for scenario, other in ((with_sensor, without), (without, with_sensor)):
+        assert scenario.machining == replace(other.machining, phases=scenario.machining.phases)
     assert with_sensor.machining.air_pass > 0.0
     assert len(task.correlation) == len(task.rmse_n) == len(FEEDS)
     assert task.component in COMPONENTS

@@ -63,8 +63,11 @@ def studied(monkeypatch, tmp_path):
             runs.append((scenario, page))
             return SimpleNamespace(steady=np.full(3, steady), fault=0, feed=plan)
 
-        def measured(task, own, readings):
-            assert list(own) == list(FEEDBACKS) and readings == own["sensor"].feed
+        def measured(task, runs_by_feedback, readings):
+            assert (
+                list(runs_by_feedback) == list(FEEDBACKS)
+                and readings == runs_by_feedback["sensor"].feed
+            )
             return figures_of(readings)
 
         def drawn(task, shown, without, metrics):
@@ -81,7 +84,9 @@ def studied(monkeypatch, tmp_path):
         monkeypatch.setattr(module, "run_machining", ran)
         monkeypatch.setattr(module, "read_all", lambda run, models: run.feed)
         monkeypatch.setattr(module, "feed_metrics", measured)
-        monkeypatch.setattr(module, "sources", lambda models, own: list(own))
+        monkeypatch.setattr(
+            module, "sources", lambda models, runs_by_feedback: list(runs_by_feedback)
+        )
         monkeypatch.setattr(module, "machining_figures", drawn)
         monkeypatch.setattr(
             module,
@@ -146,11 +151,11 @@ def test_another_seed_is_other_noise_and_another_process(studied):
     for seed in (0, 7):
         _, runs, _ = studied(polishing.EXPERIMENT, seed=seed, fastest_feed=True)
         for (run, _), name in zip(runs, (task.scenario, task.sensorless), strict=True):
-            own = load_scenario(name)
-            assert run.seed == own.seed + seed
-            process, usual = run.machining.process, own.machining.process
+            bundled = load_scenario(name)
+            assert run.seed == bundled.seed + seed
+            process, usual = run.machining.process, bundled.machining.process
             assert process.variations.seed == usual.variations.seed + seed
-            assert run.force_torque_sensor == own.force_torque_sensor
+            assert run.force_torque_sensor == bundled.force_torque_sensor
 
 
 def test_a_pass_that_ends_before_its_feed_is_steady_is_an_error(studied):

@@ -17,8 +17,8 @@ def test_only_the_path_of_least_force_sd_keeps_off_the_limits(
     class AskedError(Exception):
         pass
 
-    def place(task, _source, _robot, **options):
-        assert options["objective"] == ("force-sd" if informed else "jcn")
+    def place(task, _source, _robot, request):
+        assert request.objective == ("force-sd" if informed else "jcn")
         bounds = task.bounds(sts)
         inside = sts.position_upper - bounds.q_upper
         assert (inside > 0.01).all() if informed else (inside == 0.0).all()
