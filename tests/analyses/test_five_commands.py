@@ -53,17 +53,17 @@ def test_from_a_urdf_to_a_wrench(arm: str, wheel_robots: Path, tmp_path: Path) -
     succeeded("excite", *robot_option, "--config", settings, "--no-record", "--out", motion.parent)
     simulated = ("--motion", motion, "--duration", "5", "--no-recording")
     succeeded("simulate", *robot_option, *simulated, "--out", log.parent)
-    said = succeeded("identify", log, *robot_option, "--out", model.parent)
-    assert "--friction best lets held-out logs choose" in " ".join(said.split())
+    output = succeeded("identify", log, *robot_option, "--out", model.parent)
+    assert "--friction best lets held-out logs choose" in " ".join(output.split())
     succeeded("estimate", log, *robot_option, "--model", model, "--out", tmp_path / "estimate")
 
     robot = Robot.load(robot_file)
     _nothing_is_hit(robot, tmp_path / "excite")
     # The arm followed the motion that was found, and nothing else.
-    found = np.loadtxt(tmp_path / "excite" / "trajectory.csv", delimiter=",", skiprows=1)
+    trajectory = np.loadtxt(tmp_path / "excite" / "trajectory.csv", delimiter=",", skiprows=1)
     ran = np.genfromtxt(log, delimiter=",", names=True)
     for j in range(robot.num_joints):
-        planned = np.interp(ran["t"], found[:, 0], found[:, 1 + j])
+        planned = np.interp(ran["t"], trajectory[:, 0], trajectory[:, 1 + j])
         assert np.abs(ran[f"q{j + 1}"] - planned).max() < 0.05  # a servo's error, rad or m
     # Nothing touched it. The log has friction, noise and steps, the model is that of a short fit.
     metrics = json.loads((tmp_path / "estimate" / "metrics.json").read_text())

@@ -83,33 +83,33 @@ CASES.append(pytest.param("repeat-cycle-push", marks=pytest.mark.slow))
 def result(request, tmp_path_factory):
     out = tmp_path_factory.mktemp(request.param)
     with pytest.MonkeyPatch.context() as patch:
-        found = run_small(request.param, out, patch)
-        write_result(out, MODULES[request.param].EXPERIMENT, found, {}, {})
-        return request.param, found, out
+        metrics = run_small(request.param, out, patch)
+        write_result(out, MODULES[request.param].EXPERIMENT, metrics, {}, {})
+        return request.param, metrics, out
 
 
 def test_the_study_knows_it_and_its_figures_exist(result):
-    name, found, out = result
+    name, experiment_result, out = result
     assert REGISTRY.entries()[name].module == MODULES[name].__name__
     stored = json.loads((out / "result.json").read_text(encoding="utf-8"))
     assert stored["figures"]
     for figure in stored["figures"]:
         assert (out / figure["path"]).stat().st_size > 10_000
-    assert all(note.strip() for note in found.notes)
-    (recording,) = found.recordings
+    assert all(note.strip() for note in experiment_result.notes)
+    (recording,) = experiment_result.recordings
     assert (out / recording.path).read_text(encoding="utf-8").count("JCN") >= 3  # its legend
 
 
 def test_every_row_of_the_comparison_is_a_finite_metric(result):
-    _, found, _ = result
-    metrics = plain_metrics(found.metrics)
-    for row in found.comparison:
+    _, experiment_result, _ = result
+    metrics = plain_metrics(experiment_result.metrics)
+    for row in experiment_result.comparison:
         assert np.isfinite(look_up(metrics, row.key)), row.key
 
 
 def test_the_articles_method_alone_reads_the_same(result, tmp_path, monkeypatch):
     """What a search over arms repeats is what the experiments show."""
-    name, found, _ = result
+    name, experiment_result, _ = result
     context = ExperimentContext(out=tmp_path, data=tmp_path, quick=True)
     if name.startswith("repeat-cycle"):
         monkeypatch.setattr(article_cycles, "ONE_WAY_QUICK", 0.8)
@@ -119,7 +119,7 @@ def test_the_articles_method_alone_reads_the_same(result, tmp_path, monkeypatch)
         monkeypatch.setattr(article_method, "article_models", known_models)
         method_metrics = article_method.run(context).metrics[name]
     for key, value in method_metrics.items():
-        expected = found.metrics[key]
+        expected = experiment_result.metrics[key]
         if isinstance(value, dict):
             assert {f"rmse_{axis}_n" for axis in "xyz"} < set(value)
             expected = {one: expected[one] for one in value}
@@ -134,21 +134,23 @@ def known_models(robot, seed, quick):
 
 
 def test_reductions_are_those_of_the_articles_two_variants(result):
-    name, found, _ = result
+    name, experiment_result, _ = result
     keys = (
         ("coulomb_viscous", "semi_parametric") if name == "friction" else ("initial", "optimised")
     )
-    before, after = (found.metrics[key] for key in keys)
+    before, after = (experiment_result.metrics[key] for key in keys)
     for axis in "xyz":
         expected = 100.0 * (1.0 - after[f"rmse_{axis}_n"] / before[f"rmse_{axis}_n"])
         # The known model's laws are one: nothing falls there, and 0 is compared with 0.
-        assert found.metrics[f"reduction_rmse_{axis}_pct"] == pytest.approx(expected, abs=1e-9)
+        assert experiment_result.metrics[f"reduction_rmse_{axis}_pct"] == pytest.approx(
+            expected, abs=1e-9
+        )
 
 
 def test_every_variant_states_how_often_its_bands_hold(result):
-    name, found, _ = result
+    name, experiment_result, _ = result
     for variant in MODULES[name].VARIANTS:
-        variant_metrics = found.metrics[variant.key]
+        variant_metrics = experiment_result.metrics[variant.key]
         for axis in "xyz":
             assert (
                 0.0
@@ -160,18 +162,20 @@ def test_every_variant_states_how_often_its_bands_hold(result):
 
 
 def test_the_error_is_the_initial_paths_and_the_low_pass_takes_noise_away(result):
-    name, found, _ = result
+    name, experiment_result, _ = result
     if name == "repeat-cycle":
-        metrics = found.metrics
+        metrics = experiment_result.metrics
         assert metrics["initial"]["max_error_y_n"] > metrics["optimised"]["max_error_y_n"]
         assert metrics["initial_filtered"]["rmse_y_n"] < metrics["initial"]["rmse_y_n"]
 
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(result, tmp_path, monkeypatch):
-    name, found, _ = result
+    name, experiment_result, _ = result
     again = run_small(name, tmp_path, monkeypatch)
-    assert json_text(plain_metrics(found.metrics)) == json_text(plain_metrics(again.metrics))
+    assert json_text(plain_metrics(experiment_result.metrics)) == json_text(
+        plain_metrics(again.metrics)
+    )
 
 
 def test_noise_by_time_law_grows_with_the_time_at_the_paths_ends(sts):

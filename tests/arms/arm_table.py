@@ -146,8 +146,8 @@ def run_arm(arm: Arm, folder: Path, excitation: ExcitationConfig = EXCITATION) -
             write_recording(log.recording, logs[k])
         log_names = [str(log) for log in logs]
         settings = IdentifySettings(robot=name, logs=log_names[:1], validate=log_names[1:])
-        found = identify_logs(settings, folder / "identify")
-        row["condition"] = found.base.condition_number
+        identification = identify_logs(settings, folder / "identify")
+        row["condition"] = identification.base.condition_number
         row["stage"] = "estimate"
         read = estimate_log(logs[1], name, folder / "identify/model.yaml", folder / "estimate")
         row["valid_pct"] = 100.0 * read.valid_share
@@ -184,12 +184,12 @@ def _collisions(
     motions = [result.trajectory for result in results]
     q = [motion.sample(np.arange(0.0, motion.period, _CHECKED))[0] for motion in motions]
     notes = [note for result in results for note in result.warnings if "is not checked" in note]
-    found: dict[str, dict[str, int]] = {"collisions": {}, "said": {}}
+    overlap_counts: dict[str, dict[str, int]] = {"collisions": {}, "said": {}}
     for pair, count in meshes.collisions(np.concatenate(q)).items():
         links = [shape.rpartition("_")[0] for shape in pair.split(" and ")]
-        said = any(all(link in note for link in links) for note in notes)
-        found["said" if said else "collisions"][pair] = count
-    return found
+        is_reported = any(all(link in note for link in links) for note in notes)
+        overlap_counts["said" if is_reported else "collisions"][pair] = count
+    return overlap_counts
 
 
 def _band(table: Path) -> float | None:
@@ -273,19 +273,21 @@ def main() -> int:
     chosen = [arm for arm in ARMS if options.only in arm.name]
     for k, arm in enumerate(chosen):
         stem = "".join(c if c.isalnum() else "_" for c in arm.name)
-        kept = options.work / f"{stem}.json"
-        if kept.is_file() and not options.only:
-            row = json.loads(kept.read_text())
+        row_path = options.work / f"{stem}.json"
+        if row_path.is_file() and not options.only:
+            row = json.loads(row_path.read_text())
         else:
             began = time.monotonic()
             row = run_arm(arm, options.work / stem)
             row["seconds"] = round(time.monotonic() - began, 1)
-            kept.write_text(json.dumps(row, indent=1))
+            row_path.write_text(json.dumps(row, indent=1))
             shutil.rmtree(options.work / stem)
         rows.append(row)
-        told = row["stage"] if row["stage"] == "through" else f"{row['stage']}: {row['refused']}"
+        outcome = row["stage"] if row["stage"] == "through" else f"{row['stage']}: {row['refused']}"
         hits = f", overlaps {row['collisions']}" if row.get("collisions") else ""
-        print(f"{k + 1}/{len(chosen)} {arm.name}, {row.get('seconds')} s: {told}{hits}", flush=True)
+        print(
+            f"{k + 1}/{len(chosen)} {arm.name}, {row.get('seconds')} s: {outcome}{hits}", flush=True
+        )
     if not options.only:
         options.page.write_text(page(rows), encoding="utf-8")
     return int(any(map(is_wrong, rows)))

@@ -61,8 +61,8 @@ def samples(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def columns(batch: EstimateBatch) -> dict[str, np.ndarray]:
-    found = {name: np.asarray(getattr(batch, name), float) for name in OUTPUTS}
-    return {name: values.reshape(ROWS, -1) for name, values in found.items()}
+    arrays = {name: np.asarray(getattr(batch, name), float) for name in OUTPUTS}
+    return {name: values.reshape(ROWS, -1) for name, values in arrays.items()}
 
 
 @pytest.mark.long
@@ -85,23 +85,23 @@ def test_every_engine_reads_the_same(
         signals = [signal[rows] for signal in log]
         halves.append(estimator.run(state, *signals))
     whole = EstimateBatch._make(np.concatenate(pair) for pair in zip(*halves, strict=True))
-    found = columns(whole)
-    assert np.isfinite(found["wrench"]).all()
-    assert 0.0 < found["valid"].mean() < 1.0
+    from_halves = columns(whole)
+    assert np.isfinite(from_halves["wrench"]).all()
+    assert 0.0 < from_halves["valid"].mean() < 1.0
     if with_error and kind is not KalmanObserver:  # whose tau_ext is that of its wrench
-        assert found["valid"][188] and not found["valid"][-1]
+        assert from_halves["valid"][188] and not from_halves["valid"][-1]
     state = estimator.initial_state()
     ticks = [estimator.step(state, *sample) for sample in zip(*log, strict=True)]
     # A force of 100 N in doubles, through gains of 1 / T: what is left is rounding.
     close = {"rtol": 1e-12, "atol": 1e-12 * 1e3}
     for name in ("tau_ext", "wrench", "covariance"):
         stepped = np.array([getattr(tick, name) for tick in ticks]).reshape(ROWS, -1)
-        np.testing.assert_allclose(stepped, found[name], **close, err_msg=name)
+        np.testing.assert_allclose(stepped, from_halves[name], **close, err_msg=name)
     for fused in (False, True):
         seen = played(sts, model, config, log, fused=fused)
         for name in OUTPUTS[:3]:
-            np.testing.assert_allclose(seen[name], found[name], **close, err_msg=name)
-        np.testing.assert_array_equal(seen["valid"], found["valid"])
+            np.testing.assert_allclose(seen[name], from_halves[name], **close, err_msg=name)
+        np.testing.assert_array_equal(seen["valid"], from_halves["valid"])
 
 
 def test_an_observer_of_the_wrench_refuses_an_air_pass(sts: Robot) -> None:

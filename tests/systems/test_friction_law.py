@@ -91,13 +91,13 @@ def test_along_a_motion_it_is_the_kernel_tick_by_tick():
     log = LogVectorOutput(system.GetOutputPort("tau_f"), builder, STEP)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.9)
-    found, state = log.FindLog(simulator.get_context()).data().T, friction.initial_state()
+    logged, state = log.FindLog(simulator.get_context()).data().T, friction.initial_state()
     for k in range(80):
         qk, vk = q[:, k].copy(), v[:, k].copy()
         tau_f = friction.velocity_law.torque(vk)
         add_slip_torque(friction.slip_table, state, qk, vk, tau_f)
         update_slip(friction.slip_table, state, qk, vk, tau_J - tau_f)
-        np.testing.assert_allclose(found[k], tau_f, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(logged[k], tau_f, rtol=0, atol=1e-12)
 
 
 def test_parameters_change_through_the_context_and_the_hand_over_follows():

@@ -56,7 +56,7 @@ def test_diagram_and_log_read_the_same(sts, model, log, method, fused):
     )
     estimator = WrenchEstimator(sts, model, configuration)
     batch = estimator.run(estimator.initial_state(), *log)
-    found = played(sts, model, configuration, log, fused=fused)
+    outputs = played(sts, model, configuration, log, fused=fused)
     expected = {
         "tau_ext": batch.tau_ext,
         "wrench": batch.wrench,
@@ -67,7 +67,9 @@ def test_diagram_and_log_read_the_same(sts, model, log, method, fused):
     for name, values in expected.items():
         # The same kernels; a covariance of 1e8 leaves 1e-12 of itself to rounding.
         scale = max(1.0, float(np.abs(values[np.isfinite(values)]).max()))
-        np.testing.assert_allclose(found[name], values, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+        np.testing.assert_allclose(
+            outputs[name], values, rtol=0.0, atol=1e-12 * scale, err_msg=name
+        )
     assert np.ptp(batch.torque_sd[:, 0]) > 0.1  # the error does follow the motion
 
 
@@ -80,10 +82,10 @@ def test_the_load_that_is_read_widens_the_band_alike(sts, model, log, fused):
         WrenchEstimator(sts, known_model, configuration) for known_model in (loaded, model)
     )
     batch = estimator.run(estimator.initial_state(), *log)
-    found = played(sts, loaded, configuration, log, fused=fused)
+    outputs = played(sts, loaded, configuration, log, fused=fused)
     scale = float(np.abs(batch.covariance).max())
     np.testing.assert_allclose(
-        found["covariance"], batch.covariance.reshape(ROWS, 36), rtol=0.0, atol=1e-12 * scale
+        outputs["covariance"], batch.covariance.reshape(ROWS, 36), rtol=0.0, atol=1e-12 * scale
     )
     assert not np.allclose(batch.covariance, plain.run(plain.initial_state(), *log).covariance)
 
@@ -108,12 +110,12 @@ def test_a_point_force_is_weighted_by_the_models_usual_errors_too(sts, model, lo
 def test_the_encoders_step_comes_from_robot_yaml_unless_the_configuration_says_it(sts, model, log):
     with_step = copy(sts)
     with_step.position_resolution = np.full(N, 2e-4)
-    said = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
+    stated = WrenchEstimatorConfig(position_resolution=[2e-4] * N)
     by_robot, by_configuration, by_model = (
         one.run(one.initial_state(), *log).torque_sd
         for one in (
             WrenchEstimator(with_step, model, WrenchEstimatorConfig()),
-            WrenchEstimator(sts, model, said),
+            WrenchEstimator(sts, model, stated),
             WrenchEstimator(sts, model, WrenchEstimatorConfig()),
         )
     )

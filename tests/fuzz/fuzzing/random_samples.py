@@ -96,7 +96,7 @@ def faults(estimator: WrenchEstimator, ticks: int, seed: int) -> list[str]:
     state = estimator.initial_state()
     clean = estimator.run(estimator.initial_state(), *sound)
     settled = math.ceil(estimator.observer.settling_time / T - 1e-6) + _TOLD
-    found: list[str] = []
+    messages: list[str] = []
     for block in range(max(1, ticks // ROWS)):
         bits = rng.integers(0, 2**64, (3, ROWS, 6), dtype=np.uint64).view(np.float64)
         bits = np.where(np.isfinite(bits), bits, 1e308)
@@ -107,14 +107,14 @@ def faults(estimator: WrenchEstimator, ticks: int, seed: int) -> list[str]:
         where[:, rng.integers(150, 400) :] = False
         wild = [np.where(w, b, x) for w, b, x in zip(where, bits, sound, strict=True)]
         batch = estimator.run(state, *wild)
-        found += [
+        messages += [
             f"block {block}: {name} is not finite"
             for name in ("tau_ext", "wrench", "covariance")
             if not np.isfinite(getattr(batch, name)).all()
         ]
         beyond = np.stack([(np.abs(x) > _IMPOSSIBLE).any(axis=1) for x in wild])
         if batch.valid[beyond[0] | beyond[1]].any() or batch.valid[1:][beyond[2, :-1]].any():
-            found.append(f"block {block}: an impossible sample is valid")
+            messages.append(f"block {block}: an impossible sample is valid")
         last = int(np.flatnonzero(where.any(axis=(0, 2)))[-1]) if where.any() else 0
         after = last + settled
         if not only_impossible:
@@ -123,11 +123,11 @@ def faults(estimator: WrenchEstimator, ticks: int, seed: int) -> list[str]:
         off = np.abs(batch.wrench - clean.wrench) / (sd + 1e-9)
         free = after + 2 * settled
         if not np.array_equal(batch.valid[free:], clean.valid[free:]):
-            found.append(f"block {block}: not as valid again {3 * settled} ticks later")
+            messages.append(f"block {block}: not as valid again {3 * settled} ticks later")
         share = float(off[after:].max(initial=0.0))
         if share > _ALLOWED:
-            found.append(f"block {block}: {share:.2f} sd off {settled} ticks later")
-    return found
+            messages.append(f"block {block}: {share:.2f} sd off {settled} ticks later")
+    return messages
 
 
 def main() -> int:
@@ -139,10 +139,10 @@ def main() -> int:
     bad = 0
     for name, estimator in estimators():
         began = time.process_time()
-        found = faults(estimator, options.ticks, options.seed)
-        bad += bool(found)
+        messages = faults(estimator, options.ticks, options.seed)
+        bad += bool(messages)
         seconds = time.process_time() - began
-        print(f"{name}: {len(found)} faults {found[:3]} ({seconds:.1f} s)", flush=True)
+        print(f"{name}: {len(messages)} faults {messages[:3]} ({seconds:.1f} s)", flush=True)
     return int(bad > 0)
 
 

@@ -121,19 +121,19 @@ def test_false_alarms_of_gaussian_noise_are_as_many_as_stated(sts, model):
     np.testing.assert_allclose(learnt_model.contact_noise.mean_scale, np.sqrt(0.4), rtol=0.1)
     tau_ext = noise(learnt_model, 720_000, np.random.default_rng(2))  # two hours
     for rate in (60.0, 10.0, 1.0):
-        _, found = judged(detector_of(learnt_model, sts, rate), learnt_model, sts, tau_ext)
+        _, detection = judged(detector_of(learnt_model, sts, rate), learnt_model, sts, tau_ext)
         # A Gaussian tail is lighter than the exponential one that is the least to be assumed, so
         # that two hours have fewer than stated, by more the further the level is out.
-        assert begins(found.contact) <= 2.0 * rate
+        assert begins(detection.contact) <= 2.0 * rate
         if rate == 60.0:
-            assert begins(found.contact) >= 2.0 * rate / 6.0
+            assert begins(detection.contact) >= 2.0 * rate / 6.0
 
 
 def test_without_learnt_tails_the_rate_is_kept_for_gaussian_noise(sts, model):
     tau_ext = noise(model, 360_000, np.random.default_rng(3))
     detector = detector_of(model, sts, 10.0)
-    out, found = judged(detector, model, sts, tau_ext)
-    assert begins(found.contact) <= 10
+    out, detection = judged(detector, model, sts, tau_ext)
+    assert begins(detection.contact) <= 10
     # The length of a sample is that of the whitened error: chi of six.
     assert np.mean(out[1000:, SAMPLE_LENGTH] ** 2) == pytest.approx(6.0, rel=0.15)
 
@@ -156,13 +156,13 @@ def test_a_push_is_found_at_once_and_ends_when_it_ends(sts, model):
     detector = detector_of(model, sts)
     J = model.chain(sts).jacobian(sts.home)
     tau_ext[2000:2100] += J[3:].T @ [150.0, 100.0, -50.0]
-    _, found = judged(detector, model, sts, tau_ext)
-    touched = np.flatnonzero(found.contact)
+    _, detection = judged(detector, model, sts, tau_ext)
+    touched = np.flatnonzero(detection.contact)
     assert touched[0] == 2000  # of 90 sds
     # QUIET after the end, or a little more where noise looks like what is left of the mean: the
     # mean itself would take a second to fall to half of its level.
     assert 2100 <= touched[-1] <= 2100 + 4 * round(QUIET / T)
-    assert not found.misfit.any()
+    assert not detection.misfit.any()
     assert (np.diff(touched) == 1).all()
 
 
@@ -175,8 +175,8 @@ def test_a_weak_push_is_found_by_its_mean(sts, model):
     size = 1.5 * mean * scale
     assert size < 0.95 * sample  # nothing that a sample without noise would show
     tau_ext[2000:2300] = size * direction * SD
-    _, found = judged(detector, model, sts, tau_ext)
-    begin = np.flatnonzero(found.contact)[0]
+    _, detection = judged(detector, model, sts, tau_ext)
+    begin = np.flatnonzero(detection.contact)[0]
     # 1 - exp(-t / .3) = 1 / 1.5 at t = .33 s, from a mean that is not zero.
     assert 2005 <= begin <= 2060
 
@@ -187,19 +187,19 @@ def test_the_sample_that_follows_a_contact_is_no_mean(sts, model):
     tau_ext = np.zeros((600, N))
     direction = np.linalg.cholesky(model.torque_error.correlation)[:, 0]
     tau_ext[200:205] = 30.0 * direction * SD
-    _, found = judged(detector, model, sts, tau_ext)
-    end = np.flatnonzero(found.contact)[-1] + 1
+    _, detection = judged(detector, model, sts, tau_ext)
+    end = np.flatnonzero(detection.contact)[-1] + 1
     size = 0.98 * detector.settings[SAMPLE_RELEASE]
     scale = np.sqrt(CORRELATION_TIME / (CORRELATION_TIME + WINDOW))
     assert size / scale > 1.1 * detector.settings[MEAN_LEVEL]
     tau_ext[end] = -size * direction * SD  # nothing of the contact is left
-    _, found = judged(detector, model, sts, tau_ext)
-    assert found.contact[end - 1]
-    assert not found.contact[end:].any()
+    _, detection = judged(detector, model, sts, tau_ext)
+    assert detection.contact[end - 1]
+    assert not detection.contact[end:].any()
     # What lasts is found all the same, once there is a mean again.
     tau_ext[end:] = -size * direction * SD
-    _, found = judged(detector, model, sts, tau_ext)
-    begin = end + np.flatnonzero(found.contact[end:])[0]
+    _, detection = judged(detector, model, sts, tau_ext)
+    begin = end + np.flatnonzero(detection.contact[end:])[0]
     assert begin == pytest.approx(end + MEAN_PAUSE / T, abs=1)
 
 
@@ -225,18 +225,18 @@ def test_what_no_force_at_e_explains_is_told_soon(sts, model):
     detector = detector_of(learnt_model, sts)
     level = OTHER_DAYS * learnt_model.contact_noise.misfit.level_at(MISFIT_RATE)
     assert detector.settings[MISFIT_LEVEL] == pytest.approx(level)
-    _, found = judged(detector, learnt_model, sts, tau_ext)
-    late = [np.flatnonzero(found.misfit[start : start + 100])[0] for start in starts]
+    _, detection = judged(detector, learnt_model, sts, tau_ext)
+    late = [np.flatnonzero(detection.misfit[start : start + 100])[0] for start in starts]
     # 1 - exp(-t / .1) = (level / 7)^2 = .3 at .04 s; over .3 s it would be .11 s.
     assert 0.02 <= T * np.median(late) <= 0.08
     at_e = noise(learnt_model, 9000, np.random.default_rng(20))
     J = learnt_model.chain(sts).jacobian(sts.home)
     for start in starts:
         at_e[start : start + 100] += J[3:].T @ [10.0, 10.0, -10.0]
-    _, found = judged(detector, learnt_model, sts, at_e)
-    assert found.contact.sum() > 1000
+    _, detection = judged(detector, learnt_model, sts, at_e)
+    assert detection.contact.sum() > 1000
     # A second of contact is misread once in a hundred times: 16 seconds here.
-    assert found.misfit[found.contact].mean() < 0.02
+    assert detection.misfit[detection.contact].mean() < 0.02
     older = replace(learnt_model, contact_noise=replace(learnt_model.contact_noise, misfit=None))
     settings = detector_of(older, sts).settings
     assert settings[MISFIT_LEVEL] == settings[POWER_LEVEL]
@@ -247,14 +247,14 @@ def test_a_contact_on_a_link_is_not_at_e_and_the_link_is_named(sts, model, link)
     rng = np.random.default_rng(8)
     tau_ext = noise(model, 3000, rng)
     tau_ext[1000:1500, :link] += 40.0 * SD[:link] * rng.choice([-1.0, 1.0], link)
-    _, found = judged(detector_of(model, sts), model, sts, tau_ext)
-    assert found.contact[1000:1500].all()
+    _, detection = judged(detector_of(model, sts), model, sts, tau_ext)
+    assert detection.contact[1000:1500].all()
     inside = slice(1050, 1450)
-    assert found.misfit[inside].mean() > 0.95
-    links, counts = np.unique(found.link[inside][found.misfit[inside]], return_counts=True)
+    assert detection.misfit[inside].mean() > 0.95
+    links, counts = np.unique(detection.link[inside][detection.misfit[inside]], return_counts=True)
     assert links[np.argmax(counts)] == link
     assert counts.max() > 0.8 * counts.sum()
-    assert not found.misfit[:1000].any()
+    assert not detection.misfit[:1000].any()
 
 
 def test_a_moment_within_the_prior_is_no_misfit(sts, model):
@@ -271,8 +271,8 @@ def test_a_moment_within_the_prior_is_no_misfit(sts, model):
 def test_drifted_friction_widens_the_threshold_after_its_first_alarm(sts, model):
     """An error four times what is stated all along: as a radar in rain."""
     tau_ext = 4.0 * noise(model, 60_000, np.random.default_rng(10))
-    _, found = judged(detector_of(model, sts), model, sts, tau_ext)
-    late = found.contact[30_000:]
+    _, detection = judged(detector_of(model, sts), model, sts, tau_ext)
+    late = detection.contact[30_000:]
     assert late.mean() < 0.01
     assert begins(late) <= 3
 
@@ -288,8 +288,8 @@ def test_a_push_is_found_at_once_on_top_of_an_error_that_drifts(sts, model):
     detector = detector_of(learnt_model, sts)
     _, free = judged(detector, learnt_model, sts, tau_ext)
     assert not free.contact.any()
-    _, found = judged(detector, learnt_model, sts, pushed)
-    assert np.flatnonzero(found.contact)[0] == 3000
+    _, detection = judged(detector, learnt_model, sts, pushed)
+    assert np.flatnonzero(detection.contact)[0] == 3000
 
 
 def test_a_change_is_learnt_from_what_it_is_made_of(sts, model):
@@ -329,28 +329,28 @@ def noise_and_friction(scale):
     high = ExceedanceTail(level=1e3, rate_per_hour=1.0, scale=1.0, shape=0.0)
     tail = ExceedanceTail(level=16.0, rate_per_hour=1800.0, scale=scale, shape=0.0)
     shares = [[0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]] * N
-    told = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
+    noise_model = ContactNoise([1.0] * N, [0.6] * N, T, 0.1, high, high, high, shares, tail)
     one = np.ones(N)
-    return told, SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
+    return noise_model, SemiParametricFriction(CoulombViscous(2.0 * one, 4.0 * one, 0.0 * one))
 
 
 def test_at_rest_stiction_hides_no_push_beyond_the_breakaway(sts, model):
     """Stiction of 2.3 N m, of which changes in motion hold six tenths, and no noise beside it."""
-    told, friction = noise_and_friction(scale=6.0)
+    noise_model, friction = noise_and_friction(scale=6.0)
     error = replace(model.torque_error, resolution=np.full(N, 1e-4))
-    arm = replace(model, friction=friction, torque_error=error, contact_noise=told)
+    arm = replace(model, friction=friction, torque_error=error, contact_noise=noise_model)
     for late, size in ((0, 3.0), (150, 8.0)):  # within the breakaway of 4 N m, beyond it
         read = np.zeros((300, N))
         read[late:, 0] = size
-        _, found = judged(detector_of(arm, sts), arm, sts, read)
-        assert found.contact.any() == (size > 4.0)
-    assert np.flatnonzero(found.contact)[0] == 150
+        _, detection = judged(detector_of(arm, sts), arm, sts, read)
+        assert detection.contact.any() == (size > 4.0)
+    assert np.flatnonzero(detection.contact)[0] == 150
 
 
 def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
     """It carried 1.7 of the 2 N m that it can, and nothing at rest, as fast as can be read."""
-    told, friction = noise_and_friction(scale=0.2)
-    arm = replace(model, friction=friction, contact_noise=told)
+    noise_model, friction = noise_and_friction(scale=0.2)
+    arm = replace(model, friction=friction, contact_noise=noise_model)
     detector = detector_of(arm, sts)
     q, v, transmitted, momentum, J = still(arm, sts, 300)
     read = np.zeros((300, N))
@@ -364,8 +364,8 @@ def test_a_joint_that_comes_to_rest_lets_go_and_nothing_touched_it(sts, model):
 
 def test_a_joint_that_starts_lets_go_of_what_it_carried_and_nothing_touched_it(sts, model):
     """It carried 1.7 of the 2 N m that it can, for .15 s after the start, too."""
-    told, friction = noise_and_friction(scale=0.2)
-    arm = replace(model, friction=friction, contact_noise=told)
+    noise_model, friction = noise_and_friction(scale=0.2)
+    arm = replace(model, friction=friction, contact_noise=noise_model)
     detector = detector_of(arm, sts)
     q, v, transmitted, momentum, J = still(arm, sts, 300)
     read = np.zeros((300, N))
@@ -385,10 +385,10 @@ def test_held_readings_leave_everything_as_it_was(sts, model):
     fresh = np.ones(400, bool)
     fresh[195:300] = False
     detector = detector_of(model, sts)
-    found = Detection.of(judge(detector, *still(model, sts, 400), tau_ext, fresh))
-    assert not found.contact[:300].any()
-    assert found.contact[300:].all()
-    assert np.unique(found.statistic[195:300]).size == 1
+    detection = Detection.of(judge(detector, *still(model, sts, 400), tau_ext, fresh))
+    assert not detection.contact[:300].any()
+    assert detection.contact[300:].all()
+    assert np.unique(detection.statistic[195:300]).size == 1
 
 
 def test_chunk_by_chunk_is_one_pass(sts, model):
@@ -414,11 +414,11 @@ def test_rest_and_range(sts, model):
     v[120:130, 0] = 1.2
     transmitted[150, 2] = -60.0
     detector = detector_of(model, sts)
-    found = Detection.of(judge(detector, q, v, transmitted, momentum, J, np.zeros_like(q)))
-    assert np.flatnonzero(found.rest)[0] == 79  # .3 s after sample 49
-    assert not found.rest[120:150].any()
+    detection = Detection.of(judge(detector, q, v, transmitted, momentum, J, np.zeros_like(q)))
+    assert np.flatnonzero(detection.rest)[0] == 79  # .3 s after sample 49
+    assert not detection.rest[120:150].any()
     # The load counts for the sample after.
-    assert np.flatnonzero(found.out_of_range).tolist() == [*range(120, 130), 151]
+    assert np.flatnonzero(detection.out_of_range).tolist() == [*range(120, 130), 151]
 
 
 def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
@@ -428,11 +428,11 @@ def test_a_model_without_torque_error_tells_rest_and_range_alone(sts):
     v[60:, 0] = 2.0
     detector = detector_of(model, sts)
     assert not detector.knows_error
-    found = Detection.of(judge(detector, q, v, transmitted, momentum, J, np.full_like(q, 1e4)))
-    assert not found.contact.any()
-    assert (found.statistic == 0.0).all()
-    assert found.rest[40:60].all()
-    assert found.out_of_range[60:].all()
+    detection = Detection.of(judge(detector, q, v, transmitted, momentum, J, np.full_like(q, 1e4)))
+    assert not detection.contact.any()
+    assert (detection.statistic == 0.0).all()
+    assert detection.rest[40:60].all()
+    assert detection.out_of_range[60:].all()
 
 
 def test_noise_without_excursions_has_no_tail(sts, model):

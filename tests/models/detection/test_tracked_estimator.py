@@ -63,8 +63,8 @@ def test_a_drifted_arm_reads_as_if_refreshed(sts, model, log, method):
     plain = WrenchEstimator(sts, model, config(method))
     before = plain.run(plain.initial_state(), q, v, current)
     tracked = TrackedEstimator(sts, model, config(method))
-    batch, found = tracked.run(q, v, current)
-    assert not found.contact.any()
+    batch, detection = tracked.run(q, v, current)
+    assert not detection.contact.any()
     late, early = slice(500, None), slice(50, 500)
     assert inside(before, late).min() < 0.85
     assert inside(batch, late).min() > 0.9
@@ -93,7 +93,7 @@ def test_chunks_and_single_samples_read_as_the_whole(sts, model, log):
     for name in ("wrench", "covariance", "tau_ext", "valid"):
         joined = np.concatenate([getattr(batch, name) for batch, _ in parts])
         np.testing.assert_allclose(joined, getattr(whole[0], name), rtol=1e-9, atol=1e-9)
-    contact = np.concatenate([found.contact for _, found in parts])
+    contact = np.concatenate([detection.contact for _, detection in parts])
     np.testing.assert_array_equal(contact, whole[1].contact)
 
 
@@ -104,7 +104,7 @@ def test_a_push_is_read_whole_and_not_learnt(sts, model, log):
     pushed = current - np.einsum("kij,ki->kj", J[:, 3:], force) / gain
     free, held = (TrackedEstimator(sts, model, config()) for _ in range(2))
     quiet, _ = free.run(q, v, current)
-    batch, found = held.run(q, v, pushed)
+    batch, detection = held.run(q, v, pushed)
     full = t > 18.5
     # Motion is the same, so the difference is the push; the observer's lag costs nothing here.
     read = (batch.wrench - quiet.wrench)[full, 3:].mean(axis=0)
@@ -115,7 +115,7 @@ def test_a_push_is_read_whole_and_not_learnt(sts, model, log):
     ]
     expected = (untracked[0] - untracked[1])[full, 3:].mean(axis=0)
     assert np.linalg.norm(read - expected) < 0.1 * 25.0
-    assert found.contact[full].all()
+    assert detection.contact[full].all()
 
 
 def test_a_missing_sample_is_not_read(sts, model, log):
@@ -137,10 +137,10 @@ def test_what_is_unknown_makes_a_reading_invalid(sts, model, log):
     heavy = SemiParametricFriction(CoulombViscous(np.zeros(6), np.full(6, 100.0), np.zeros(6)))
     viscous_model = replace(model, friction=heavy)
     current = current + (100.0 - VISCOUS - MORE) * v / gain
-    wide = config()
-    reading = replace(wide.reconstruction, max_force_sd=6.0)
-    wide = replace(wide, reconstruction=reading, check_samples=False)
-    batch, _ = TrackedEstimator(sts, viscous_model, wide).run(q, v, current)
+    settings = config()
+    reading = replace(settings.reconstruction, max_force_sd=6.0)
+    settings = replace(settings, reconstruction=reading, check_samples=False)
+    batch, _ = TrackedEstimator(sts, viscous_model, settings).run(q, v, current)
     early, late = batch.valid[50:200].mean(), batch.valid[-500:].mean()
     assert early < 0.1
     assert late > 0.9
@@ -159,12 +159,12 @@ def test_contact_has_the_levels_of_the_plain_estimator(sts, model, log):
     _, q, v, current, _ = log
     tracked = TrackedEstimator(sts, model, config())
     detector = ContactDetector.of(WrenchEstimator(sts, model, config()))
-    _, found = tracked.run(q[:50], v[:50], current[:50])
+    _, detection = tracked.run(q[:50], v[:50], current[:50])
     plain = WrenchEstimator(sts, model, config())
     estimate = plain.run(plain.initial_state(), q[:50], v[:50], current[:50])
     seen = detector.run(detector.initial_state(), estimate)
     # Before anything is learnt both read the same.
-    np.testing.assert_array_equal(found.statistic[:30], seen.statistic[:30])
+    np.testing.assert_array_equal(detection.statistic[:30], seen.statistic[:30])
 
 
 def test_a_zeroed_payload_is_read_no_more(sts, model, log):
@@ -180,12 +180,12 @@ def test_a_zeroed_payload_is_read_no_more(sts, model, log):
     before, _ = tracked.run(q[first], v[first], current[first])
     payload = tracked.finish_zero()
     assert payload.mass == pytest.approx(1.5, abs=0.1)
-    after, found = tracked.run(q[~first], v[~first], current[~first])
+    after, detection = tracked.run(q[~first], v[~first], current[~first])
     size = [np.abs(estimate.wrench[50:, 3:].mean(axis=0)).max() for estimate in (before, after)]
     assert size[0] > 8.0
     assert size[1] < 1.0
     assert inside(after, slice(50, None)).min() > 0.9
-    assert not found.contact[50:].any()
+    assert not detection.contact[50:].any()
     # What is unknown of it is in the band.
     tracked.zero = replace(payload, covariance=100.0 * payload.covariance)
     wider, _ = tracked.run(q[-100:], v[-100:], current[-100:])
@@ -220,9 +220,9 @@ def test_follows_the_readings_of_another_estimator(sts, model, log):
     rows = slice(0, 400)
     plain = WrenchEstimator(sts, model, config())
     read = plain.run(plain.initial_state(), q[rows], v[rows], current[rows])
-    batch, found = TrackedEstimator(sts, model, config()).follow(
+    batch, detection = TrackedEstimator(sts, model, config()).follow(
         q[rows], v[rows], current[rows], read
     )
     whole, seen = TrackedEstimator(sts, model, config()).run(q[rows], v[rows], current[rows])
     np.testing.assert_allclose(batch.wrench, whole.wrench, atol=1e-9)
-    np.testing.assert_array_equal(found.contact, seen.contact)
+    np.testing.assert_array_equal(detection.contact, seen.contact)

@@ -22,9 +22,9 @@ def test_every_parameter_keeps_its_place_and_shape() -> None:
     shapes = [(k + 1, 4) if k % 3 else (0, N) for k in range(len(Parameters._fields))]
     given = Parameters._make(np.full(shape, float(k)) for k, shape in enumerate(shapes))
     constants = packed(given, np.arange(5.0), 3, 2)
-    found = parameters_of(constants.values, constants.layout)
+    parameters = parameters_of(constants.values, constants.layout)
     for name, value in given._asdict().items():
-        np.testing.assert_array_equal(getattr(found, name), value)
+        np.testing.assert_array_equal(getattr(parameters, name), value)
         np.testing.assert_array_equal(constants.part(name), value)
 
 

@@ -128,7 +128,9 @@ def dense_posterior(
     slow = slow + np.sqrt(error.lasting * moving)
     K_0, times = error.K_0, error.correlation_time
     smooth = np.sqrt((1 - WHITE_SHARE) * (1 + K_0 * times) / (K_0 * times) * moving + held**2)
-    kept, added, start = changing_wrench(prior, causal_estimator.config.observer.bandwidth_hz, STEP)
+    decay, added, start = changing_wrench(
+        prior, causal_estimator.config.observer.bandwidth_hz, STEP
+    )
     jump = np.minimum(np.repeat(np.square(prior[2:]), 3), start)
     changes = np.zeros(N) if changes is None else changes
     a, drift = np.exp(-STEP * (1.0 - held**2 / smooth**2) / times), np.exp(-STEP / DRIFT_TIME)
@@ -144,7 +146,7 @@ def dense_posterior(
     roots = [np.diag(np.sqrt(np.concatenate([R, start, np.ones(2 * n)])))]
     steps = []
     for k in range(N - 1):
-        A = np.diag(np.concatenate([np.ones(n), kept, np.ones(n), np.full(n, drift)]))
+        A = np.diag(np.concatenate([np.ones(n), decay, np.ones(n), np.full(n, drift)]))
         A[:n, n : n + 6] = STEP * J[k].T
         A[:n, n + 6 : 2 * n + 6] = np.diag(STEP * smooth[k])
         A[:n, 2 * n + 6 :] = np.diag(STEP * slow[k])
@@ -277,20 +279,22 @@ def test_it_has_no_lag_and_errs_less_than_the_causal_reading(
     causal_estimator, samples = estimator(ur10e, model), log(ur10e, model, 1200, force)
     causal = causal_estimator.run(causal_estimator.initial_state(), *samples)
     smoothed = smoothed_estimate(causal_estimator, *samples)
-    kept = slice(100, -100)
-    errors = [np.sqrt(np.mean((x.wrench[kept, 3:] - force[kept]) ** 2)) for x in (causal, smoothed)]
+    judged = slice(100, -100)
+    errors = [
+        np.sqrt(np.mean((x.wrench[judged, 3:] - force[judged]) ** 2)) for x in (causal, smoothed)
+    ]
     assert errors[1] < 0.7 * errors[0]
     lags = []
     for batch in (causal, smoothed):
         misses = [
-            np.mean((batch.wrench[kept, 3:] - np.roll(force, k, axis=0)[kept]) ** 2)
+            np.mean((batch.wrench[judged, 3:] - np.roll(force, k, axis=0)[judged]) ** 2)
             for k in range(-8, 9)
         ]
         lags.append(int(np.argmin(misses)) - 8)
     assert lags[0] > 0 and abs(lags[1]) <= 1
-    assert (smoothed.standard_deviation[kept, 3:] < causal.standard_deviation[kept, 3:]).all()
-    inside = np.abs(smoothed.wrench - np.pad(force, ((0, 0), (3, 0))))[kept, 3:]
-    share = np.mean(inside < 1.96 * smoothed.standard_deviation[kept, 3:])
+    assert (smoothed.standard_deviation[judged, 3:] < causal.standard_deviation[judged, 3:]).all()
+    inside = np.abs(smoothed.wrench - np.pad(force, ((0, 0), (3, 0))))[judged, 3:]
+    share = np.mean(inside < 1.96 * smoothed.standard_deviation[judged, 3:])
     assert share > 0.9  # the log's noise is less than the model's error allows for
 
 

@@ -129,8 +129,8 @@ def test_a_gap_costs_its_rows_and_the_displacement_over_it_counts() -> None:
     assert np.isnan(tau[10:13]).all()
     assert np.isfinite(np.delete(tau, [10, 11, 12], axis=0)).all()
     # Without the rows of the gap the same positions follow each other: the same slips.
-    kept = np.delete(np.arange(30), [10, 11, 12])
-    np.testing.assert_array_equal(tau[kept], friction.torque_along(q[kept], v[kept], load[kept]))
+    rows = np.delete(np.arange(30), [10, 11, 12])
+    np.testing.assert_array_equal(tau[rows], friction.torque_along(q[rows], v[rows], load[rows]))
 
 
 def test_tick_by_tick_is_the_log_and_the_output_changes_nothing() -> None:

@@ -63,8 +63,8 @@ def test_seven_joints_whose_errors_go_together_are_held_to_it() -> None:
     torque_sd = np.sqrt(sd**2 + (SCALE * tau) ** 2)
     P = np.diag([MOMENT_SD**2] * 3 + [FORCE_SD**2] * 3)
     S = torque_sd[:, None] * R * torque_sd + J.T @ P @ J
-    found = unexplained(explained_table(R, MOMENT_SD, FORCE_SD, SCALE, T), J, tau, sd)
-    np.testing.assert_allclose(found, tau @ np.linalg.solve(S, tau), rtol=1e-9)
+    square = unexplained(explained_table(R, MOMENT_SD, FORCE_SD, SCALE, T), J, tau, sd)
+    np.testing.assert_allclose(square, tau @ np.linalg.solve(S, tau), rtol=1e-9)
 
 
 def test_no_prior_is_none_or_unbounded() -> None:

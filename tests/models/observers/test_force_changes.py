@@ -46,8 +46,8 @@ def observed(forces: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     rng, rows = np.random.default_rng(7), len(forces)
     sd = 3.0 * np.linspace(1.0, 0.2, N)
     J = rng.uniform(-1.0, 1.0, (6, N))
-    kept = np.exp(-step / CORRELATION_TIME)
-    x = lfilter([np.sqrt(1.0 - kept**2)], [1.0, -kept], rng.normal(size=(rows, N)), axis=0)
+    decay = np.exp(-step / CORRELATION_TIME)
+    x = lfilter([np.sqrt(1.0 - decay**2)], [1.0, -decay], rng.normal(size=(rows, N)), axis=0)
     product = K_0 * CORRELATION_TIME
     smooth = np.sqrt((1.0 - WHITE_SHARE) * (1.0 + product) / product) * sd
     white = np.sqrt(step * WHITE_SHARE * 2.0 / K_0) * sd * rng.normal(size=(rows, N))
@@ -60,8 +60,8 @@ def observed(forces: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 def one_pass(signals: np.ndarray, J: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     rows = len(signals)
-    found, _ = smoother(step).smoothed(signals, J, np.zeros(rows), rows)
-    return found.wrench, found.covariance
+    smoothed, _ = smoother(step).smoothed(signals, J, np.zeros(rows), rows)
+    return smoothed.wrench, smoothed.covariance
 
 
 @pytest.mark.parametrize("step", [0.001, 0.01])
@@ -72,12 +72,12 @@ def test_the_band_holds_a_push_and_its_edges(step: float) -> None:
     profile = np.clip(np.minimum(phase - 1.0, 1.5 - phase) / 0.03, 0.0, 1.0)
     forces = 30.0 * profile[:, None] * np.array([0.6, -0.48, 0.64])
     signals, J = observed(forces, step)
-    kept = (t > 0.5) & (t < 11.5)
+    is_judged = (t > 0.5) & (t < 11.5)
     shares, errors = [], []
     readings = smoother(step).read(signals, J, len(t)), one_pass(signals, J, step)
     for wrench, covariance in readings:
-        sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[kept, 3:]
-        miss = (wrench[:, 3:] - forces)[kept]
+        sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[is_judged, 3:]
+        miss = (wrench[:, 3:] - forces)[is_judged]
         shares.append(np.mean(np.abs(miss) <= 1.96 * sd))
         errors.append(np.sqrt(np.mean(miss**2)))
     assert shares[0] > 0.9
@@ -88,8 +88,8 @@ def test_the_band_holds_a_push_and_its_edges(step: float) -> None:
 def test_without_a_change_it_is_the_plain_smoother(step: float) -> None:
     rows = round(12.0 / step)
     signals, J = observed(np.tile(STILL, (rows, 1)), step)
-    found = smoother(step).read(signals, J, rows)
-    for in_parts, plain in zip(found, one_pass(signals, J, step), strict=True):
+    readings = smoother(step).read(signals, J, rows)
+    for in_parts, plain in zip(readings, one_pass(signals, J, step), strict=True):
         np.testing.assert_array_equal(in_parts, plain)
 
 
@@ -98,8 +98,8 @@ def test_a_sample_that_is_off_or_a_blow_is_no_change_of_force(lasts: int) -> Non
     step, rows = 0.01, 400
     signals, J = observed(np.tile(STILL, (rows, 1)), step)
     signals[200 : 200 + lasts, MOMENTUM, 1] += 2.0  # N m s
-    found = smoother(step).read(signals, J, rows)
-    for in_parts, plain in zip(found, one_pass(signals, J, step), strict=True):
+    readings = smoother(step).read(signals, J, rows)
+    for in_parts, plain in zip(readings, one_pass(signals, J, step), strict=True):
         np.testing.assert_array_equal(in_parts, plain)
 
 
@@ -111,9 +111,9 @@ def test_stretches_are_read_as_one_log() -> None:
     whole, whole_covariance = smoother(step).read(signals, J, rows)
     parts = smoother(step)
     first, first_covariance = parts.read(signals[:800], J[:800], 500)
-    rest, rest_covariance = parts.read(signals[500:], J[500:], rows - 500)
+    second, rest_covariance = parts.read(signals[500:], J[500:], rows - 500)
     sd = np.sqrt(np.diagonal(whole_covariance, axis1=1, axis2=2))[:, 3:]
-    off = np.abs(np.concatenate([first, rest]) - whole)[:, 3:] / sd
+    off = np.abs(np.concatenate([first, second]) - whole)[:, 3:] / sd
     assert off.max() < 0.1  # what is more than 3 s ahead tells the drift alone
     joined = np.concatenate([first_covariance, rest_covariance])
     np.testing.assert_allclose(joined, whole_covariance, rtol=0.05, atol=0.05 * sd.max() ** 2)
@@ -149,14 +149,14 @@ def test_a_change_within_a_gap_is_one_change() -> None:
     assert shares.sum() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("gain", "found"), [(102.0, 1.0), (104.0, 0.0)])
+@pytest.mark.parametrize(("gain", "share"), [(102.0, 1.0), (104.0, 0.0)])
 @pytest.mark.parametrize("off", [0, 2])
-def test_a_blow_must_explain_more_for_what_it_fits(gain: float, found: float, off: int) -> None:
+def test_a_blow_must_explain_more_for_what_it_fits(gain: float, share: float, off: int) -> None:
     likelier = np.zeros(60)
     likelier[20] = 12.0
     evidence = evidence_of(likelier)
     evidence[20 + off, BLOW_GAIN] = gain
-    assert likely_changes(evidence, SOUGHT).sum() == pytest.approx(found)
+    assert likely_changes(evidence, SOUGHT).sum() == pytest.approx(share)
 
 
 def test_no_samples() -> None:

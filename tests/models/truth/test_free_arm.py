@@ -64,12 +64,12 @@ def test_it_is_the_cell_of_drake_tick_by_tick(robot, sts, coupled_wrist, truth):
     mechanisms = dataclasses.replace(robot.config.simulated_truth.mechanisms, encoder=None)
     truth_config = dataclasses.replace(robot.config.simulated_truth, mechanisms=mechanisms)
     arm = {"own": robot.with_truth(truth_config), "plain": sts, "coupled": coupled_wrist}[truth]
-    for name, found, true in both(arm):
+    for name, simulated, true in both(arm):
         step = arm.current_resolution.max() if name == "current" else 0.0  # as above
         size = 1e-12 * np.abs(true).max() + 1.001 * step
-        np.testing.assert_allclose(found, true, rtol=0.0, atol=size, err_msg=name)
+        np.testing.assert_allclose(simulated, true, rtol=0.0, atol=size, err_msg=name)
         if name == "current":
-            assert (found != true).mean() < 0.01
+            assert (simulated != true).mean() < 0.01
         if name == "v_true":
             assert np.ptp(np.sign(true), axis=0).min() > 0
 
@@ -78,8 +78,8 @@ def test_with_encoders_that_round_it_is_the_cell_to_their_steps(robot):
     """Every mechanism on: a step of theirs may fall the other way now and then."""
     sizes = {"q": 2e-6, "v": 1e-6, "current": 3e-3, "tau_f_true": 1e-3, "tau_J_true": 1e-3}
     sizes |= {"q_true": 1e-8, "v_true": 1e-6}
-    for name, found, true in both(robot):
-        np.testing.assert_allclose(found, true, atol=sizes[name], err_msg=name)
+    for name, simulated, true in both(robot):
+        np.testing.assert_allclose(simulated, true, atol=sizes[name], err_msg=name)
 
 
 def test_the_same_seed_gives_the_same_log_and_another_another(robot):
@@ -98,12 +98,12 @@ def test_a_log_is_the_same_in_parts_and_without_what_nobody_asked_for(robot, mon
     monkeypatch.setattr(free_arm, "_CHUNK", 97)
     parts = simulate_free_arm(robot, swing(robot), servo, seed=1, every=3, whole=False)
     for field in dataclasses.fields(log):
-        found, expected = getattr(parts, field.name), getattr(log, field.name)
+        simulated, expected = getattr(parts, field.name), getattr(log, field.name)
         if field.name in ("q_true", "v_true", "tau_J_true", "rise"):
-            assert found.shape == (0, robot.num_joints)
+            assert simulated.shape == (0, robot.num_joints)
             assert expected.shape == (len(log.t), robot.num_joints)
         else:
-            np.testing.assert_array_equal(found, expected)
+            np.testing.assert_array_equal(simulated, expected)
 
 
 def test_the_encoders_start_where_the_motion_does(robot):

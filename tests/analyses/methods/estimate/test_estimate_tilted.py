@@ -58,18 +58,18 @@ def test_the_estimate_says_so_with_the_vector_to_write(sts, tmp_path):
     command("identify", before, "--robot", sts.name, "--out", tmp_path / "model")
     model = ("--robot", sts.name, "--model", tmp_path / "model" / "model.yaml")
     assert "gravity" not in command("estimate", before, *model, "--out", tmp_path / "upright")
-    said = command("estimate", after, *model, "--out", tmp_path / "tilted")
-    tilt, _, rest = said.partition("the log shows gravity ")[2].partition(" deg away")
+    output = command("estimate", after, *model, "--out", tmp_path / "tilted")
+    tilt, _, remedy = output.partition("the log shows gravity ")[2].partition(" deg away")
     assert float(tilt) == pytest.approx(degrees, abs=0.5)
-    found = [float(x) for x in rest.partition("gravity: [")[2].partition("]")[0].split(",")]
+    gravity = [float(x) for x in remedy.partition("gravity: [")[2].partition("]")[0].split(",")]
     # Friction of each joint hides a little of it: to the least tilt that is told, 1.5 deg.
-    np.testing.assert_allclose(found, tilted, atol=9.81 * np.radians(1.5))
+    np.testing.assert_allclose(gravity, tilted, atol=9.81 * np.radians(1.5))
     figures = json.loads((tmp_path / "tilted" / "metrics.json").read_text())["gravity"]
     assert figures["tilt_deg"] == pytest.approx(float(tilt), abs=0.05)
     # What is said is done: the vector in robot.yaml, and a model identified anew.
     text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
     assert "gravity:" not in text
-    (tmp_path / "robot.yaml").write_text(f"{text}gravity: {found}\n")
+    (tmp_path / "robot.yaml").write_text(f"{text}gravity: {gravity}\n")
     robot_option = ("--robot", tmp_path / "robot.yaml")
     command("identify", after, *robot_option, "--out", tmp_path / "anew")
     again = ("--model", tmp_path / "anew" / "model.yaml", "--out", tmp_path / "right")

@@ -179,8 +179,11 @@ def test_the_metrics_are_those_of_the_table(estimated, tmp_path):
             unit = "n" if axis[0] == "f" else "nm"
             x, sd = rows[:, 1 + k], rows[:, 7 + k]
             expected = [x.mean(), np.sqrt(np.mean(x**2)), np.abs(x).max(), sd.mean()]
-            found = [axes[axis][f"{what}_{unit}"] for what in ("mean", "rms", "max_abs", "mean_sd")]
-            np.testing.assert_allclose(found, expected, rtol=1e-12)
+            reported = [
+                axes[axis][f"{statistic}_{unit}"]
+                for statistic in ("mean", "rms", "max_abs", "mean_sd")
+            ]
+            np.testing.assert_allclose(reported, expected, rtol=1e-12)
     assert written["num_samples"] == len(table)
     assert written["time_step_s"] == 0.001
     assert written["duration_s"] == pytest.approx(table[-1, 0] - table[0, 0])
@@ -226,17 +229,17 @@ def test_the_figure_of_forces_alone_draws_no_moments(estimated, monkeypatch):
 
 
 def test_the_prior_is_found_in_the_log(estimated):
-    found = estimated(EstimateConfig(), out="a").metrics()["prior"]
+    prior = estimated(EstimateConfig(), out="a").metrics()["prior"]
     # One constant wrench: its power per axis is the variance that explains it best. The torques
     # hardly tell its settling first tenth, hence the width.
-    assert found["force_sd_n"] == pytest.approx(np.linalg.norm(_FORCE) / np.sqrt(3), rel=0.3)
-    assert found["moment_sd_nm"] == pytest.approx(np.linalg.norm(_MOMENT) / np.sqrt(3), rel=0.3)
-    assert found["rule"] == "evidence of the log"
+    assert prior["force_sd_n"] == pytest.approx(np.linalg.norm(_FORCE) / np.sqrt(3), rel=0.3)
+    assert prior["moment_sd_nm"] == pytest.approx(np.linalg.norm(_MOMENT) / np.sqrt(3), rel=0.3)
+    assert prior["rule"] == "evidence of the log"
     half = _config(prior_force_sd=50.0)
-    found = estimated(half, out="b").metrics()["prior"]
-    assert found["force_sd_n"] == 50.0
-    assert 0.1 < found["moment_sd_nm"] < 10.0
-    assert found["rule"] == "evidence of the log, force given"
+    prior = estimated(half, out="b").metrics()["prior"]
+    assert prior["force_sd_n"] == 50.0
+    assert 0.1 < prior["moment_sd_nm"] < 10.0
+    assert prior["rule"] == "evidence of the log, force given"
 
 
 def test_a_run_can_be_repeated_from_its_config(estimated, log, model_file, tmp_path):
@@ -291,8 +294,8 @@ def test_a_bag_gives_the_same_and_the_wrench_goes_into_one(estimated, recording,
 
 
 def test_a_bridged_dropout_is_not_valid(estimated, recording):
-    kept = np.delete(np.arange(recording.num_samples), np.arange(900, 950))
-    result = estimated(of=recording[kept])
+    rows = np.delete(np.arange(recording.num_samples), np.arange(900, 950))
+    result = estimated(of=recording[rows])
     table = _table(result)
     assert len(table) == recording.num_samples
     invalid = np.flatnonzero(table[:, 14] == 0)
@@ -347,15 +350,15 @@ def test_a_log_without_force_warns(estimated, recording, sts):
     result = estimated(EstimateConfig(), of=replace(recording, current=free))
     assert any("prior that explains the log best" in line for line in result.warnings)
     # A third of the live prior, so that a short contact in a quiet log is not read as noise.
-    found, live = result.metrics()["prior"], live_prior(sts.payload)
-    np.testing.assert_allclose([found["force_sd_n"], found["moment_sd_nm"]], np.array(live) / 3.0)
+    prior, live = result.metrics()["prior"], live_prior(sts.payload)
+    np.testing.assert_allclose([prior["force_sd_n"], prior["moment_sd_nm"]], np.array(live) / 3.0)
 
 
 @pytest.mark.parametrize(("prior", "rule"), [("live", "live"), ("30,2", "given")])
 def test_a_prior_that_is_stated(estimated, sts, prior, rule):
-    found = estimated(EstimateConfig(prior=prior))
+    estimation = estimated(EstimateConfig(prior=prior))
     expected = live_prior(sts.payload) if prior == "live" else (30.0, 2.0)
-    stated_prior = found.metrics()["prior"]
+    stated_prior = estimation.metrics()["prior"]
     assert (stated_prior["force_sd_n"], stated_prior["moment_sd_nm"]) == expected
     assert stated_prior["rule"] == rule
 
@@ -374,13 +377,13 @@ def test_friction_that_may_have_drifted_widens_the_band(estimated, sts, model_fi
     viscous = SemiParametricFriction(CoulombViscous(zero, 10.0 * one, zero))
     path = tmp_path / "model.yaml"
     replace(model, friction=viscous, torque_error=error).save(path)
-    usual, wide = (
+    usual, with_drift = (
         _table(estimated(replace(_GIVEN, drift=drift), out=name, model=path))[:, 7:13]
         for name, drift in (("usual", None), ("wide", 0.5))
     )
     # 5 N m s/rad in place of .5; the lag's share is that of the reading, whatever the drift.
-    assert (wide > usual).mean() > 0.9
-    assert wide.mean() > 1.5 * usual.mean()
+    assert (with_drift > usual).mean() > 0.9
+    assert with_drift.mean() > 1.5 * usual.mean()
     with pytest.raises(InputError, match=r"drift.*no torque error"):
         estimated(replace(_GIVEN, drift=0.5), out="none")
     for drift in (-0.1, 11.0, float("nan")):

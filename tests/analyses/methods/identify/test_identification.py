@@ -238,7 +238,7 @@ def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
     names = [str(log) for log in logs]
     settings = IdentifySettings(robot="sts_sre4_600", logs=names[:3], validate=names[3:])
     result = identify_logs(
-        settings, tmp_path / "out", progress=lambda share, what: reports.append(share)
+        settings, tmp_path / "out", progress=lambda share, step: reports.append(share)
     )
     assert reports == sorted(reports)
     assert reports[-1] == 1.0
@@ -269,7 +269,7 @@ def refusal(*args, **kwargs) -> str:
 
 
 @pytest.mark.parametrize(
-    ("config", "said"),
+    ("config", "message"),
     [
         ({"cutoff": 40.0}, "160 samples a second"),
         ({"cutoff": 0.0}, "cutoff"),
@@ -279,8 +279,8 @@ def refusal(*args, **kwargs) -> str:
         ({"friction": "presliding+net"}, 'did you mean "presliding+network"'),
     ],
 )
-def test_settings_that_cannot_be_are_refused(sts, noisy, config, said):
-    assert said in refusal([noisy[0]], sts, config=IdentificationConfig(**config))
+def test_settings_that_cannot_be_are_refused(sts, noisy, config, message):
+    assert message in refusal([noisy[0]], sts, config=IdentificationConfig(**config))
 
 
 def test_logs_without_information_are_refused(sts, noisy):

@@ -225,13 +225,13 @@ def test_the_command_prints_the_placement(tmp_path: Path) -> None:
 def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
     sts: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[tuple[int, ClearanceConfig | None]] = []
+    requests: list[tuple[int, ClearanceConfig | None]] = []
     outcome: list[PlacementResult] = []
 
     def quickly(
         task: PlacementTask, source: Path, robot: Robot, request: PlacementRequest, progress: Any
     ) -> PlacementResult:
-        asked.append((request.seed, task.clearance))
+        requests.append((request.seed, task.clearance))
         if task.clearance is not None:  # what is found then is the search's own matter
             return outcome[0]
         small = dataclasses.replace(request, effort=SMALL)
@@ -241,13 +241,13 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
     monkeypatch.setattr("wrenchsight.analyses.methods.place.placement.place", quickly)
     plain = place_task(PlaceSettings(task="linear_path"), tmp_path / "plain")
     # As it is, nothing is hit: no other placement is looked for.
-    assert asked == [(0, None)] and plain.free is None
+    assert requests == [(0, None)] and plain.free is None
     assert plain.best.smallest_distance is not None and plain.best.smallest_distance > 0.0
     lowest = float(sts.chain.pose(plain.best.fine.q)[1][:, 2].min())
     floor = round(lowest - 0.09, 3)  # E is above it, the housing behind E is not
     text = sts.source.read_text().replace("urdf: ", f"urdf: {sts.source.parent}/")
     (tmp_path / "robot.yaml").write_text(f"{text}floor: {floor}\n")
-    asked.clear()
+    requests.clear()
     settings = PlaceSettings(task="linear_path", robot=str(tmp_path / "robot.yaml"))
     result = place_task(settings, tmp_path / "out")
     assert result.best.smallest_distance is not None and result.best.smallest_distance < 0.0
@@ -257,8 +257,8 @@ def test_a_free_placement_is_looked_for_where_the_best_one_dips_into_the_floor(
     assert any(beside.reaches_floor(q) for q in result.best.fine.q)
     # The floor is among what the free one must keep from; one that cannot be come to is not taken
     # without a word, and other seeds are tried before.
-    assert [seed for seed, _ in asked] == [0, 0, 1, 2]
-    for _, clearance in asked[1:]:
+    assert [seed for seed, _ in requests] == [0, 0, 1, 2]
+    for _, clearance in requests[1:]:
         assert clearance is not None
         (slab,) = clearance.obstacles
         assert slab.pose.xyz[2] + 0.5 * slab.size[2] == pytest.approx(floor)

@@ -18,14 +18,16 @@ DOWN = np.array([0.0, 0.0, -1.0])
 def test_the_best_posture_is_within_the_cone_and_the_limits(sts: Robot) -> None:
     points = np.array([[0.4, 0.0, 0.3], [0.3, -0.3, 0.2], [0.1, 0.5, 0.4]])
     measure = ConditionNumber(sts.chain)
-    found = best_postures(sts, measure, points, ToolCone(DOWN, math.radians(30.0)))
-    R_WE, p_WE = sts.chain.pose(found.q)
+    postures = best_postures(sts, measure, points, ToolCone(DOWN, math.radians(30.0)))
+    R_WE, p_WE = sts.chain.pose(postures.q)
     np.testing.assert_allclose(p_WE, points, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(R_WE[:, :, 2], found.direction_W, rtol=0, atol=1e-9)
-    lean = np.degrees(np.arccos(np.clip(found.direction_W @ DOWN, -1.0, 1.0)))
+    np.testing.assert_allclose(R_WE[:, :, 2], postures.direction_W, rtol=0, atol=1e-9)
+    lean = np.degrees(np.arccos(np.clip(postures.direction_W @ DOWN, -1.0, 1.0)))
     assert np.all(lean <= 30.0 + 1e-6)
-    assert np.all(found.q >= sts.position_lower) and np.all(found.q <= sts.position_upper)
-    np.testing.assert_allclose(found.best, np.linalg.cond(sts.chain.jacobian(found.q)), rtol=1e-9)
+    assert np.all(postures.q >= sts.position_lower) and np.all(postures.q <= sts.position_upper)
+    np.testing.assert_allclose(
+        postures.best, np.linalg.cond(sts.chain.jacobian(postures.q)), rtol=1e-9
+    )
 
 
 def test_hardly_any_of_many_random_directions_does_better(sts: Robot) -> None:
@@ -48,10 +50,10 @@ def test_hardly_any_of_many_random_directions_does_better(sts: Robot) -> None:
 
 def test_out_of_reach_and_a_cone_without_width(sts: Robot) -> None:
     points = np.array([[2.0, 0.0, 0.3], [0.4, 0.0, 0.3]])
-    found = best_postures(sts, ConditionNumber(sts.chain), points, ToolCone(DOWN, 0.0))
-    assert np.isnan(found.best[0]) and np.all(np.isnan(found.q[0]))
-    assert np.all(np.isnan(found.direction_W[0]))
-    np.testing.assert_allclose(found.direction_W[1], DOWN, atol=1e-12)
+    postures = best_postures(sts, ConditionNumber(sts.chain), points, ToolCone(DOWN, 0.0))
+    assert np.isnan(postures.best[0]) and np.all(np.isnan(postures.q[0]))
+    assert np.all(np.isnan(postures.direction_W[0]))
+    np.testing.assert_allclose(postures.direction_W[1], DOWN, atol=1e-12)
 
 
 def test_a_tool_across_joint_6_is_turned_as_well(sts: Robot) -> None:
@@ -60,8 +62,8 @@ def test_a_tool_across_joint_6_is_turned_as_well(sts: Robot) -> None:
     assert not turns_with_last_joint(sts, [0.1, 0.0, 1.0])
     measure = ConditionNumber(sts.chain)
     point = np.array([0.4, 0.0, 0.3])
-    found = best_postures(sts, measure, point, ToolCone(DOWN, 0.0, tool_axis_E=[1.0, 0.0, 0.0]))
-    R_WE, _ = sts.chain.pose(found.q)
+    postures = best_postures(sts, measure, point, ToolCone(DOWN, 0.0, tool_axis_E=[1.0, 0.0, 0.0]))
+    R_WE, _ = sts.chain.pose(postures.q)
     np.testing.assert_allclose(R_WE[0] @ [1.0, 0.0, 0.0], DOWN, atol=1e-9)
     # A search over the turn alone, ten times as fine.
     from wrenchsight.models.planning.motion.branches import all_branches
@@ -70,7 +72,7 @@ def test_a_tool_across_joint_6_is_turned_as_well(sts: Robot) -> None:
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.linspace(0, 2 * math.pi, 120))
     R = frame_about(DOWN) @ turn @ frame_about(np.array([1.0, 0.0, 0.0])).T
     q = all_branches(sts, R, np.tile(point, (120, 1)))
-    assert found.best[0] < 1.02 * np.min(measure.values(q[np.isfinite(q[..., 0])]))
+    assert postures.best[0] < 1.02 * np.min(measure.values(q[np.isfinite(q[..., 0])]))
 
 
 def test_postures_in_collision_are_skipped(sts: Robot) -> None:
