@@ -70,8 +70,13 @@ class SlidingRows:
     @classmethod
     def joined(cls, parts: "Sequence[SlidingRows]") -> "SlidingRows":
         """The rows of several logs together."""
-        columns = [[getattr(part, name) for part in parts] for name in cls.__dataclass_fields__]
-        return cls(*(np.concatenate(c) if c else np.zeros(0) for c in columns))
+        if not parts:
+            return cls(**{name: np.zeros(0) for name in cls.__dataclass_fields__})
+        columns = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in cls.__dataclass_fields__
+        }
+        return cls(**columns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,8 +99,7 @@ class Detection(NamedTuple):
 
     def rows(self, rows: slice | Flags) -> "Detection":
         """Returns the detection of some samples."""
-        columns: Any = (column[rows] for column in self)
-        return Detection(*columns)
+        return Detection._make(column[rows] for column in self)
 
     @staticmethod
     def joined(parts: "Sequence[Detection]") -> "Detection":
@@ -108,7 +107,7 @@ class Detection(NamedTuple):
         if len(parts) == 1:
             return parts[0]
         columns: Any = zip(*parts, strict=True)
-        return Detection(*(np.concatenate(column) for column in columns))
+        return Detection._make(np.concatenate(column) for column in columns)
 
     @classmethod
     def of(cls, out: Array) -> "Detection":

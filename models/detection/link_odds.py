@@ -183,7 +183,7 @@ class _Surface(NamedTuple):
     @classmethod
     def joined(cls, parts: "list[_Surface]") -> "_Surface":
         """All parts together, one after another."""
-        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        return cls._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
     def shared(self, share: Array) -> "_Surface":
         """The surface with its weights times `share` (M,)."""

@@ -180,8 +180,7 @@ class EstimateBatch(NamedTuple):
 
     def rows(self, rows: slice | Flags) -> "EstimateBatch":
         """Some of the samples."""
-        columns: Any = (column[rows] for column in self)
-        return EstimateBatch(*columns)
+        return EstimateBatch._make(column[rows] for column in self)
 
     @staticmethod
     def joined(batches: Sequence["EstimateBatch"]) -> "EstimateBatch":
@@ -189,7 +188,7 @@ class EstimateBatch(NamedTuple):
         if len(batches) == 1:
             return batches[0]
         columns: Any = zip(*batches, strict=True)
-        return EstimateBatch(*(np.concatenate(column) for column in columns))
+        return EstimateBatch._make(np.concatenate(column) for column in columns)
 
 
 class Observation(NamedTuple):

@@ -281,10 +281,11 @@ class _Evaluator:
     def _subscript(self, node: ast.Subscript) -> Any:
         collection = self.value(node.value)
         if isinstance(node.slice, ast.Slice):
-            parts = (node.slice.lower, node.slice.upper, node.slice.step)
-            return collection[
-                slice(*(None if part is None else self.value(part) for part in parts))
-            ]
+            lower, upper, step = (
+                None if bound is None else self.value(bound)
+                for bound in (node.slice.lower, node.slice.upper, node.slice.step)
+            )
+            return collection[lower:upper:step]
         return collection[self.value(node.slice)]
 
     def _attribute(self, node: ast.Attribute) -> Any:
