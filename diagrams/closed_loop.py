@@ -100,18 +100,19 @@ class LogRequest:
 
 
 @dataclass(frozen=True)
-class _EstimatorRequest:
+class LoopEstimator:
     """The estimator that a loop gets.
 
     Attributes:
-        model: that it knows, and that its output `terms` is of.
-        fused: whether it is one block instead of its stages.
-        air_pass: correction of a machining scenario; None: none.
+        model: that it knows, and that its output `terms` is of; None: the controller's.
+        fused: whether it is one block instead of its stages: the same numbers, sooner. In machining
+            it always is one block with reference and controller.
+        air_pass: correction of a machining scenario, learnt along the same path; None: none.
     """
 
-    model: IdentifiedModel
-    fused: bool
-    air_pass: AirPassCorrection | None
+    model: IdentifiedModel | None = None
+    fused: bool = False
+    air_pass: AirPassCorrection | None = None
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ class _LoopParts:
     scenario: Scenario
     robot: Robot
     model: IdentifiedModel
-    estimator: _EstimatorRequest | None
+    estimator: LoopEstimator | None
     cell: RobotCell
 
 
@@ -188,14 +189,11 @@ def make_closed_loop(
     scenario: Scenario,
     robot: Robot,
     model: IdentifiedModel,
+    *,
+    motion: JointTrajectory | MachiningPath | None = None,
+    estimator: LoopEstimator | None = LoopEstimator(),
+    log: LogRequest = LogRequest(),
     meshcat: Meshcat | None = None,
-    trajectory: JointTrajectory | None = None,
-    machining_path: MachiningPath | None = None,
-    with_estimator: bool = True,
-    air_pass: AirPassCorrection | None = None,
-    fused: bool = False,
-    estimator_model: IdentifiedModel | None = None,
-    log: LogRequest | None = None,
 ) -> ClosedLoop:
     """Builds the closed loop of a scenario. Controller and estimator know `model`, never the truth.
 
@@ -209,32 +207,27 @@ def make_closed_loop(
     pose_error, force_setpoint; of a machining scenario phase, fault, progress and feed_time.
 
     Args:
-        trajectory: of the joints, in the place of the scenario's motion.
-        machining_path: of a machining scenario, planned before: the workpiece may stand elsewhere.
+        model: of the controller, and of the estimator where that has no other.
+        motion: in the place of the scenario's: of the joints, or of a machining scenario the path
+            that was planned before (the workpiece may stand elsewhere).
+        estimator: None: the tracking controller has the model's terms from a separate block, and
+            there is no tau_ext, wrench, covariance, condition_number and valid. That is for the
+            motion alone, in two thirds of the time.
+        log: signals to be logged.
         meshcat: draws the cell and the force at the tool, true and estimated.
-        air_pass: correction of a machining scenario, learnt along the same path.
-        with_estimator: without it the tracking controller has the model's terms from a block of
-            their own, and there is no tau_ext, wrench, covariance, condition_number and valid: for
-            the motion alone, in two thirds of the time.
-        fused: whether the estimator is one block instead of its stages: the same numbers, sooner.
-            In machining it always is one block with reference and controller.
-        estimator_model: model of the estimator, and of its output `terms`; None: `model`.
-        log: signals to be logged; None: as above.
 
     Raises:
         ValueError: no estimator for impedance control or a drawing, which need its wrench; an
-            air-pass correction without machining.
+            air-pass correction without machining; a motion that is not of the scenario's kind.
         InputError: the scenario does not fit the robot, or the model is of another robot.
     """
     check_scenario(scenario)
-    if air_pass is not None and scenario.machining is None:
+    if estimator is not None and estimator.air_pass is not None and scenario.machining is None:
         raise ValueError("closed loop: the correction of an air pass needs a machining scenario")
     has_impedance = isinstance(scenario.controller, ImpedanceConfig)
-    if not with_estimator and (has_impedance or meshcat is not None):
+    if estimator is None and (has_impedance or meshcat is not None):
         raise ValueError("closed loop: impedance control and drawings need the estimator")
-    log = log or LogRequest()
-    estimator = _EstimatorRequest(estimator_model or model, fused, air_pass)
-    planned = _planned_motion(scenario, robot, trajectory, machining_path)
+    planned = _planned_motion(scenario, robot, motion)
     builder = DiagramBuilder()
     cell = make_robot_cell(scenario, robot, planned.q_0, meshcat, planned.clear_links)
     builder.AddSystem(cell.diagram)
@@ -243,7 +236,7 @@ def make_closed_loop(
         scenario=scenario,
         robot=robot,
         model=model,
-        estimator=estimator if with_estimator else None,
+        estimator=estimator,
         cell=cell,
     )
     control = _add_control(parts, planned)
@@ -266,16 +259,17 @@ def make_closed_loop(
 
 
 def _planned_motion(
-    scenario: Scenario,
-    robot: Robot,
-    trajectory: JointTrajectory | None,
-    machining_path: MachiningPath | None,
+    scenario: Scenario, robot: Robot, motion: JointTrajectory | MachiningPath | None
 ) -> _PlannedMotion:
     """The motion of a scenario, as given or else planned here."""
     if scenario.machining is None:
-        trajectory = trajectory or make_trajectory(scenario, robot)
+        if isinstance(motion, MachiningPath):
+            raise ValueError("closed loop: a machining path needs a machining scenario")
+        trajectory = make_trajectory(scenario, robot) if motion is None else motion
         return _PlannedMotion(trajectory, trajectory.q[0])
-    path = machining_path or make_machining_path(scenario, robot)
+    if isinstance(motion, JointTrajectory):
+        raise ValueError("closed loop: a machining scenario needs a machining path")
+    path = make_machining_path(scenario, robot) if motion is None else motion
     clear_links = links_apart(scenario, robot, path)
     return _PlannedMotion(path.trajectory, path.q_start, path, clear_links)
 
@@ -331,13 +325,13 @@ def _logged_signals(control: _Control, cell: RobotCell, log: LogRequest) -> dict
     return signals if log.only is None else {name: signals[name] for name in log.only}
 
 
-def _add_loop_estimator(parts: _LoopParts, estimator: _EstimatorRequest) -> Diagram:
+def _add_loop_estimator(parts: _LoopParts, estimator: LoopEstimator) -> Diagram:
     """Adds the estimator of a loop, which reads the cell's encoders and currents."""
     cell = parts.cell.diagram
     return add_estimator(
         parts.builder,
         parts.robot,
-        estimator.model,
+        estimator.model or parts.model,
         _estimator_config(parts.scenario),
         q=cell.GetOutputPort("q"),
         v=cell.GetOutputPort("v"),
@@ -390,9 +384,7 @@ def _add_tracking(parts: _LoopParts, trajectory: JointTrajectory) -> _Control:
     )
 
 
-def _add_machining(
-    parts: _LoopParts, plan: MachiningPath, requested: _EstimatorRequest
-) -> _Control:
+def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstimator) -> _Control:
     """Adds a MachiningController, which holds the estimator, and splits its output port.
 
     Raises:
@@ -401,7 +393,7 @@ def _add_machining(
     """
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
-    air_pass, model = requested.air_pass, requested.model
+    air_pass, model = requested.air_pass, requested.model or parts.model
     estimator = WrenchEstimator(robot, model, _estimator_config(scenario))
     if air_pass is not None and estimator.observed_size:
         raise ValueError("an air pass needs an observer of joint torque, not of the wrench")

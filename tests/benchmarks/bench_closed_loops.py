@@ -41,7 +41,7 @@ def main() -> None:
     for name in ("Polishing", "Grinding"):
         scenario = load_scenario(name)
         plan = make_machining_path(scenario, robot)
-        loop = make_closed_loop(scenario, robot, model, machining_path=plan)
+        loop = make_closed_loop(scenario, robot, model, motion=plan)
         simulator = Simulator(loop.diagram)
         assert scenario.machining is not None
         phases = scenario.machining.phases

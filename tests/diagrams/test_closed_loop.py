@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop, setpoint_at
+from wrenchsight.diagrams.closed_loop import (
+    LogRequest,
+    LoopEstimator,
+    make_closed_loop,
+    setpoint_at,
+)
+from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import (
     ForceSetpoint,
     HoldMotion,
@@ -13,6 +19,7 @@ from wrenchsight.diagrams.scenario import (
     PlateConfig,
     Scenario,
     load_scenario,
+    make_trajectory,
 )
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.files.input_error import InputError
@@ -194,7 +201,7 @@ def test_the_estimator_may_know_something_else_than_the_controller(sts):
     model, other = IdentifiedModel.nominal(sts), friction_model(sts)
     logs = []
     for reads in (None, other):
-        loop = make_closed_loop(scenario, sts, model, estimator_model=reads)
+        loop = make_closed_loop(scenario, sts, model, estimator=LoopEstimator(model=reads))
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(scenario.duration)
         logs.append(loop.logged(simulator.get_context())[1])
@@ -209,9 +216,9 @@ def test_without_the_estimator_the_motion_is_the_same(sts):
     scenario = Scenario(controller=JointTrackingConfig(), duration=0.1)
     model = IdentifiedModel.nominal(sts)
     logs = []
-    for with_estimator in (True, False):
-        loop = make_closed_loop(scenario, sts, model, with_estimator=with_estimator)
-        assert (loop.estimator is not None) == with_estimator
+    for estimator in (LoopEstimator(), None):
+        loop = make_closed_loop(scenario, sts, model, estimator=estimator)
+        assert (loop.estimator is None) == (estimator is None)
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(scenario.duration)
         logs.append(loop.logged(simulator.get_context())[1])
@@ -226,11 +233,20 @@ def test_without_the_estimator_the_motion_is_the_same(sts):
 def test_a_controller_that_needs_the_estimator_is_refused_without_it(ur10e, sts):
     scenario = replace(QUIET, controller=ImpedanceConfig())
     with pytest.raises(ValueError, match="need the estimator"):
-        make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), with_estimator=False)
+        make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), estimator=None)
     with pytest.raises(InputError, match="ur10e"):
         make_closed_loop(
             Scenario(controller=JointTrackingConfig()),
             sts,
             IdentifiedModel.nominal(ur10e),
-            with_estimator=False,
+            estimator=None,
         )
+
+
+def test_a_motion_that_is_not_of_the_scenarios_kind_is_refused(sts):
+    model, polishing = IdentifiedModel.nominal(sts), load_scenario("Polishing")
+    trajectory = make_trajectory(QUIET, sts)
+    with pytest.raises(ValueError, match="machining scenario needs a machining path"):
+        make_closed_loop(polishing, sts, model, motion=trajectory)
+    with pytest.raises(ValueError, match="machining path needs a machining scenario"):
+        make_closed_loop(QUIET, sts, model, motion=make_machining_path(polishing, sts))

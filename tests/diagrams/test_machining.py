@@ -41,7 +41,7 @@ def short(name, one_way=0.7, **phases):
 
 def run(scenario, robot, plan=None, duration=None):
     plan = plan or make_machining_path(scenario, robot)
-    loop = make_closed_loop(scenario, robot, model_of(robot), machining_path=plan)
+    loop = make_closed_loop(scenario, robot, model_of(robot), motion=plan)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration or longest_duration(plan, scenario.machining.phases))
     t, signals = loop.logged(simulator.get_context())

@@ -12,7 +12,12 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from sample_models import knowing_model
 
-from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop, uses_sensor
+from wrenchsight.diagrams.closed_loop import (
+    LogRequest,
+    LoopEstimator,
+    make_closed_loop,
+    uses_sensor,
+)
 from wrenchsight.diagrams.machining import make_machining_path
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
@@ -114,9 +119,8 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
         scenario,
         hard,
         model,
-        machining_path=plan,
-        air_pass=taught,
-        estimator_model=reads,
+        motion=plan,
+        estimator=LoopEstimator(model=reads, air_pass=taught),
     )
     split, sizes = loop.diagram.GetSubsystemByName("action"), loop.controller.sizes
     simulator = Simulator(loop.diagram)
@@ -182,7 +186,11 @@ def test_the_estimate_is_fed_back_where_the_air_pass_correction_is_valid(hard):
     taught = AirPassCorrection(t, np.zeros((len(t), 6)), first_half)
     for correction, counts in ((taught, first_half), (None, plan.steady)):
         loop = make_closed_loop(
-            scenario, hard, plain_model(hard), machining_path=plan, air_pass=correction
+            scenario,
+            hard,
+            plain_model(hard),
+            motion=plan,
+            estimator=LoopEstimator(air_pass=correction),
         )
         split = loop.diagram.GetSubsystemByName("action")
         valid = split.get_output_port(list(loop.controller.sizes).index("feedback_valid"))
@@ -202,7 +210,7 @@ def test_terms_for_pictures_are_the_model_s_at_what_is_read(hard):
     scenario = short("Polishing")
     plan = make_machining_path(scenario, hard)
     model = plain_model(hard)
-    loop = make_closed_loop(scenario, hard, model, machining_path=plan)
+    loop = make_closed_loop(scenario, hard, model, motion=plan)
     context = loop.diagram.CreateDefaultContext()
     controller_context = loop.controller.GetMyMutableContextFromRoot(context)
     q, v = plan.q_start + 0.1, np.linspace(-1.0, 1.0, 6)
@@ -221,7 +229,7 @@ def test_an_observer_that_reads_the_present_torque_is_refused(hard):
     scenario = replace(scenario, estimator=replace(scenario.estimator, observer=observer))
     plan = make_machining_path(scenario, hard)
     with pytest.raises(ValueError, match="present torque"):
-        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan)
+        make_closed_loop(scenario, hard, plain_model(hard), motion=plan)
 
 
 def test_drives_that_report_their_current_late_are_read_late(hard):
@@ -229,7 +237,7 @@ def test_drives_that_report_their_current_late_are_read_late(hard):
     robot.current_bandwidth = np.array([5.0, 20.0, 50.0, 100.0, 300.0, np.inf])
     scenario = short("Polishing")
     plan = make_machining_path(scenario, robot)
-    options = {"model": plain_model(robot), "machining_path": plan, "duration": 0.1}
+    options = {"model": plain_model(robot), "motion": plan, "duration": 0.1}
     one, prompt = (run(scenario, arm, **options)["current"] for arm in (robot, hard))
     late = (one != prompt).any(axis=0)
     np.testing.assert_array_equal(late, robot.current_bandwidth < np.inf)
@@ -241,7 +249,7 @@ def test_damping_that_chatters_is_refused_as_of_the_blocks(hard):
     scenario = replace(scenario, controller=controller)
     plan = make_machining_path(scenario, hard)
     with pytest.raises(InputError, match="times the tool's velocity in one time step"):
-        make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan)
+        make_closed_loop(scenario, hard, plain_model(hard), motion=plan)
 
 
 def calls_of(simulator, until):
@@ -268,8 +276,10 @@ def calls_of(simulator, until):
 def test_a_tick_takes_seven_calls_two_of_them_of_estimator_and_controller(hard, name, knows):
     scenario = short(name)
     plan = make_machining_path(scenario, hard)
-    more = {"air_pass": correction_along(plan), "estimator_model": knowing(hard)} if knows else {}
-    loop = make_closed_loop(scenario, hard, plain_model(hard), machining_path=plan, **more)
+    estimator = LoopEstimator()
+    if knows:
+        estimator = LoopEstimator(model=knowing(hard), air_pass=correction_along(plan))
+    loop = make_closed_loop(scenario, hard, plain_model(hard), motion=plan, estimator=estimator)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(0.01)
     calls = calls_of(simulator, 0.02)
@@ -318,7 +328,7 @@ def test_a_machining_log_of_every_tenth_tick_asks_the_arm_no_less(hard):
             hard,
             0.2,
             model=plain_model(hard),
-            machining_path=plan,
+            motion=plan,
             period=period,
         )
         for period in (None, 0.01)

@@ -58,7 +58,7 @@ def test_a_motor_that_is_weaker_than_stated_needs_more_current(plain):
         )
     )
     scenario = Scenario(current_noise=False, duration=1.0)
-    loop = make_closed_loop(scenario, arm, IdentifiedModel.nominal(arm), with_estimator=False)
+    loop = make_closed_loop(scenario, arm, IdentifiedModel.nominal(arm), estimator=None)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(1.0)
     _, signals = loop.logged(simulator.get_context())
@@ -96,7 +96,7 @@ def test_pressed_on_a_plate_it_neither_rings_nor_runs_away(robot):
         scenario,
         robot,
         IdentifiedModel.nominal(robot),
-        with_estimator=False,
+        estimator=None,
         log=LogRequest(also=("state",)),
     )
     simulator = Simulator(loop.diagram)

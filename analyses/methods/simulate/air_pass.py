@@ -104,9 +104,9 @@ def record_air_pass(
         free,
         robot,
         nominal,
-        trajectory=motion,
+        motion=motion,
         log=LogRequest(only=("q", "v", "current")),
-        with_estimator=False,
+        estimator=None,
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()

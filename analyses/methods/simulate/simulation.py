@@ -23,7 +23,7 @@ from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSett
 from wrenchsight.analyses.methods.simulate.simulation_result import SimulationResult
 from wrenchsight.analyses.output.outputs import OutputFolder
 from wrenchsight.analyses.output.result_folder import result_folder
-from wrenchsight.diagrams.closed_loop import ClosedLoop, make_closed_loop
+from wrenchsight.diagrams.closed_loop import ClosedLoop, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.distances.machining_way import overlaps
 from wrenchsight.diagrams.graph import write_graph
 from wrenchsight.diagrams.kept_signals import KeptSignals
@@ -262,18 +262,17 @@ def simulate(
         model = known_model(robot, scenario, work.trajectory)
         notices.append(_known_model_notice(scenario))
     learnt = _learnt_correction(work, robot, model, progress)
-    estimator_model = model if learnt is None else learnt.model
+    estimator = LoopEstimator(fused=graph is None)  # a drawing shows the stages
+    if learnt is not None:
+        estimator = replace(estimator, model=learnt.model, air_pass=learnt.correction)
     meshcat = None if page is None else _make_meshcat(work, robot)
     loop = make_closed_loop(
         scenario,
         robot,
         model,
-        meshcat,
-        trajectory=work.trajectory,
-        machining_path=work.plan,
-        air_pass=None if learnt is None else learnt.correction,
-        fused=graph is None,  # a drawing shows the stages
-        estimator_model=estimator_model,
+        motion=work.trajectory if work.plan is None else work.plan,
+        estimator=estimator,
+        meshcat=meshcat,
     )
     files: list[Path] = []
     if graph is not None:
@@ -291,7 +290,7 @@ def simulate(
     notices += _retreat_notices(t, signals)
     valid = signals["valid"][:, 0] == 1.0
     if valid.mean() < _FEW_VALID:
-        notices.append(_why_uncertain(scenario, robot, estimator_model, signals, valid))
+        notices.append(_why_uncertain(scenario, robot, estimator.model or model, signals, valid))
     result = _result_of(scenario, robot, t, signals, float(t[-1]) / elapsed)
     return replace(result, notices=tuple(notices), files=tuple(files))
 

@@ -96,7 +96,7 @@ def test_the_loop_leaves_them_out_and_its_numbers_stay(hard, polishing, monkeypa
             monkeypatch.setattr(
                 wrenchsight.diagrams.closed_loop, "links_apart", lambda *_: frozenset()
             )
-        loop = make_closed_loop(polishing, hard, model, machining_path=plan)
+        loop = make_closed_loop(polishing, hard, model, motion=plan)
         assert ("link_3_collision_0" in solid_shapes(loop)) is keep_shapes
         assert {f"{TOOL}_collision_0", f"{TOOL}_collision_1", "workpiece"} <= solid_shapes(loop)
         simulator = Simulator(loop.diagram)

@@ -19,7 +19,7 @@ from wrenchsight.models.identification.identified_model import IdentifiedModel
 def test_a_run_becomes_one_page_with_arm_arrows_and_legend(sts, tmp_path):
     scenario = replace(load_scenario("OneOfEverything"), duration=0.1)
     meshcat = make_meshcat(sts, [0.35, 0.0, 0.3])
-    loop = make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), meshcat)
+    loop = make_closed_loop(scenario, sts, IdentifiedModel.nominal(sts), meshcat=meshcat)
     simulator = Simulator(loop.diagram)
     simulator.Initialize()
     for name in FORCE_ARROWS:

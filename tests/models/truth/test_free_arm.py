@@ -38,7 +38,7 @@ def both(arm, seed=5):
     motion, model = swing(arm), IdentifiedModel.nominal(arm)
     scenario = Scenario(robot=arm.name, duration=motion.duration, seed=seed, controller=TRACKING)
     loop = make_closed_loop(
-        scenario, arm, model, trajectory=motion, with_estimator=False,
+        scenario, arm, model, motion=motion, estimator=None,
         log=LogRequest(also=("tau_f_true", "tau_J_true", "state")),
     )  # fmt: skip
     simulator = Simulator(loop.diagram)

@@ -28,7 +28,7 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
 from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
-from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
+from wrenchsight.diagrams.closed_loop import LogRequest, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.machining import longest_duration, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page
 from wrenchsight.diagrams.scenario import Scenario
@@ -207,13 +207,12 @@ def run_machining(
         scenario,
         robot,
         models.models[LAW],
-        meshcat,
-        machining_path=plan,
+        motion=plan,
+        estimator=LoopEstimator(model=reads or models.models[OURS], air_pass=air_pass),
         log=LogRequest(
             also=("tau_f_true",), only=_LOGGED if air_pass is None else _LOGGED_CORRECTED
         ),
-        air_pass=air_pass,
-        estimator_model=reads or models.models[OURS],
+        meshcat=meshcat,
     )
     simulator = Simulator(loop.diagram)
     simulator.Initialize()

@@ -33,7 +33,7 @@ def test_it_is_the_closed_loop_tick_by_tick(robot):
     assert is_free(scenario)
     model = IdentifiedModel.nominal(robot)
     loop = make_closed_loop(
-        scenario, robot, model, log=LogRequest(also=("tau_f_true",)), with_estimator=False
+        scenario, robot, model, log=LogRequest(also=("tau_f_true",)), estimator=None
     )
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)

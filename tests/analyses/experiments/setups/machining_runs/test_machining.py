@@ -255,7 +255,7 @@ def untaught(robot, models):
     scenario = short("PolishingSensorless", 3.0)
     plan = make_machining_path(scenario, robot)
     scenario = replace(scenario, duration=longest_duration(plan, scenario.machining.phases))
-    loop = make_closed_loop(scenario, robot, models.models[LAW], machining_path=plan)
+    loop = make_closed_loop(scenario, robot, models.models[LAW], motion=plan)
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(scenario.duration)
     return MachiningRun(plan, *loop.logged(simulator.get_context()))
