@@ -33,7 +33,7 @@ study: .venv/.ready
 test: .venv/.ready-test
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "not long and not slow"
 
-# Those that take a quarter of a minute to two: what compiles kernels of its own, and real recordings.
+# Those that take more than seconds: kernels of their own, whole commands, streams, real recordings.
 test-long: .venv/.ready-test
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) -m "long and not slow"
 

@@ -14,6 +14,8 @@ from package_meshes import PackageMeshes
 
 from wrenchsight.models.robot.robot import Robot
 
+pytestmark = pytest.mark.long  # from a URDF to a wrench
+
 ARMS = {
     "z1": "z1_description/urdf/z1.urdf",
     "ur5": "ur_description/urdf/ur5_robot.urdf",

@@ -38,6 +38,8 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.systems.force_torque_sensor import ForceTorqueSensorConfig
 from wrenchsight.systems.impedance_controller import ImpedanceConfig
 
+pytestmark = pytest.mark.long  # from a description to a wrench
+
 # tests/robots/tilted_arm, once more.
 _URDF = Path(__file__).parents[1] / "robots" / "tilted_arm" / "robot.urdf"
 _E = ((0.05, -0.03, 0.14), (0.6, -0.7, 1.1))  # xyz in m and rpy in rad, on the flange
@@ -358,7 +360,6 @@ def test_a_moving_arms_load_is_read(
 # Simulate -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("friction", ["none", "full"])
 def test_the_simulated_arm_holds_a_mass_with_the_statics_currents(
     tilted_arm: Robot, friction: str

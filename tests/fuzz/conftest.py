@@ -7,6 +7,16 @@ import pytest
 from fuzzing.clean_inputs import CleanInputs, make_clean_inputs
 from fuzzing.sandbox import Sandbox
 
+_HERE = Path(__file__).parent
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All of these are long: each runs commands, with kernels of their own."""
+    for item in items:
+        if item.path.is_relative_to(_HERE):
+            item.add_marker("long")
+
 
 @pytest.fixture(scope="session")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanInputs:

@@ -15,6 +15,8 @@ from wrenchsight.analyses.campaign.world_run import CampaignSettings
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
+pytestmark = pytest.mark.long  # studies and campaigns run in processes of their own
+
 
 def test_one_row_a_world_experiment_and_key(tmp_path, experiment, campaign, counted):
     experiment("toy")
@@ -128,7 +130,6 @@ def test_a_failing_world_is_listed_and_runs_alone(tmp_path, experiment, campaign
     assert file_of(tmp_path, "campaign") == file_of(tmp_path, "never_failed")
 
 
-@pytest.mark.long
 def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     seed = draw_world(0, 1).seed
     once = f"""
@@ -150,7 +151,6 @@ def test_a_killed_process_loses_nothing(tmp_path, experiment, campaign):
     assert "killed" in result.failures[1].failures["always"]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_an_interrupt_keeps_finished_worlds(tmp_path, experiment, ended, number):
     seed = draw_world(0, 1).seed

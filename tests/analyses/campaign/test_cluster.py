@@ -5,6 +5,8 @@ import pytest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.truth.worlds import draw_world
 
+pytestmark = pytest.mark.long  # studies and campaigns run in processes of their own
+
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
 

@@ -16,6 +16,8 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_robot import load_truth
 from wrenchsight.models.truth.worlds import ArmPosterior, draw_world
 
+pytestmark = pytest.mark.long  # studies and campaigns run in processes of their own
+
 # Of the toy arm `coulomb` is a metric (its one joint has 1 N m): what a fit is to find.
 ROWS = {
     "level": {"key": "toy.coulomb", "figure": 1.3, "tolerance": 0.05},
@@ -40,7 +42,6 @@ def figures(tmp_path):
     return figures
 
 
-@pytest.mark.long
 def test_the_arm_that_gives_the_figures_is_found_and_goes_on(
     tmp_path, experiment, figures, counted
 ):

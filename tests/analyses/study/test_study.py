@@ -18,6 +18,8 @@ from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.study import check_names, run_study
 from wrenchsight.models.files.input_error import InputError
 
+pytestmark = pytest.mark.long  # studies and campaigns run in processes of their own
+
 
 @pytest.fixture
 def run(tmp_path):

@@ -30,7 +30,7 @@ from wrenchsight.models.recordings.resampling import resampled
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
-pytestmark = pytest.mark.usefixtures("no_figures")
+pytestmark = [pytest.mark.usefixtures("no_figures"), pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,8 @@ from wrenchsight.models.estimation.wrench_table import COLUMNS
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 
+pytestmark = pytest.mark.long  # real recordings are read whole
+
 NOISE = 0.03  # N m
 FORCE = np.array([3.0, -6.0, -12.0])  # N, on the robot in axes of W, in the second half
 RECORDINGS = tuple(f"panda_ati_gamma/data_pos_{i}.csv" for i in range(1, 11))

@@ -10,6 +10,8 @@ from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
 from wrenchsight.analyses.methods.external_torque.torque_logs import estimate_torque_logs
 from wrenchsight.models.files.input_error import InputError
 
+pytestmark = pytest.mark.long  # real recordings are read whole
+
 LATE = 0.15  # s that a change of the label leaves
 SENSORS = """
 time: {columns: t}

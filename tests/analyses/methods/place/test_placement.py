@@ -35,6 +35,8 @@ from wrenchsight.models.planning.placement.placement_task import (
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.robot_config import PoseConfig
 
+pytestmark = pytest.mark.long  # placements are searched for
+
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=10, num_rounds=1, num_kinds=4, num_steps=12,
     num_solves=2,

@@ -18,6 +18,8 @@ from wrenchsight.models.live.samples import Sample
 from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
 
+pytestmark = pytest.mark.long  # streams run in real time, or whole
+
 
 @pytest.mark.parametrize(
     ("name", "log_format"),

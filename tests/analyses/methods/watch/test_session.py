@@ -22,6 +22,8 @@ from wrenchsight.models.live.samples import EventKind
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 
+pytestmark = pytest.mark.long  # streams run in real time, or whole
+
 H = 0.002
 
 

@@ -34,7 +34,7 @@ CHAIN = 25  # faults of one stream
 CONFIG = LiveConfig(WrenchEstimatorConfig(MomentumObserverConfig(time_step=H)))
 
 
-pytestmark = pytest.mark.usefixtures("one_thread")  # samples come one by one
+pytestmark = [pytest.mark.usefixtures("one_thread"), pytest.mark.long]  # samples come one by one
 
 
 @pytest.fixture(scope="module")

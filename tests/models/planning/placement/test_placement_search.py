@@ -19,6 +19,8 @@ from wrenchsight.models.planning.placement.placement_search import (
 from wrenchsight.models.planning.placement.placement_task import PlacementTask, load_task
 from wrenchsight.models.robot.robot import Robot
 
+pytestmark = pytest.mark.long  # placements are searched for
+
 SMALL = SearchEffort(
     num_samples=2000, num_poses=6, num_starts=12, num_rounds=1, num_kinds=4, num_steps=12,
     num_solves=2,
