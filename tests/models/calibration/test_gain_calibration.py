@@ -16,6 +16,8 @@ from wrenchsight.models.calibration.load_parameters import body_parameters, load
 from wrenchsight.models.calibration.residual_noise import ResidualRows
 from wrenchsight.models.friction.friction_structure import FrictionStructure
 
+pytestmark = pytest.mark.long  # many logs are calibrated from
+
 SD = np.array([1.0, 1.0, 0.6, 0.2, 0.2, 0.15])
 TERMS = ("coulomb", "viscous", "offset", "load")
 FRICTION = np.array(

@@ -38,6 +38,8 @@ from wrenchsight.models.observers.observer import (
 from wrenchsight.models.robot.motors import motor_gain
 from wrenchsight.models.robot.robot import Robot
 
+pytestmark = pytest.mark.long  # a smoother's kernels are compiled
+
 STEP = 0.01
 FORCE = np.array([12.0, -7.0, 20.0])
 

@@ -32,6 +32,8 @@ from wrenchsight.models.recordings.recording_reader import read_recording
 from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 
+pytestmark = pytest.mark.long  # logs are identified from start to end
+
 STEP = 0.01
 COULOMB = np.array([8.0, 7.0, 5.0, 2.0, 2.5, 1.5])
 VISCOUS = np.array([10.0, 9.0, 6.0, 2.0, 2.0, 1.0])
@@ -434,7 +436,6 @@ def test_the_best_law_counts_what_lies_beyond_the_fit():
     assert best_law(held_out, {}) == "rich"
 
 
-@pytest.mark.long
 def test_the_fastest_samples_are_predicted_without_them(sts, truth):
     """A joint with friction that turns down beyond 80 % of its samples' speeds."""
     logs = [recording(sts, truth, seed, noise=1.0) for seed in (1, 2)]

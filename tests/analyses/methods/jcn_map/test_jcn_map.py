@@ -16,6 +16,8 @@ from wrenchsight.diagrams.distances.clearance import Clearance
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 
+pytestmark = pytest.mark.long  # maps of many postures
+
 
 def test_condition_numbers_are_those_of_numpys_svd(sts: Robot) -> None:
     samples = sample(sts, 5_000, 1)
