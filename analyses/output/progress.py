@@ -1,6 +1,7 @@
 """Progress of long work: bars in a terminal, one line per step in a log."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 State = Literal["waiting", "running", "done", "earlier", "skipped", "failed", "interrupted"]
+
+ProgressCallback = Callable[[float, str], None]
+"""Takes the share that is done, 0 to 1, and what is being done."""
 
 _HEARTBEAT = 20.0  # s between lines in a log
 _ENDS = {

@@ -43,7 +43,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import 
 )
 from wrenchsight.analyses.methods.identify.identification import identify
 from wrenchsight.analyses.methods.identify.known_model.specimen_refitting import refit_specimen
-from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.estimation.point_of_action import find_point_of_action, jacobian_at
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.recordings.recording import Recording

@@ -242,9 +242,9 @@ def _read(
         reading = _PointReading(estimate.wrench, estimate.covariance, estimate.valid)
     if reader.model_with_drift is None:
         return reading
-    wide = log.read(WrenchEstimator(robot, reader.model_with_drift, config))
-    covariance = covariance_about(reading.wrench, wide.wrench, wide.covariance)
-    return _PointReading(reading.wrench, covariance, reading.valid & wide.valid)
+    with_drift = log.read(WrenchEstimator(robot, reader.model_with_drift, config))
+    covariance = covariance_about(reading.wrench, with_drift.wrench, with_drift.covariance)
+    return _PointReading(reading.wrench, covariance, reading.valid & with_drift.valid)
 
 
 def _read_tracked(log: _PointLog, follower: TrackedEstimator) -> _PointReading:

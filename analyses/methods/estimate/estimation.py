@@ -37,7 +37,6 @@ from wrenchsight.analyses.methods.estimate.model_checks import (
 )
 from wrenchsight.analyses.methods.estimate.uniform_log import (
     PassProgress,
-    ProgressCallback,
     SampleScreen,
     completed,
     screen_of,
@@ -48,6 +47,7 @@ from wrenchsight.analyses.methods.reference_sensor.reference_config import (
     reference_columns,
 )
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.known_tool import with_known_tool
 from wrenchsight.models.calibration.load_or_drift import LoadOrDrift

@@ -19,13 +19,13 @@ from wrenchsight.analyses.methods.estimate.estimate_config import (
 from wrenchsight.analyses.methods.estimate.friction_monitor import FrictionMonitor
 from wrenchsight.analyses.methods.estimate.uniform_log import (
     PassProgress,
-    ProgressCallback,
     completed,
     fault_of,
     is_usable,
     screen_of,
     uniform_chunks,
 )
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.calibration.load_or_drift import LoadOrDrift
 from wrenchsight.models.detection.contact_detector import ContactEstimator

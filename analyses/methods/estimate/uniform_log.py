@@ -4,12 +4,13 @@ Samples are checked against the joints' limits before the log is resampled: inte
 spread one impossible sample over its neighbours, where no check notices it.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.models.estimation.estimator import EstimateBatch, WrenchEstimatorConfig
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.observers.sample_check import BEYOND, LESS, SampleCheck
@@ -17,8 +18,6 @@ from wrenchsight.models.recordings.episodes_reader import LogReader
 from wrenchsight.models.recordings.recording import Recording, place_of
 from wrenchsight.models.recordings.resampling import plausible_step, resample_chunks
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 CHUNK_SAMPLES = 1 << 16  # samples of one chunk
 FAULT = "sample fault"

@@ -7,7 +7,7 @@ Where a check fails, the program is solved again with more in reserve. Where tha
 motions on the way back to the random one are tried until all checks pass.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
@@ -17,6 +17,7 @@ import numpy as np
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig, ExciteSettings
 from wrenchsight.analyses.output.figures import SERIES, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.distances.clearance import Clearance, ClosestPair
 from wrenchsight.diagrams.pages.motion_page import write_motion_page
@@ -40,7 +41,6 @@ from wrenchsight.models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ProgressCallback = Callable[[float, str], None]
 
 # What a trajectory must keep in reserve at the samples, tried in this order.
 # The second goes on where the first ended, the others start from the next best random ones.

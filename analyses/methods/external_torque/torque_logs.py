@@ -11,7 +11,7 @@ The prior and the torque's sd come from the torques of all logs together, unless
 (`force_readings`). Logs stream: memory does not grow with their length.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,6 +54,7 @@ from wrenchsight.analyses.methods.reference_sensor.sensor_log import (
     joined_logs,
 )
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.output.stream_summary import EvenSample
 from wrenchsight.models.estimation.wrench import (
@@ -71,8 +72,6 @@ from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.resampling import plausible_step
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 _WRENCH_NUMBERS = 6
 _ROWS = 1 << 16  # of all logs for the evidence, and of each log for the comparison

@@ -48,7 +48,6 @@ from wrenchsight.analyses.methods.identify.law_fits import LawFit, LawFits
 from wrenchsight.analyses.methods.identify.low_passed_logs import (
     LowPassedLog,
     LowPassedLogs,
-    ProgressCallback,
     check_recording,
     decimation,
     log_names,
@@ -69,6 +68,7 @@ from wrenchsight.analyses.methods.identify.torque_error_learning import (
 )
 from wrenchsight.analyses.methods.identify.torque_fit import SIMILARITY, TorqueFit, pooled_rmse
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.analyses.study.shared_results import digest, shared
 from wrenchsight.models.detection.contact_noise_fit import fit_contact_noise

@@ -1,7 +1,7 @@
 """Logs on a uniform grid, low-passed, with their regressors: the start of an identification."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from wrenchsight.analyses.methods.identify.identification_config import (
 )
 from wrenchsight.analyses.methods.identify.torque_fit import TorqueFit
 from wrenchsight.analyses.methods.reference_sensor.reference_config import reference_columns
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_marker import file_checksum
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.friction_law import FrictionLaw
@@ -28,8 +29,6 @@ from wrenchsight.models.recordings.resampling import ROUNDING, resampled
 from wrenchsight.models.rigid_body.serial_chain import SerialChain
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.signals.zero_phase import ZeroPhaseLowPass, derivative
-
-ProgressCallback = Callable[[float, str], None]
 
 # A joint that moves less, or slower, than this shows neither its friction nor its inertia.
 LEAST_TRAVEL, LEAST_SLIDE = 0.05, 0.02  # rad, and m of a joint that slides, peak to peak

@@ -5,7 +5,7 @@ The joint torque that the robot's model leaves unexplained shows the load
 load, too: the fit is repeated with the load of the previous pass.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, lo
 from wrenchsight.analyses.methods.payload.payload_config import PayloadConfig, PayloadSettings
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.load_identification import (
     LoadEstimate,
@@ -48,7 +49,6 @@ from wrenchsight.models.robot.rotational_inertia import inertia_values
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ProgressCallback = Callable[[float, str], None]
 
 PASSES = 4  # the load's share of friction changes by less than 1 % from the third to the fourth
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of ToolConfig.inertia

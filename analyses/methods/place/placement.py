@@ -7,7 +7,6 @@ initial guess.
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from wrenchsight.analyses.methods.place.particle_swarm import SwarmConfig, place
 from wrenchsight.analyses.methods.place.place_settings import PlaceSettings
 from wrenchsight.analyses.methods.place.placement_files import write_placement
 from wrenchsight.analyses.methods.place.placement_result import PlacementResult, Profile
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.distances.coming_and_going import (
     distance_of_ends,
@@ -56,8 +56,6 @@ from wrenchsight.models.planning.placement.placement_task import (
 )
 from wrenchsight.models.robot.robot import Robot
 
-ProgressCallback = Callable[[float, str], None]
-
 OBJECTIVES = ("jcn", "force-sd")
 PLACE_SOLVERS = (*SOLVERS, "pso-ga")
 _FREE_SEEDS = 3  # searches for a placement with a free path, approach and retreat
@@ -96,14 +94,11 @@ class PlacementRequest:
     swarm: SwarmConfig | None = None
 
 
-_LEAST_JCN = PlacementRequest()
-
-
 def place(
     task: PlacementTask,
     source: Path | str,
     robot: Robot,
-    request: PlacementRequest = _LEAST_JCN,
+    request: PlacementRequest = PlacementRequest(),
     progress: ProgressCallback = lambda fraction, message: None,
 ) -> PlacementResult:
     """Places a path.

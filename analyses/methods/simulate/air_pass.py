@@ -5,7 +5,7 @@ position control knows the nominal model only. `wrenchsight.models.machining.air
 subtracts the observer's output of this pass.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from pydrake.systems.analysis import Simulator
 from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
 from wrenchsight.analyses.methods.simulate.fast_runs import is_free, run_free
 from wrenchsight.analyses.methods.simulate.simulated_logs import TRACKING
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.diagrams.closed_loop import LogRequest, make_closed_loop
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario
 from wrenchsight.models.estimation.estimator import (
@@ -33,8 +34,6 @@ from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.recordings.position_resolution import position_resolution
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 _STRETCH = 1.0  # s between two reports of progress
 _SECOND_SEED = 10000  # of the second pass, apart from the first one's

@@ -5,11 +5,11 @@ controller, which knows the nominal model only. The log holds what its drives an
 as a real arm's; the true friction is kept beside it.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.numerics.arrays import Array
@@ -20,8 +20,6 @@ from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.free_arm import Servo, simulate_free_arm
 from wrenchsight.models.truth.log_clock import clocked
 from wrenchsight.systems.joint_tracking_controller import JointTrackingConfig
-
-ProgressCallback = Callable[[float, str], None]
 
 ROBOT = "sts_sre4_600"
 # Servo drives follow a reference far more stiffly than a force controller may: 200 rad/s here. With

@@ -6,7 +6,7 @@ eye (figure, recording), for programs (metrics) and for `estimate` (log.csv).
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +22,7 @@ from wrenchsight.analyses.methods.simulate.air_pass import LearntCorrection, lea
 from wrenchsight.analyses.methods.simulate.simulate_settings import SimulateSettings
 from wrenchsight.analyses.methods.simulate.simulation_result import SimulationResult
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.diagrams.closed_loop import ClosedLoop, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.distances.machining_way import overlaps
@@ -50,8 +51,6 @@ from wrenchsight.models.recordings.recording_writer import write_recording
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.truth.true_joints import TrueJoints
 from wrenchsight.models.truth.true_robot import with_friction, with_truth_named
-
-ProgressCallback = Callable[[float, str], None]
 
 _STRETCH = 0.1  # s between two reports of progress
 _QUICK_DURATION = 1.0  # s

@@ -27,7 +27,7 @@ from pydrake.systems.analysis import Simulator
 
 from wrenchsight.analyses.experiments.setups.simulated_arm.arm_models import ArmModels
 from wrenchsight.analyses.methods.simulate.advance import advance, even_stretches
-from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.diagrams.closed_loop import LogRequest, LoopEstimator, make_closed_loop
 from wrenchsight.diagrams.machining import longest_duration, view_of
 from wrenchsight.diagrams.pages.run_page import make_meshcat, start_animation, write_page

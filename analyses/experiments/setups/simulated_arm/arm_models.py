@@ -44,7 +44,7 @@ from wrenchsight.analyses.experiments.setups.simulated_arm.simulated_identificat
 )
 from wrenchsight.analyses.methods.identify.friction_training import TrainingConfig
 from wrenchsight.analyses.methods.identify.identification import IdentificationResult, identify
-from wrenchsight.analyses.methods.simulate.simulated_logs import ProgressCallback
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.study.shared_results import shared
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig

@@ -5,7 +5,7 @@ model stays (`models.calibration.friction_refresh`). The log must be free of con
 that the model's logs had.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from wrenchsight.analyses.methods.identify.known_model.stretches import Logs, as
 from wrenchsight.analyses.methods.identify.low_passed_logs import read_log
 from wrenchsight.analyses.output.figures import COLOUR, legend_below, panels_in_pairs
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.friction_refresh import (
     FrictionDrift,
@@ -44,7 +45,6 @@ from wrenchsight.models.robot.robot import Robot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ProgressCallback = Callable[[float, str], None]
 
 LITTLE = 0.2  # share of the prior's variance; a log that removes less shows little
 LARGEST_DRIFT = 0.3  # share of viscous friction, also where a joint at rest leaves more unknown

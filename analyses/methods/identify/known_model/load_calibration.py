@@ -8,7 +8,7 @@ whose logs have more load. Coulomb friction is lowered by what it adds at the un
 load.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ from wrenchsight.analyses.methods.identify.low_passed_logs import (
 )
 from wrenchsight.analyses.output.figures import COLOUR, new_figure
 from wrenchsight.analyses.output.outputs import OutputFolder
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.gain_calibration import (
     CalibrationLog,
@@ -53,7 +54,6 @@ from wrenchsight.models.signals.bands import SIGMA_95
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ProgressCallback = Callable[[float, str], None]
 
 LARGEST_GAIN_SD = 0.1  # relative; a less certain torque constant stays as in the robot's file
 LARGEST_COM_SD = 0.02  # m, beyond which the motion has not determined the centre of mass

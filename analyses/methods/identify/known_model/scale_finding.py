@@ -1,6 +1,6 @@
 """Unit and sign of a robot's effort: logs and known weights in, torque per unit out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ import numpy as np
 
 from wrenchsight.analyses.methods.identify.identification_config import IdentifySettings
 from wrenchsight.analyses.methods.identify.known_model.load_calibration import known_load
+from wrenchsight.analyses.output.progress import ProgressCallback
 from wrenchsight.analyses.output.result_folder import result_folder
 from wrenchsight.models.calibration.effort_scale import (
     DETERMINED,
@@ -24,8 +25,6 @@ from wrenchsight.models.recordings.log_words import IN_AMPERES, log_words
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_reader import RecordingReader, read_recording
 from wrenchsight.models.robot.robot import Robot
-
-ProgressCallback = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
