@@ -259,6 +259,18 @@ def test_the_whole_command_and_its_files(sts, noisy, tmp_path):
     assert previous == {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
 
 
+def test_the_check_of_logs_can_be_switched_off(noisy, tmp_path):
+    in_degrees = replace(noisy[0], q=np.rad2deg(noisy[0].q), v=np.rad2deg(noisy[0].v))
+    write_recording(in_degrees, tmp_path / "log.csv")
+    settings = IdentifySettings(robot="sts_sre4_600", logs=[str(tmp_path / "log.csv")])
+    with pytest.raises(InputError, match="degrees"):
+        identify_logs(settings, tmp_path / "out")
+    try:
+        identify_logs(replace(settings, check=False), tmp_path / "out")
+    except InputError as error:  # such a motion may be refused later, for what is fitted
+        assert "degrees" not in str(error)
+
+
 # ---------------------------------------------------------------------------------- bad input
 
 
