@@ -33,7 +33,7 @@ def write_placement(folder: OutputFolder, result: PlacementResult, settings: Pla
     figure, axes = new_figure(1, 1, height=3.0)
     draw_history(axes[0, 0], result.search.history, COLOUR["after"], result.solver)
     axes[0, 0].set_xlabel("time [s]")
-    axes[0, 0].set_ylabel(f"best {result.measure.label}, mean over the path")
+    axes[0, 0].set_ylabel(f"best mean of the\n{result.measure.label}")
     folder.write_figure("convergence", figure)
     # A workpiece stands where the best path is; the initial one would run through it.
     alone = result.task.clearance is not None
