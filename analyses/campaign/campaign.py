@@ -30,7 +30,7 @@ from wrenchsight.analyses.campaign.world_run import CampaignSettings, WorldOutco
 from wrenchsight.analyses.data_sets.places import given_folder
 from wrenchsight.analyses.output.interruption import ends_are_interrupts, uninterrupted
 from wrenchsight.analyses.output.outputs import OutputFolder, json_text, plain
-from wrenchsight.analyses.output.progress import Progress
+from wrenchsight.analyses.output.progress import Progress, State
 from wrenchsight.analyses.output.result_folder import ResultFolder, open_results
 from wrenchsight.analyses.study.fingerprint import libraries, software_hash
 from wrenchsight.analyses.study.registry import REGISTRY
@@ -109,8 +109,9 @@ def run_campaign(
         try:
             with closing(outcomes):
                 campaign.take(outcomes, len(tasks), report)
-        except BaseException:
-            report(Progress(COMMAND, "interrupted", action="finished worlds are kept"))
+        except BaseException as error:
+            state: State = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+            report(Progress(COMMAND, state, action="finished worlds are kept"))
             # The user is to hear of the cause, not of an error that follows from it.
             with suppress(InputError, OSError):
                 if campaign.record.worlds or not folder.files:  # else the earlier ones stay

@@ -189,6 +189,24 @@ def test_a_fresh_campaign_ended_before_its_first_world_keeps_the_earlier_one(
     assert (tmp_path / "campaign" / "campaign.html").exists()
 
 
+@pytest.mark.parametrize(
+    ("cause", "state"), [(KeyboardInterrupt(), "interrupted"), (OSError("disk full"), "failed")]
+)
+def test_the_progress_says_interrupted_only_after_an_interrupt(tmp_path, experiment, cause, state):
+    experiment("toy")
+    states = []
+
+    def end_after_a_world(progress):
+        states.append(progress.state)
+        if progress.fraction > 0.0:
+            raise cause
+
+    with pytest.raises(type(cause)):
+        run_campaign(CampaignSettings(["toy"], 2), tmp_path / "campaign", end_after_a_world)
+    assert states[-1] == state
+    assert states[:-1] == ["running"] * len(states[:-1])
+
+
 def test_a_kill_keeps_finished_worlds(tmp_path, experiment, campaign, counted):
     experiment("toy")
     campaign("toy", worlds=2)
