@@ -92,7 +92,7 @@ def influences_text(moved_by: Sequence[Influence] | None) -> str:
     """The influences on a figure in words; "" where they were not determined."""
     if moved_by is None:
         return ""
-    return "; ".join(map(str, moved_by)) or "no drawn parameter moves it"
+    return "; ".join(map(str, moved_by)) or "no drawn parameter is seen to move it"
 
 
 def _candidates(parameters: Mapping[str, Sequence[float]]) -> Iterator[tuple[str, Array]]:

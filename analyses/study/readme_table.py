@@ -228,7 +228,9 @@ def _moved_by(spread: Mapping[str, Any], key: str) -> str:
         f"{influence['parameter']} ({'+' if influence['rank_correlation'] > 0.0 else '−'})"
         for influence in moved_by
     )
-    return f"correlates with {', '.join(signs)}" if moved_by else "no drawn parameter moves it"
+    if not moved_by:
+        return "no drawn parameter is seen to move it"
+    return f"correlates with {', '.join(signs)}"
 
 
 def _range(median: float, low: float, high: float) -> str:

@@ -101,7 +101,7 @@ def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
     assert "moved_by" not in result["rmse_nm.0"].metrics()
     assert result["ours_against_article.reduction_rmse_x_pct"].moved_by is None  # no article's
     assert result["correlation"].moved_by == ()  # outside, and the same in all worlds
-    assert table_row(result["correlation"])["moved_by"] == "no drawn parameter moves it"
+    assert table_row(result["correlation"])["moved_by"] == "no drawn parameter is seen to move it"
     assert result["correlation"].metrics()["moved_by"] == []  # asked, and nothing does
     few, enough = (found_in(n)["optimised.rmse_x_n"] for n in (FEWEST_WORLDS - 1, FEWEST_WORLDS))
     assert few.moved_by is None

@@ -63,7 +63,7 @@ def test_chance_is_named_as_seldom_as_stated():
         named += bool(influences(generator.standard_normal(WORLDS), draws, 0.0))
     # 200 cases at .05: 10, and 3.1 standard deviations of a binomial more. Uncorrected: 92.
     assert named <= 200 * LEVEL + 3.1 * np.sqrt(200 * LEVEL * (1.0 - LEVEL))
-    assert influences_text(()) == "no drawn parameter moves it"
+    assert influences_text(()) == "no drawn parameter is seen to move it"
     assert influences_text(None) == ""
 
 
