@@ -171,8 +171,9 @@ def results_table(
             cells = (title, label, stated, *figures, remark)
             lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     note = (
-        f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them. A world is "
-        "a random draw of the simulated arm's truth (docs/worlds.md). Without a range: one run.\n"
+        f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them, by "
+        "`wrenchsight campaign EXPERIMENT --worlds NUMBER`. A world is a random draw of the "
+        "simulated arm's truth (docs/worlds.md). Without a range: one run.\n"
     )
     table = "\n".join(lines) + "\n"
     return (_QUICK if results["quick"] else "") + table + (note if ranges else "")

@@ -169,6 +169,7 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
     assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; " in text
     assert "; correlates with load (−), wander (+); a" in text
     assert "median of 200 worlds" in text.splitlines()[-1]
+    assert "by `wrenchsight campaign EXPERIMENT --worlds NUMBER`" in text.splitlines()[-1]
     table = results_table(results, worlds, whole=True)  # the documentation's has the one run's too
     assert "| Median of 200 worlds (5 to 95 %) |" in table
     assert "| 20.5 | 7.50 (6.50 to 8.50), ours ahead in 99 % | correlates with load (−)" in table
