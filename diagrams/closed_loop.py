@@ -20,7 +20,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from wrenchsight.diagrams.distances.links_apart import links_apart
 from wrenchsight.diagrams.estimator import add_estimator
-from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.machining import make_machining_path, with_planned_force
 from wrenchsight.diagrams.pages.run_page import add_wrench_arrows
 from wrenchsight.diagrams.robot_cell import RobotCell, make_robot_cell
 from wrenchsight.diagrams.scenario import ForceSetpoint, Scenario, check_scenario, make_trajectory
@@ -394,7 +394,9 @@ def _add_machining(parts: _LoopParts, plan: MachiningPath, requested: LoopEstima
     builder, scenario, robot = parts.builder, parts.scenario, parts.robot
     assert scenario.machining is not None and isinstance(scenario.controller, ImpedanceConfig)
     air_pass, model = requested.air_pass, requested.model or parts.model
-    estimator = WrenchEstimator(robot, model, _estimator_config(scenario))
+    config = _estimator_config(scenario)
+    config = replace(config, reconstruction=with_planned_force(config.reconstruction, robot, plan))
+    estimator = WrenchEstimator(robot, model, config)
     if air_pass is not None and estimator.observed_size:
         raise ValueError("an air pass needs an observer of joint torque, not of the wrench")
     # After an air pass force feedback counts where its correction is valid.

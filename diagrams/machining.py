@@ -7,7 +7,7 @@ import numpy as np
 from wrenchsight.diagrams.robot_cell import tip_radius
 from wrenchsight.diagrams.scenario import MachiningConfig, Scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece, surface_of
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_path import (
@@ -139,6 +139,24 @@ def postures(robot: Robot, path: SurfacePath, machining: MachiningConfig, source
             "leave angle_deg out, or move the workpiece",
         )
     return best_q
+
+
+def with_planned_force(
+    config: WrenchReconstructionConfig, robot: Robot, plan: MachiningPath
+) -> WrenchReconstructionConfig:
+    """Returns a copy whose missing prior is that of a pass: the largest planned force is its sd.
+
+    The weight of the rated payload as a two-sigma force (`live_prior`) may be less than a pass
+    presses with. Where the torques are uncertain, as at the start of the feed, such a prior pulls
+    the reading towards zero, by more than the band holds: 20 N of 80 N while grinding. A reading is
+    valid by `live_prior` all the same.
+
+    Args:
+        config: of the scenario; a prior that it states is kept.
+        plan: whose set-point is the force, N.
+    """
+    force_sd, moment_sd = live_prior(robot.payload)
+    return config.with_prior(max(force_sd, float(plan.setpoint.max())), moment_sd)
 
 
 def longest_duration(plan: MachiningPath, phases: PhasesConfig) -> float:

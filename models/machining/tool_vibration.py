@@ -10,50 +10,59 @@ and none is left at rest (fast vibration as dither: J. J. Thomsen, J. Sound and 
 1999; A. Pervozvanski, C. Canudas de Wit, Automatica 38 (1), 2002). A law that was identified
 without the process takes off too much, always along the motion, and the reading errs by it.
 
-The tool's amplitude is one number, and it acts on n joints in a known proportion: with a point
-contact (three forces, hardly a moment) six torques are enough to find it. For each of a grid of
-amplitudes p
+The tool's amplitude p is one number, but what it does to each joint is uncertain, too: an
+identified M may be off by as much as the inertia of a wrist's joint, and a joint that hardly
+vibrates in truth then seems to be shaken. With a point contact (three forces, hardly a moment) six
+torques leave three equations. They do not tell apart which of two joints has lost friction, unless
+the speeds of these joints change along the path. So both are estimated together: HYPOTHESES states
+the tool's amplitude and the deviation of every joint's share, in sds; each predicts what is freed,
 
-    tau_p = tau_ext - LP(tau_dry (1 - 2 / pi asin(min(1, |v| / (shares p)))))
+    freed_j = LP(tau_dry_j (1 - 2 / pi asin(min(1, |v_j| / (|share_j + deviation_j sd_j| p)))))
 
-is as likely as N(0, Sigma_tau + D_p^2 + J^T P J) says, LP being the observer's low-pass, P a wide
-prior of forces, Sigma_tau the torque error and D_p what the shares' sd makes of the second
-term; log-likelihoods are summed with one independent sample in CORRELATION seconds and forgotten in
-MEMORY seconds. They count while the tool is led along its path, at the first start too, where an
-air-pass correction does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band
-counts that, from the touch on, but the torques of the touch are no evidence: joints creep under a
-load that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
-itself, and half of the readings of a start lay outside the band). Before, p = 0 is as likely as all
-others together. What is taken off tau_ext is the mean over the grid. Friction in the air-pass
-correction is freed with it. Its sd is that over the grid, with D_p, and with a joint whose
-amplitude is GRID_STEPS off, whatever M is. That many are left where the joint moves as it was
-planned to, so that the torques have shown what is freed at its speed. Where it does not, at a turn
-for instance, the law extrapolates to another speed, by a joint's amplitude that may be
-DEPARTED_STEPS off (`wrenchsight.models.machining.air_pass.departure` grades in between). So it may
-before the first steady feed and after the last one. The sd of the correction itself is added.
+LP being the observer's low-pass. tau_ext less that is as likely as N(0, Sigma_tau + J^T P J) says,
+P being the prior of the reading and Sigma_tau the torque error with what contact may change
+(`read_load`). Log-likelihoods are summed with one independent sample in CORRELATION seconds, since
+errors of friction last, and forgotten in MEMORY seconds. The hypotheses are fixed points (Sobol's
+sequence), as likely as the amplitude's logarithm, evenly between its bounds, and normal deviations
+say; that nothing vibrates is as likely as all others together. What is taken off tau_ext is their
+weighted mean, and their spread is its sd: an error of one joint that another one's error makes up
+for stays in the band until the torques exclude it.
 
-An identified M is the weak part: its error may be as large as the inertia of a wrist's joint, and
-M^-1 then shakes joints that hardly move. So an entry beside the diagonal that is not well above
-its sd is taken for less, the diagonal for more, and what is still open widens D_p
-(`expected_shares`).
+Torques count while the tool is led along its path, at the first start too, where an air-pass
+correction does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band counts
+that, from the touch on, but the torques of the touch are no evidence: joints creep under a load
+that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
+itself, and half of the readings of a start lay outside the band). Friction in the air-pass
+correction is freed with the law's.
 
-CORRELATION, INERTIA and SHRINKAGE were settled on grinding at 15 s one way, in worlds 0 to 9 of
-`campaign` (a correlation of 1 s: error + 7 %, band alike), MEMORY on one arm (10 s: 5 %),
-GRID_STEPS and DEPARTED_STEPS on the same work at 15 and 30 s in few worlds (two steps everywhere:
-error + 20 %, too wide a band in steady feed, and through turns still too narrow a one). What the
-joints' errors have in common, as they come of one amplitude, is left out of the band: with it the
-band was narrower at the starts, and held less. That the amplitude lies along the normal is assumed.
+Where a joint does not move as it was planned to, at a turn for instance, the torques have not shown
+what is freed at its speed. Its amplitude may there be DEPARTED_FACTOR larger or smaller, as planned
+NEAR_FACTOR, about the distance of one hypothesis from the next
+(`wrenchsight.models.machining.air_pass.departure` grades in between). The sd of the correction
+itself is added.
+
+An entry of M beside the diagonal that is not well above its sd is taken for less, the diagonal for
+more, and what is still open is the sd of the shares (`expected_shares`).
+
+INERTIA and SHRINKAGE were settled on grinding at 15 s one way, in worlds 0 to 9 of `campaign` with
+seed 0, all others on grinding at 15, 30 and 60 s in worlds 0 to 3 of seed 5, replayed: without what
+contact may change, or with a correlation of 0.3 s, the band was too narrow; with 128 hypotheses as
+well; without DEPARTED_FACTOR half of the valid readings at turns lay outside. An earlier version
+took the joints' deviations as noise of each sample. The likeliest amplitude was then too small, the
+more the slower the feed, since a large one frees joints that do not vibrate; and 50 to 80 % of the
+valid readings of some worlds lay inside the band. That the amplitude lies along the normal is
+assumed.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm, qmc
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator
 from wrenchsight.models.estimation.estimator_arrays import tick_of
 from wrenchsight.models.estimation.tick import COUNTS, FAULT
-from wrenchsight.models.estimation.wrench import live_prior
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.air_pass import CorrectionSample, departure
 from wrenchsight.models.numerics.arrays import Array
@@ -65,36 +74,42 @@ from wrenchsight.models.numerics.small_matrices import (
 )
 from wrenchsight.models.observers.observer import TAU_F, V
 
-AMPLITUDES = np.concatenate([[0.0], np.geomspace(0.002, 0.1, 15)])
-"""m/s, the grid; 10 m/s^2 at 100 Hz are 0.016 m/s."""
-CORRELATION, MEMORY = 0.3, 5.0  # s
-FORCES = 3.0  # of `live_prior`'s force sd: a tool presses harder than the rated payload weighs
+HYPOTHESES = 512
+LEAST, MOST = 0.002, 0.1
+"""m/s, bounds of the amplitude; 10 m/s^2 at 100 Hz are 0.016 m/s."""
+CORRELATION, MEMORY = 2.0, 30.0  # s
+FREE_MASS = 0.2  # sd of a share, of itself, whatever M is: no joint is a free mass alone
 INERTIA = 0.3  # of a torque over an acceleration: an identification averages its residuals
-GRID_STEPS = 1  # by which a joint's amplitude may be off: none is a free mass alone
-DEPARTED_STEPS = 3  # the same of a joint that does not move as planned
+NEAR_FACTOR = 1.1  # by which a joint's amplitude may be off
+DEPARTED_FACTOR = 2.3  # the same of a joint that does not move as planned
 SHRINKAGE = 2.0  # sd, below which an entry of M beside the diagonal counts as none
-_REACH = math.sqrt(3.0)  # sd: where two of three points stand that are a normal distribution
 _STILL = 1e-3  # rad/s^2, below which a joint does not accelerate
 _DOUBLINGS = 30  # of what is added to a diagonal
+_STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
+_NUM_STEPS = 4
 
 
 class VibrationConstants(NamedTuple):
     """What `track_vibration` reads.
 
     Attributes:
-        amplitudes: (m,) m/s.
+        amplitudes: (m,) m/s, of the tool, of each hypothesis; the first is 0.
+        deviations: (n, m) sds, of each joint's share, of each hypothesis.
         viscous: (n,) N m s/rad of the law: only dry friction is freed.
         poles: (n,) of the observer, per tick.
         prior: (6,) variances of the wrench, N^2 m^2 and N^2.
         inertia_sd: (n, n) of the entries of M, kg m^2.
+        read_load: N m per N m that is read, sd of what contact changes of friction.
         rates: share of the evidence that a tick keeps, and of an independent sample that it is.
     """
 
     amplitudes: Array
+    deviations: Array
     viscous: Array
     poles: Array
     prior: Array
     inertia_sd: Array
+    read_load: float
     rates: Array
 
 
@@ -103,15 +118,13 @@ class VibrationTracker:
 
     Attributes:
         constants: VibrationConstants.
-        initial_state: (m + 2 m n + 2 n,) log-evidence of each amplitude, what it takes off each
-            joint and that torque's sd, low-passed, N m; then of each joint, low-passed as well, its
-            departure from the plan and the sd of the correction, N m.
+        initial_state: flat, the parts of a `_Tracked`; all zero: nothing is known.
         sizes: of what `freed_friction` writes, and of the shares, by name: freed_torque (n,) N m,
             freed_sd (n,) N m of it and of the correction, tool_vibration m/s, joint_shares (2n,)
             rad/m with their sd.
 
     Args:
-        estimator: behind a gain K_0.
+        estimator: behind a gain K_0; the prior of its reading is that of the forces.
 
     Raises:
         ValueError: an observer without such a gain.
@@ -121,17 +134,42 @@ class VibrationTracker:
         n, T, K_0 = estimator.num_joints, estimator.observer.time_step, estimator.observer.pole
         if K_0 is None:
             raise ValueError("a tool's vibration is found behind an observer with a gain K_0")
-        force_sd, moment_sd = live_prior(estimator.robot.payload)
+        reconstruction, error = estimator.config.reconstruction, estimator.model.torque_error
+        amplitudes, deviations = hypotheses(n)
         self.constants = VibrationConstants(
-            AMPLITUDES,
-            np.array(estimator.friction.feedforward.coulomb_viscous.viscous, dtype=np.float64),
-            np.exp(-np.broadcast_to(K_0, (n,)) * T),
-            np.square([moment_sd] * 3 + [FORCES * force_sd] * 3),
-            inertia_sd(estimator.model),
-            np.array([math.exp(-T / MEMORY), T / CORRELATION]),
+            amplitudes=amplitudes,
+            deviations=deviations,
+            viscous=np.array(
+                estimator.friction.feedforward.coulomb_viscous.viscous, dtype=np.float64
+            ),
+            poles=np.exp(-np.broadcast_to(K_0, (n,)) * T),
+            prior=np.square(
+                [reconstruction.prior_moment_sd] * 3 + [reconstruction.prior_force_sd] * 3
+            ).astype(np.float64),
+            inertia_sd=inertia_sd(estimator.model),
+            read_load=0.0 if error is None else float(error.read_load),
+            rates=np.array([math.exp(-T / MEMORY), T / CORRELATION]),
         )
-        self.initial_state = np.zeros(len(AMPLITUDES) * (1 + 2 * n) + 2 * n)
+        self.initial_state = np.zeros(len(amplitudes) * (1 + n) + (_NUM_STEPS + 2) * n)
         self.sizes = {"freed_torque": n, "freed_sd": n, "tool_vibration": 1, "joint_shares": 2 * n}
+
+
+def hypotheses(num_joints: int) -> tuple[Array, Array]:
+    """Returns amplitudes (m,) in m/s and deviations (n, m) in sds: the prior, as points.
+
+    The first has the amplitude 0. Of the others the amplitude's logarithm is evenly distributed
+    from LEAST to MOST, deviations are standard normal (Sobol 1967; not scrambled, so that they are
+    the same everywhere).
+    """
+    points = qmc.Sobol(1 + num_joints, scramble=False)
+    points.fast_forward(1)  # the first one is 0 in all dimensions
+    uniform = points.random(HYPOTHESES)
+    amplitudes = LEAST * (MOST / LEAST) ** uniform[:, 0]
+    deviations = norm.ppf(uniform[:, 1:])
+    return (
+        np.concatenate([[0.0], amplitudes]),
+        np.ascontiguousarray(np.vstack([np.zeros(num_joints), deviations]).T),
+    )
 
 
 def inertia_sd(model: IdentifiedModel) -> Array:
@@ -228,42 +266,48 @@ def expected_shares(M: Array, sd: Array, J: Array, normal: Array, out: Array) ->
 @kernel
 def held_share(v: float, amplitude: float) -> float:
     """Share of dry friction that a joint at speed v keeps under a vibration, both rad/s."""
-    if not amplitude > 0.0:
+    speed = abs(v)
+    if not speed < amplitude:
         return 1.0
-    return 2.0 / math.pi * math.asin(min(1.0, abs(v) / amplitude))
+    return 2.0 / math.pi * math.asin(speed / amplitude)
 
 
 class _Tracked(NamedTuple):
-    """The parts of a tracker's state, as views: see `VibrationTracker`.
+    """The parts of a tracker's state, as views.
 
     Attributes:
-        evidence: (m,).
-        freed, sd: (m, n) N m.
-        departed: (n,) 0 to 1.
+        evidence: (m,) log-likelihood of each hypothesis, its torques' sum.
+        freed: (n, m) N m, what it takes off each joint, low-passed as all below.
+        steps: (4, n) N m, what is taken off where the joint's mean amplitude is NEAR_FACTOR larger,
+            smaller, DEPARTED_FACTOR larger, smaller.
+        departed: (n,) 0 to 1, departure from the plan.
         correction_sd: (n,) N m.
     """
 
     evidence: Array
     freed: Array
-    sd: Array
+    steps: Array
     departed: Array
     correction_sd: Array
 
 
 @kernel
 def _tracked(state: Array, m: int, n: int) -> _Tracked:
-    freed, sd = state[m : m + 2 * m * n].reshape(2, m, n)
-    departed, correction_sd = state[m + 2 * m * n :].reshape(2, n)
-    return _Tracked(state[:m], freed, sd, departed, correction_sd)
+    end = m + m * n
+    steps = state[end : end + _NUM_STEPS * n].reshape(_NUM_STEPS, n)
+    departed, correction_sd = state[end + _NUM_STEPS * n :].reshape(2, n)
+    return _Tracked(state[:m], state[m:end].reshape(n, m), steps, departed, correction_sd)
 
 
 @kernel
-def _half_step(freed: Array, k: int, i: int, steps: int) -> float:
-    """Half of what so many steps of the grid up and down change of joint i's freed torque, N m."""
-    m = freed.shape[0]
-    if k == 0:  # nothing vibrates
-        return 0.0
-    return float(0.5 * (freed[min(k + steps, m - 1), i] - freed[max(k - steps, 0), i]))
+def _weigh(evidence: Array, weights: Array) -> None:
+    """Writes the probabilities (m,) of the hypotheses."""
+    m, total, best = evidence.shape[0], 0.0, evidence.max()
+    for h in range(m):
+        weights[h] = math.exp(evidence[h] - best) * (m - 1.0 if h == 0 else 1.0)
+        total += weights[h]
+    for h in range(m):
+        weights[h] /= total
 
 
 @kernel
@@ -276,45 +320,22 @@ def freed_friction(amplitudes: Array, state: Array, out: Array) -> None:
     """
     m = amplitudes.shape[0]
     n = (out.shape[0] - 1) // 2
-    evidence, freed, sd, departed, correction_sd = _tracked(state, m, n)
-    weights, total = np.empty(m), 0.0
-    best = evidence.max()
-    for k in range(m):
-        weights[k] = math.exp(evidence[k] - best) * (m - 1.0 if k == 0 else 1.0)
-        total += weights[k]
+    evidence, freed, steps, departed, correction_sd = _tracked(state, m, n)
+    weights = np.empty(m)
+    _weigh(evidence, weights)
     out[:] = 0.0
-    for k in range(m):
-        weights[k] /= total
-        out[2 * n] += weights[k] * amplitudes[k]
-        for i in range(n):
-            out[i] += weights[k] * freed[k, i]
+    for h in range(m):
+        out[2 * n] += weights[h] * amplitudes[h]
     for i in range(n):
-        variance = correction_sd[i] ** 2
-        for k in range(m):
-            near = _half_step(freed, k, i, GRID_STEPS)
-            step = near + departed[i] * (_half_step(freed, k, i, DEPARTED_STEPS) - near)
-            variance += weights[k] * ((freed[k, i] - out[i]) ** 2 + step**2 + sd[k, i] ** 2)
-        out[n + i] = math.sqrt(variance)
-
-
-@kernel
-def loose_share(v: float, share: float, sd: float, amplitude: float) -> tuple[float, float]:
-    """Share of dry friction that a joint loses, its mean and sd over what the joint's share may be.
-
-    By three points of a normal distribution (Gauss, Hermite).
-
-    Args:
-        v: rad/s.
-        share, sd: of `expected_shares`, rad/m.
-        amplitude: of the tool, m/s.
-    """
-    mean, square = 0.0, 0.0
-    for point in range(-1, 2):
-        weight = 2.0 / 3.0 if point == 0 else 1.0 / 6.0
-        loose = 1.0 - held_share(v, abs(share + point * _REACH * sd) * amplitude)
-        mean += weight * loose
-        square += weight * loose * loose
-    return mean, math.sqrt(max(square - mean * mean, 0.0))
+        mean, square = 0.0, 0.0
+        for h in range(m):
+            mean += weights[h] * freed[i, h]
+        for h in range(m):
+            square += weights[h] * (freed[i, h] - mean) ** 2
+        near, far = 0.5 * (steps[0, i] - steps[1, i]), 0.5 * (steps[2, i] - steps[3, i])
+        step = near + departed[i] * (far - near)
+        out[i] = mean
+        out[n + i] = math.sqrt(correction_sd[i] ** 2 + step**2 + square)
 
 
 class WorkTick(NamedTuple):
@@ -350,56 +371,65 @@ def track_vibration(
         work: at the same tick.
         state: changed.
     """
-    amplitudes, viscous, poles, prior, _, rates = constants
+    amplitudes, deviations, viscous, poles, prior, _, read_load, rates = constants
     correction, v_planned, shares, touches, works = work
     m, n = amplitudes.shape[0], viscous.shape[0]
     tick = tick_of(reading, n)
-    evidence, freed, sd, departed, correction_sd = _tracked(state, m, n)
+    evidence, freed, steps, departed, correction_sd = _tracked(state, m, n)
     J, signals = tick.J, tick.signals
-    error_variance = np.empty(n)
+    error_variance, weights = np.empty(n), np.empty(m)
+    _weigh(evidence, weights)
     for i in range(n):
         # The correction's sd stays in: it limits what the torque can show.
         error_variance[i] = (
-            max(tick.error.sd[i] ** 2 - taken[n + i] ** 2, 0.0) + correction_sd[i] ** 2
+            max(tick.error.sd[i] ** 2 - taken[n + i] ** 2, 0.0)
+            + correction_sd[i] ** 2
+            + (read_load * tick.tau_ext[i]) ** 2
         )
-        v = signals[V, i]
-        dry = signals[TAU_F, i] - viscous[i] * v + correction.correction[i]
-        for k in range(m):
-            loose, off = 0.0, 0.0
-            if touches:
-                loose, off = loose_share(v, shares[i], shares[n + i], amplitudes[k])
-            freed[k, i] = poles[i] * freed[k, i] + (1.0 - poles[i]) * dry * loose
-            sd[k, i] = poles[i] * sd[k, i] + (1.0 - poles[i]) * dry * off
+        v, share = signals[V, i], shares[i]
+        share_sd = math.hypot(shares[n + i], FREE_MASS * share)
+        kept = poles[i]
+        dry = (1.0 - kept) * (signals[TAU_F, i] - viscous[i] * v + correction.correction[i])
+        mean = 0.0
+        for h in range(m):
+            amplitude = abs(share + deviations[i, h] * share_sd) * amplitudes[h]
+            mean += weights[h] * amplitude
+            loose = 1.0 - held_share(v, amplitude) if touches else 0.0
+            freed[i, h] = kept * freed[i, h] + dry * loose
+        for step in range(_NUM_STEPS):
+            loose = 1.0 - held_share(v, _STEPS[step] * mean) if touches else 0.0
+            steps[step, i] = kept * steps[step, i] + dry * loose
         apart = departure(v, v_planned[i]) if correction.counts[0] == 1.0 else 1.0
-        departed[i] = poles[i] * departed[i] + (1.0 - poles[i]) * apart
-        correction_sd[i] = (
-            poles[i] * correction_sd[i] + (1.0 - poles[i]) * apart * correction.spread[i]
-        )
+        departed[i] = kept * departed[i] + (1.0 - kept) * apart
+        correction_sd[i] = kept * correction_sd[i] + (1.0 - kept) * apart * correction.spread[i]
     counts = tick.flags[COUNTS] == 1.0 or correction.counts[0] != 1.0
     if not (works and counts and tick.flags[FAULT] == 0.0):
         return
-    covariance, factor, y = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    factor = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
-            covariance[i, j] = 0.0
+            factor[i, j] = 0.0
             for r in range(6):
-                covariance[i, j] += J[r, i] * prior[r] * J[r, j]
-        covariance[i, i] += error_variance[i]
-    likelihood = np.empty(m)
-    for k in range(m):
-        for i in range(n):
-            y[i] = tick.tau_ext[i] + taken[i] - freed[k, i]
-            for j in range(i + 1):
-                factor[i, j] = covariance[i, j]
-            factor[i, i] += sd[k, i] ** 2
-        if not factorise_in_place(factor, n, 0.0):
-            return
-        solve_lower(factor, n, y)
-        likelihood[k] = 0.0
-        for i in range(n):
-            likelihood[k] -= 0.5 * y[i] * y[i] + math.log(factor[i, i])
+                factor[i, j] += J[r, i] * prior[r] * J[r, j]
+        factor[i, i] += error_variance[i]
+    if not factorise_in_place(factor, n, 0.0):
+        return
+    whitening, tau = np.zeros((n, n)), np.empty(n)  # whitening: its rows are the factor's inverse
+    for i in range(n):
+        tau[i] = tick.tau_ext[i] + taken[i]
+        whitening[i, i] = 1.0
+        solve_lower(factor, n, whitening[i])
+    likelihood, white = weights, np.empty(m)
+    likelihood[:] = 0.0
+    for i in range(n):
+        white[:] = 0.0
+        for j in range(i + 1):
+            for h in range(m):
+                white[h] += whitening[j, i] * (tau[j] - freed[j, h])
+        for h in range(m):
+            likelihood[h] -= 0.5 * white[h] * white[h]
     best = likelihood.max()
     if not math.isfinite(best):
         return
-    for k in range(m):
-        evidence[k] = rates[0] * evidence[k] + rates[1] * (likelihood[k] - best)
+    for h in range(m):
+        evidence[h] = rates[0] * evidence[h] + rates[1] * (likelihood[h] - best)

@@ -6,9 +6,14 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from wrenchsight.diagrams.closed_loop import make_closed_loop
-from wrenchsight.diagrams.machining import longest_duration, make_machining_path
+from wrenchsight.diagrams.machining import (
+    longest_duration,
+    make_machining_path,
+    with_planned_force,
+)
 from wrenchsight.diagrams.scenario import load_scenario
 from wrenchsight.diagrams.workpiece import pose_of_workpiece
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, live_prior
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel
 from wrenchsight.models.machining.machining_phases import Fault, Phase
@@ -145,6 +150,21 @@ def test_touch_downs_stay_gentle(sts):
 
 
 @pytest.mark.slow
+def test_the_prior_of_a_reading_holds_the_planned_force(sts):
+    """Else it pulls a force of 60 N towards zero, as the rated payload weighs 39 N."""
+    plan = make_machining_path(load_scenario("Grinding"), sts)
+    assert plan.setpoint.max() == pytest.approx(60.0, abs=0.1)
+    live = live_prior(sts.payload)
+    wide = with_planned_force(WrenchReconstructionConfig(), sts, plan)
+    assert (wide.prior_force_sd, wide.prior_moment_sd) == (plan.setpoint.max(), live.moment_sd)
+    gentle = replace(plan, setpoint=0.1 * plan.setpoint)
+    assert with_planned_force(WrenchReconstructionConfig(), sts, gentle).prior_force_sd == (
+        live.force_sd
+    )
+    stated = WrenchReconstructionConfig(prior_force_sd=7.0, prior_moment_sd=1.0)
+    assert with_planned_force(stated, sts, plan) == stated
+
+
 def test_a_workpiece_that_is_not_there_is_reported(sts):
     scenario = short("Polishing")
     plan = make_machining_path(scenario, sts)

@@ -18,7 +18,7 @@ from wrenchsight.diagrams.closed_loop import (
     make_closed_loop,
     uses_sensor,
 )
-from wrenchsight.diagrams.machining import make_machining_path
+from wrenchsight.diagrams.machining import make_machining_path, with_planned_force
 from wrenchsight.diagrams.scenario import HoldMotion, Scenario, load_scenario
 from wrenchsight.models.control.wrench_script import WrenchStep
 from wrenchsight.models.estimation.estimator import Correction, WrenchEstimator
@@ -151,6 +151,8 @@ def test_it_reads_what_the_log_says_and_commands_what_the_impedance_asks(
     assert np.abs(signals["wrench_true"]).max() > 5.0
 
     config = scenario.estimator
+    prior = with_planned_force(config.reconstruction, hard, plan)
+    config = replace(config, reconstruction=prior)
     batch = WrenchEstimator(
         hard, reads, replace(config, observer=replace(config.observer, time_step=T))
     )

@@ -263,18 +263,23 @@ def errors(reading: Array, truth: Array) -> dict[str, float]:
     }
 
 
-def band_shares(run: MachiningRun) -> dict[str, dict[str, float]]:
+def band_shares(run: MachiningRun, valid_only: bool = False) -> dict[str, dict[str, float]]:
     """Share of the estimator's readings inside its stated 95 % band, by part and axis of W.
 
     A part that the run does not have is left out.
+
+    Args:
+        valid_only: whether only readings count that are valid; a part without one is left out.
     """
     wrench, truth = run.signals["wrench"], run.signals["wrench_true"]
     covariance = run.signals["covariance"].reshape(-1, 6, 6)
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     inside = (np.abs(wrench - truth) <= SIGMA_95 * sd)[:, 3:]
+    valid = run.signals["valid"][:, 0] != 0.0
+    parts = {part: rows & valid if valid_only else rows for part, rows in run.parts.items()}
     return {
         part: dict(zip(AXES, inside[rows].mean(axis=0).tolist(), strict=True))
-        for part, rows in run.parts.items()
+        for part, rows in parts.items()
         if rows.any()
     }
 

@@ -147,6 +147,9 @@ def feed_metrics(
         out[key] = out["article"][key]
     out["steady_share"] = float(steady.sum() / working.sum())
     out["band"] = {feedback: band_shares(entry) for feedback, entry in runs.items()}
+    out["band_of_valid"] = {
+        feedback: band_shares(entry, valid_only=True) for feedback, entry in runs.items()
+    }
     out["valid_share"] = {
         feedback: {
             part: float(entry.signals["valid"][rows].mean())
@@ -204,11 +207,12 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
             values.append(float("nan") if value is None else value)
         return values
 
-    def worst_axes(feedback: str) -> dict[str, list[float]]:
-        """By part of the work, over the feeds; NaN also where a pass did not have that part."""
-        bands = [
-            metrics.get(feed_key(feed), {}).get("band", {}).get(feedback, {}) for feed in FEEDS
-        ]
+    def worst_axes(band: str, feedback: str) -> dict[str, list[float]]:
+        """By part of the work, over the feeds; NaN where a pass did not have that part.
+
+        Of the valid readings also where a part had none.
+        """
+        bands = [metrics.get(feed_key(feed), {}).get(band, {}).get(feedback, {}) for feed in FEEDS]
         return {
             part: [min(band[part].values()) if part in band else float("nan") for band in bands]
             for part in ("steady", "ends", "turns", "all")
@@ -223,8 +227,13 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
             feedback: {key: collect("regulation", feedback, key) for key in ("rms_n", "median_n")}
             for feedback in FEEDBACKS
         },
-        "band": worst_axes("sensor"),
-        "band_without_sensor": worst_axes("estimate"),
+        "band": worst_axes("band", "sensor"),
+        "band_without_sensor": worst_axes("band", "estimate"),
+        "band_of_valid": worst_axes("band_of_valid", "sensor"),
+        "band_of_valid_without_sensor": worst_axes("band_of_valid", "estimate"),
+        "valid_share": {
+            feedback: collect("valid_share", feedback, "steady") for feedback in FEEDBACKS
+        },
     }
 
 
@@ -255,6 +264,8 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
         ComparisonRow(held.format("without", "RMS"), "regulation.estimate.rms_n"),
         ComparisonRow(held.format("without", "median"), "regulation.estimate.median_n"),
         *(ComparisonRow(inside.format(words), f"band.{part}") for part, words in parts.items()),
+        ComparisonRow(inside.format("valid readings of the steady feed"), "band_of_valid.steady"),
+        ComparisonRow(f"Valid in steady feed, {feeds} s", "valid_share.sensor"),
         ComparisonRow(held.format("with", "RMS"), "regulation.sensor.rms_n"),
     ]
 

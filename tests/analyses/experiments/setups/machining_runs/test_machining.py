@@ -168,10 +168,21 @@ def test_shares_of_the_band_by_part_and_axis(made_up):
     sd = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 3.0])
     covariance = np.tile(np.diag(sd**2).ravel(), (4400, 1))
     signals = {**made_up.signals, "wrench": wrench, "covariance": covariance}
-    run = MachiningRun(made_up.plan, made_up.t, signals | {"wrench_true": np.zeros((4400, 6))})
+    signals |= {"wrench_true": np.zeros((4400, 6)), "valid": np.ones((4400, 1))}
+    run = MachiningRun(made_up.plan, made_up.t, signals)
     shares = band_shares(run)
     assert shares["steady"] == shares["ends"] == {"x": 1.0, "y": 0.0, "z": 1.0}
     assert shares["turns"]["z"] == pytest.approx(0.75, abs=0.01)
+    assert band_shares(run, valid_only=True) == shares
+    # Of the valid readings alone, where a third of the turn's are and none at the ends.
+    signals["valid"][parts["ends"]] = 0.0
+    turns = np.flatnonzero(parts["turns"])
+    signals["valid"][turns[len(turns) // 3 :]] = 0.0
+    signals["wrench"][turns[: len(turns) // 3], 5] = 5.9
+    assert band_shares(run)["turns"]["z"] == pytest.approx(0.5, abs=0.01)
+    valid = band_shares(run, valid_only=True)
+    assert valid["turns"]["z"] == 0.0 and valid["steady"] == shares["steady"]
+    assert "ends" not in valid
 
 
 def test_regulation_by_hand(made_up):

@@ -30,13 +30,16 @@ def figures_of(feed):
         name: {"correlation": feed, "rmse_n": feed, "within_ways": ways} for name in READINGS
     } | {
         "regulation": {name: {"rms_n": feed, "median_n": feed} for name in FEEDBACKS},
-        "band": {
-            feedback: {
-                part: {"x": share, "y": 2.0 * share, "z": 3.0 * share}
-                for part in ("steady", "ends", "turns", "all")
-            }
-            for feedback, share in (("sensor", feed), ("estimate", 10.0 * feed))
-        },
+        "valid_share": {name: {"steady": feed} for name in FEEDBACKS},
+        "band": _band_of(feed, ("steady", "ends", "turns", "all")),
+        "band_of_valid": _band_of(feed, ("steady", "turns")),  # no valid reading at the ends
+    }
+
+
+def _band_of(feed, parts):
+    return {
+        feedback: {part: {"x": share, "y": 2.0 * share, "z": 3.0 * share} for part in parts}
+        for feedback, share in (("sensor", feed), ("estimate", 10.0 * feed))
     }
 
 
@@ -133,6 +136,9 @@ def test_every_feed_is_run_with_a_sensor_and_without(studied, experiment):
         for part in ("steady", "ends", "turns", "all"):
             least = factor * np.array(FEEDS)
             np.testing.assert_array_equal(result.metrics[key][part], least, err_msg=part)
+    valid = result.metrics["band_of_valid_without_sensor"]
+    np.testing.assert_array_equal(valid["steady"], 10.0 * np.array(FEEDS))
+    np.testing.assert_array_equal(valid["ends"], np.nan)
     assert filled(result.notes, result.metrics) == [format(max(FEEDS))]
     assert result.figures == ["figures"]
     assert shares == sorted(shares) and shares[-1] <= 1.0
