@@ -135,6 +135,8 @@ class VibrationTracker:
         if K_0 is None:
             raise ValueError("a tool's vibration is found behind an observer with a gain K_0")
         reconstruction, error = estimator.config.reconstruction, estimator.model.torque_error
+        force_sd, moment_sd = reconstruction.prior_force_sd, reconstruction.prior_moment_sd
+        assert force_sd is not None and moment_sd is not None  # an estimator has filled them
         amplitudes, deviations = hypotheses(n)
         self.constants = VibrationConstants(
             amplitudes=amplitudes,
@@ -143,9 +145,7 @@ class VibrationTracker:
                 estimator.friction.feedforward.coulomb_viscous.viscous, dtype=np.float64
             ),
             poles=np.exp(-np.broadcast_to(K_0, (n,)) * T),
-            prior=np.square(
-                [reconstruction.prior_moment_sd] * 3 + [reconstruction.prior_force_sd] * 3
-            ).astype(np.float64),
+            prior=np.square([moment_sd] * 3 + [force_sd] * 3),
             inertia_sd=inertia_sd(estimator.model),
             read_load=0.0 if error is None else float(error.read_load),
             rates=np.array([math.exp(-T / MEMORY), T / CORRELATION]),

@@ -265,7 +265,7 @@ def comparison_rows(task: MachiningTask) -> list[ComparisonRow]:
         ComparisonRow(held.format("without", "median"), "regulation.estimate.median_n"),
         *(ComparisonRow(inside.format(words), f"band.{part}") for part, words in parts.items()),
         ComparisonRow(inside.format("valid readings of the steady feed"), "band_of_valid.steady"),
-        ComparisonRow(f"Valid in steady feed, {feeds} s", "valid_share.sensor"),
+        ComparisonRow(f"Valid in steady feed, {feeds} s: share", "valid_share.sensor"),
         ComparisonRow(held.format("with", "RMS"), "regulation.sensor.rms_n"),
     ]
 

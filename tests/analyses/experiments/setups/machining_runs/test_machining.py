@@ -307,7 +307,7 @@ def test_all_that_is_compared_and_said_is_measured(sts_reversed, models, runs):
         metrics |= over_feeds(metrics)
         metrics["sources"] = sources(models, dict.fromkeys(FEEDS, runs["sensor"]))
         rows = comparison_rows(task)
-        assert len(rows) == 12
+        assert len(rows) == 14
         for row in rows:
             value = metrics
             for part in row.key.split("."):
