@@ -10,48 +10,48 @@ and none is left at rest (fast vibration as dither: J. J. Thomsen, J. Sound and 
 1999; A. Pervozvanski, C. Canudas de Wit, Automatica 38 (1), 2002). A law that was identified
 without the process takes off too much, always along the motion, and the reading errs by it.
 
-The tool's amplitude p is one number, but what it does to each joint is uncertain, too: an
-identified M may be off by as much as the inertia of a wrist's joint, and a joint that hardly
-vibrates in truth then seems to be shaken. With a point contact (three forces, hardly a moment) six
-torques leave three equations. They do not tell apart which of two joints has lost friction, unless
-the speeds of these joints change along the path. So both are estimated together: HYPOTHESES states
-the tool's amplitude and the deviation of every joint's share, in sds; each predicts what is freed,
+The tool's amplitude p is one number, but it is not known well how far it shakes each joint: an
+identified M may be off by as much as the inertia of a wrist's joint. Six torques determine the
+three forces of a point contact and leave three equations. At one instant these do not tell which of
+two joints has lost friction. Over the path they do, where one joint is slow and the other is not.
+So the amplitude and the shares of all joints are estimated together. A hypothesis is an amplitude
+and, for each joint, how many sds its share deviates. It predicts the friction that is freed,
 
     freed_j = LP(tau_dry_j (1 - 2 / pi asin(min(1, |v_j| / (|share_j + deviation_j sd_j| p)))))
 
-LP being the observer's low-pass. tau_ext less that is as likely as N(0, Sigma_tau + J^T P J) says,
-P being the prior of the reading and Sigma_tau the torque error with what contact may change
-(`read_load`). Log-likelihoods are summed with one independent sample in CORRELATION seconds, since
-errors of friction last, and forgotten in MEMORY seconds. The hypotheses are fixed points (Sobol's
-sequence), as likely as the amplitude's logarithm, evenly between its bounds, and normal deviations
-say; that nothing vibrates is as likely as all others together. What is taken off tau_ext is their
-weighted mean, and their spread is its sd: an error of one joint that another one's error makes up
-for stays in the band until the torques exclude it.
+LP is the observer's low-pass. By a hypothesis, tau_ext - freed is normally distributed with the
+covariance Sigma_tau + J^T P J. P is the prior of the reading. Sigma_tau is the torque error with
+what contact may change of friction (`read_load`). Log-likelihoods are summed. One sample in
+CORRELATION seconds counts as independent, since errors of friction last. After MEMORY seconds a
+sample is forgotten. The hypotheses are fixed points of the prior (`hypotheses`); that nothing
+vibrates is as likely beforehand as all others together. Their weighted mean is taken off tau_ext,
+and their spread is its sd. Where an error of one joint is made up for by an error of another one,
+both stay in the band until the torques exclude them.
 
-Torques count while the tool is led along its path, at the first start too, where an air-pass
-correction does not: Sigma_tau holds the joints' stiction. The tool vibrates, and the band counts
-that, from the touch on, but the torques of the touch are no evidence: joints creep under a load
-that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
+Torques are evidence while the tool is led along its path. That includes the first start, where an
+air-pass correction is not valid: Sigma_tau holds the joints' stiction. The tool vibrates from the
+touch on, and the band counts that. The torques of the touch are no evidence: joints creep under a
+load that jumps, which no contact-free log has shown (with them the amplitude came out as a third of
 itself, and half of the readings of a start lay outside the band). Friction in the air-pass
 correction is freed with the law's.
 
 Where a joint does not move as it was planned to, at a turn for instance, the torques have not shown
-what is freed at its speed. Its amplitude may there be DEPARTED_FACTOR larger or smaller, as planned
-NEAR_FACTOR, about the distance of one hypothesis from the next
+what is freed at its speed. Its mean amplitude may then be wrong by DEPARTED_FACTOR, else by
+NEAR_FACTOR, which is about the distance between neighbouring hypotheses
 (`wrenchsight.models.machining.air_pass.departure` grades in between). The sd of the correction
 itself is added.
 
 An entry of M beside the diagonal that is not well above its sd is taken for less, the diagonal for
-more, and what is still open is the sd of the shares (`expected_shares`).
+more. What is still open is the sd of the shares (`expected_shares`).
 
 INERTIA and SHRINKAGE were settled on grinding at 15 s one way, in worlds 0 to 9 of `campaign` with
-seed 0, all others on grinding at 15, 30 and 60 s in worlds 0 to 3 of seed 5, replayed: without what
-contact may change, or with a correlation of 0.3 s, the band was too narrow; with 128 hypotheses as
-well; without DEPARTED_FACTOR half of the valid readings at turns lay outside. An earlier version
-took the joints' deviations as noise of each sample. The likeliest amplitude was then too small, the
-more the slower the feed, since a large one frees joints that do not vibrate; and 50 to 80 % of the
-valid readings of some worlds lay inside the band. That the amplitude lies along the normal is
-assumed.
+seed 0. The other constants were settled on grinding at 15, 30 and 60 s in worlds 0 to 3 of seed 5,
+by replays. With a correlation of 0.3 s or with 128 hypotheses, the band was too narrow. Without
+DEPARTED_FACTOR, half of the valid readings at some turns lay outside. An earlier version took the
+deviations of the shares as noise that is new in each sample. A large amplitude then freed joints
+that do not vibrate, so that a smaller one was likelier, the more the slower the feed. In some
+worlds only 50 to 80 % of the valid readings lay inside the band. That the amplitude lies along the
+normal is assumed.
 """
 
 import math
@@ -85,6 +85,7 @@ DEPARTED_FACTOR = 2.3  # the same of a joint that does not move as planned
 SHRINKAGE = 2.0  # sd, below which an entry of M beside the diagonal counts as none
 _STILL = 1e-3  # rad/s^2, below which a joint does not accelerate
 _DOUBLINGS = 30  # of what is added to a diagonal
+# Factors of a joint's mean amplitude, of the rows of `_Tracked.steps`.
 _STEPS = np.array([NEAR_FACTOR, 1.0 / NEAR_FACTOR, DEPARTED_FACTOR, 1.0 / DEPARTED_FACTOR])
 _NUM_STEPS = 4
 
