@@ -138,7 +138,7 @@ def results_table(
     settings = worlds.get(_CAMPAIGN, {})
     if settings.get("quick") != results["quick"]:
         worlds = {}
-    world_count = _counted(worlds)
+    world_count = _counted(worlds, 1 if whole else FEWEST_WORLDS)
     worlds_head = f" Median of {world_count} (5 to 95 %) |" if world_count and whole else ""
     lines = [
         f"| Experiment | Measure | Article | Here |{worlds_head} Why, where they differ |",
@@ -179,14 +179,17 @@ def results_table(
     return (_QUICK if results["quick"] else "") + table + (note if ranges else "")
 
 
-def _counted(worlds: Mapping[str, Any]) -> str:
-    """The number of worlds as text, "200 worlds (20 of `grinding`)"; "" if none."""
+def _counted(worlds: Mapping[str, Any], fewest: int) -> str:
+    """The number of worlds as text, "200 worlds (20 of `grinding`)"; "" if none.
+
+    Experiments of fewer than `fewest` worlds are left out.
+    """
     most = worlds.get(_CAMPAIGN, {}).get("worlds", 0)
     experiments = {name: figures for name, figures in worlds.items() if name != _CAMPAIGN}
     fewer: dict[int, list[str]] = {}
     for name, figures in sorted(experiments.items()):  # as the file has them, too
         count = max((figure["worlds"] for figure in figures.values()), default=most)
-        if count != most:
+        if count != most and count >= fewest:
             fewer.setdefault(count, []).append(f"`{name}`")
     words = "; ".join(f"{count} of {', '.join(names)}" for count, names in sorted(fewer.items()))
     if not experiments:

@@ -206,6 +206,13 @@ def test_campaigns_in_a_folder_each_make_one_table(study, readme, campaign, tmp_
     text = readme.read_text(encoding="utf-8")
     assert "median of 200 worlds (20 of `constant-wrench`) and" in text
     assert results_table(collect(study), expected) in text
+    for figure in other["constant-wrench"].values():
+        figure["worlds"] = 6  # no range is shown of so few, so nothing is said of them
+    too_few = {**worlds, "constant-wrench": other["constant-wrench"]}
+    assert "median of 200 worlds and" in results_table(collect(study), too_few)
+    assert "(6 of `constant-wrench`)" in results_table(collect(study), too_few, whole=True)
+    for figure in other["constant-wrench"].values():
+        figure["worlds"] = 20
     late_experiments = ["constant-wrench", "surface-path"]  # whose names a file has sorted
     other["surface-path"] = other["constant-wrench"]
     fewer = [
