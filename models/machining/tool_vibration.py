@@ -277,7 +277,7 @@ class _Tracked(NamedTuple):
     """The parts of a tracker's state, as views.
 
     Attributes:
-        evidence: (m,) log-likelihood of each hypothesis, its torques' sum.
+        evidence: (m,) summed log-likelihood of each hypothesis.
         freed: (n, m) N m, what it takes off each joint, low-passed as all below.
         steps: (4, n) N m, what is taken off where the joint's mean amplitude is NEAR_FACTOR larger,
             smaller, DEPARTED_FACTOR larger, smaller.
@@ -389,20 +389,20 @@ def track_vibration(
         )
         v, share = signals[V, i], shares[i]
         share_sd = math.hypot(shares[n + i], FREE_MASS * share)
-        kept = poles[i]
-        dry = (1.0 - kept) * (signals[TAU_F, i] - viscous[i] * v + correction.correction[i])
+        pole = poles[i]
+        dry = signals[TAU_F, i] - viscous[i] * v + correction.correction[i]
         mean = 0.0
         for h in range(m):
             amplitude = abs(share + deviations[i, h] * share_sd) * amplitudes[h]
             mean += weights[h] * amplitude
             loose = 1.0 - held_share(v, amplitude) if touches else 0.0
-            freed[i, h] = kept * freed[i, h] + dry * loose
+            freed[i, h] = pole * freed[i, h] + (1.0 - pole) * dry * loose
         for step in range(_NUM_STEPS):
             loose = 1.0 - held_share(v, _STEPS[step] * mean) if touches else 0.0
-            steps[step, i] = kept * steps[step, i] + dry * loose
+            steps[step, i] = pole * steps[step, i] + (1.0 - pole) * dry * loose
         apart = departure(v, v_planned[i]) if correction.counts[0] == 1.0 else 1.0
-        departed[i] = kept * departed[i] + (1.0 - kept) * apart
-        correction_sd[i] = kept * correction_sd[i] + (1.0 - kept) * apart * correction.spread[i]
+        departed[i] = pole * departed[i] + (1.0 - pole) * apart
+        correction_sd[i] = pole * correction_sd[i] + (1.0 - pole) * apart * correction.spread[i]
     counts = tick.flags[COUNTS] == 1.0 or correction.counts[0] != 1.0
     if not (works and counts and tick.flags[FAULT] == 0.0):
         return
@@ -420,15 +420,15 @@ def track_vibration(
         tau[i] = tick.tau_ext[i] + taken[i]
         whitening[i, i] = 1.0
         solve_lower(factor, n, whitening[i])
-    likelihood, white = weights, np.empty(m)
+    likelihood, whitened = weights, np.empty(m)
     likelihood[:] = 0.0
     for i in range(n):
-        white[:] = 0.0
+        whitened[:] = 0.0
         for j in range(i + 1):
             for h in range(m):
-                white[h] += whitening[j, i] * (tau[j] - freed[j, h])
+                whitened[h] += whitening[j, i] * (tau[j] - freed[j, h])
         for h in range(m):
-            likelihood[h] -= 0.5 * white[h] * white[h]
+            likelihood[h] -= 0.5 * whitened[h] * whitened[h]
     best = likelihood.max()
     if not math.isfinite(best):
         return

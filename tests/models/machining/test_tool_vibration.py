@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_models import torque_error
 from scipy.stats import multivariate_normal
 
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
 from wrenchsight.models.estimation.estimator_arrays import tick_of, tick_sizes
 from wrenchsight.models.estimation.tick import COUNTS, FAULT
+from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.identified_model import IdentifiedModel, Validity
 from wrenchsight.models.machining.air_pass import CorrectionSample
@@ -212,6 +214,19 @@ def test_a_joint_that_no_log_moved_has_no_share_and_all_stays_finite(sts):
     expected_shares(M, sd, J, normal, out)
     assert np.all(np.isfinite(out))
     assert abs(out[4]) < 0.1 * np.abs(out[:N]).max()  # 0.15 N m over 1e-3 rad/s^2 beside 2 to 9
+
+
+def test_forces_and_contact_s_error_are_those_of_the_reading(sts):
+    """Of its prior and of its model's torque error; a model without one states none."""
+    estimator = estimator_of(sts)
+    config = replace(
+        estimator.config, reconstruction=WrenchReconstructionConfig().with_prior(60.0, 2.0)
+    )
+    model = replace(estimator.model, torque_error=torque_error(read_load=0.05))
+    constants = VibrationTracker(WrenchEstimator(sts, model, config)).constants
+    np.testing.assert_array_equal(constants.prior, [4.0] * 3 + [3600.0] * 3)
+    assert constants.read_load == 0.05
+    assert VibrationTracker(estimator).constants.read_load == 0.0
 
 
 def test_the_hypotheses_are_spread_as_the_prior_says():

@@ -214,7 +214,10 @@ def over_feeds(metrics: Mapping[str, Any]) -> dict[str, Any]:
         """
         bands = [metrics.get(feed_key(feed), {}).get(band, {}).get(feedback, {}) for feed in FEEDS]
         return {
-            part: [min(band[part].values()) if part in band else float("nan") for band in bands]
+            part: [
+                min(of_feed[part].values()) if part in of_feed else float("nan")
+                for of_feed in bands
+            ]
             for part in ("steady", "ends", "turns", "all")
         }
 
