@@ -122,9 +122,6 @@ class ContactReader:
         force_sd, _ = live_prior(robot.payload)
         self._filter = ContactFilter(config, force_sd, len(self._pole), period)
         self._largest_sd = TRUSTED_SHARE * force_sd if largest_sd is None else largest_sd
-        self._late_share = config.late_share
-        # N, forces along the axis of the last blocks; the newest last
-        self._earlier_forces = np.full(max(round(config.late_time / period), 1), np.nan)
         self._last_tau_ext, self._last_is_measured = np.zeros(len(self._pole)), False
         self._waiting: _Samples | None = None  # samples that are not read yet
         self._filtered = 0  # number of waiting samples that the filter has taken
@@ -235,7 +232,6 @@ class ContactReader:
         """
         F = np.array([reading.F for reading in readings]).reshape(-1, 6)[blocks]
         P = np.array([reading.covariance for reading in readings]).reshape(-1, 6, 6)[blocks]
-        P[:, 0, 0] += self._lateness(np.array([reading.F[0] for reading in readings]))[blocks] ** 2
         is_explained = np.array([reading.is_explained for reading in readings], np.bool_)[blocks]
         A = samples.wrench_map
         covariance = A @ P @ A.transpose(0, 2, 1)
@@ -245,10 +241,3 @@ class ContactReader:
             covariance=covariance,
             valid=samples.is_known & is_sure & is_explained,
         )
-
-    def _lateness(self, force: Array) -> Array:
-        """(M,) N, sd of the error that the filter's lag causes in the next forces (M,)."""
-        forces = np.concatenate([self._earlier_forces, force])
-        change = forces[len(self._earlier_forces) :] - forces[: len(force)]
-        self._earlier_forces = forces[len(force) :]
-        return np.asarray(self._late_share * np.nan_to_num(np.abs(change)))

@@ -22,6 +22,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading im
     save_model,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTACT,
     CONTROLLERS,
     INTERVALS,
     JUDGED,
@@ -159,6 +160,8 @@ def contact_metrics(runs: Sequence[ReadRun]) -> dict[str, Any]:
                 kind = "slide" if interval == "slide" else "rest"
                 paths += [("summary", method, kind), (half, kind, method)]
                 paths.append((name.group, name.speed_key, "all", method))
+            if interval == CONTACT:
+                paths.append(("summary", method, CONTACT))
             if interval == "slide":
                 paths.append(("summary", method, f"{name.scene}_slide_{name.speed_key}"))
             for path in paths:
@@ -178,6 +181,10 @@ def _paths() -> list[tuple[str, ...]]:
     slides = [f"{scene}_slide_{speed}" for scene in ("straight", "ramp") for speed in SPEEDS]
     return [
         *((f"{scene}_{controller}", *keys) for scene, controller, *keys in kinds),
-        *(("summary", method, kind) for method in METHODS for kind in ("rest", "slide", *slides)),
+        *(
+            ("summary", method, kind)
+            for method in METHODS
+            for kind in ("rest", "slide", CONTACT, *slides)
+        ),
         *product(("settled", "checked"), ("rest", "slide"), METHODS),
     ]

@@ -19,6 +19,7 @@ from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading im
     prepare,
 )
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTACT,
     CONTROLLERS,
     JUDGED,
     find_runs,
@@ -188,6 +189,15 @@ def _comparison(metrics: dict[str, Any]) -> list[ComparisonRow]:
         if look_up(metrics, key) is not None:
             text = f"share of the true force inside the 95 % band, {words}, {label}"
             rows.append(ComparisonRow(text, key, 95.0, "wanted", "the band's own claim"))
+    for method, label in _SHOWN.items():
+        key = f"summary.{method}.{CONTACT}.inside_95_valid_pct"
+        if look_up(metrics, key) is not None:
+            share = metrics["summary"][method][CONTACT]["share_valid_pct"]
+            text = (
+                f"share of the true force inside the band of valid readings, every 20 ms, {label}"
+            )
+            remark = f"from the touch to the lift; {share:.0f} % of the readings are valid"
+            rows.append(ComparisonRow(text, key, 95.0, remark, "the band's own claim"))
     for speed in ("v10", "v25"):
         key = f"ramp_ur.{speed}.slide.command.share_valid_pct"
         if look_up(metrics, key) is not None:
@@ -217,6 +227,9 @@ NOTES = (
     "<summary.calibrated.slide.inside_95_pct:.0f> % calibrated, "
     "<summary.article.rest.inside_95_pct:.0f> and <summary.article.slide.inside_95_pct:.0f> % with "
     "the article's covariance.",
+    "Every 20 ms, from the touch to the lift, with starts, corners and bounces, the band of the "
+    "valid readings holds <summary.command.contact.inside_95_valid_pct:.0f> % without a "
+    "sensor, <summary.calibrated.contact.inside_95_valid_pct:.0f> % calibrated.",
     "Where the readings are valid: <summary.command.rest.rmse_valid_n:.1f> N at rest and "
     "<summary.command.slide.rmse_valid_n:.1f> N in slides without a sensor, "
     "<summary.calibrated.rest.rmse_valid_n:.1f> and <summary.calibrated.slide.rmse_valid_n:.1f> N "

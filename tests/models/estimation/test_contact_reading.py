@@ -143,21 +143,6 @@ def test_a_reading_that_is_too_uncertain_is_not_valid(ur10e: Robot) -> None:
     assert not _read(ur10e, 1, config)[0].valid.any()
 
 
-def test_a_force_that_changes_has_a_wider_band(ur10e: Robot) -> None:
-    """Its reading is late: by a share of what has changed within 60 ms."""
-    bands = []
-    for share in (0.0, 0.5):
-        batch, force = _read(ur10e, 1, ContactConfig(axis="tool_z", late_share=share))
-        z = ur10e.chain.pose(_log(ur10e)[0])[0][:, :, 2]
-        bands.append(np.einsum("ki,kij,kj->k", z, batch.covariance[:, 3:, 3:], z))
-    block, late = 10, 30  # samples of a block, of 60 ms
-    change = np.abs(force[late::block] - force[:-late:block])
-    np.testing.assert_allclose(
-        (bands[1] - bands[0])[late::block], (0.5 * change) ** 2, rtol=1e-6, atol=1e-9
-    )
-    assert change.max() > 20.0
-
-
 @pytest.mark.parametrize("moving", [1.0, 1.1])
 def test_at_rest_a_joint_shows_its_torque_per_ampere_of_rest(ur10e: Robot, moving: float) -> None:
     """A robot whose drives look stronger in motion, read from the torque they show there."""

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
+    CONTACT,
     FORMAT,
     ContactRun,
     write_rounded,
@@ -47,7 +48,7 @@ from wrenchsight.models.observers.momentum_observer import MomentumObserverConfi
 from wrenchsight.models.robot.robot import Robot
 
 BLOCK: Final = 10  # samples of 2 ms
-WINDOW: Final = 5  # blocks: a force is judged over 0.1 s
+WINDOW: Final = 5  # blocks: a force is judged over 0.1 s, but block by block in CONTACT
 OBSERVER_GAIN: Final = 20.0  # 1/s
 RESOLUTION: Final = 1e-5  # rad, of the rebuilt angles
 AXIS: Final = "tool_z"
@@ -85,15 +86,19 @@ class PreparedRun:
     truth: Array
 
     def windows(self, interval: str) -> NDArray[np.int64]:
-        """(M, WINDOW) blocks of each average in an interval; (0, WINDOW) if the run lacks it."""
+        """(M, W) blocks of each average in an interval; (0, W) if the run lacks it.
+
+        W is WINDOW, and 1 for CONTACT: there every block is judged alone.
+        """
+        size = 1 if interval == CONTACT else WINDOW
         if interval not in self.run.intervals:
-            return np.zeros((0, WINDOW), np.int64)
+            return np.zeros((0, size), np.int64)
         begin, end = self.run.intervals[interval]
         t = block_mean(self.run.t)
         half = 0.5 * BLOCK * self.run.log.time_step
         inside = np.flatnonzero((t - half >= begin) & (t + half <= end + half))
-        count = len(inside) // WINDOW
-        return inside[: count * WINDOW].reshape(count, WINDOW)
+        count = len(inside) // size
+        return inside[: count * size].reshape(count, size)
 
 
 def prepare(run: ContactRun, robot: Robot, identified: IdentifiedModel) -> PreparedRun:
@@ -192,7 +197,7 @@ def block_mean(signal: Array) -> Array:
 
 
 def averaged(reading: ForceReading, windows: NDArray[np.int64]) -> ForceReading:
-    """A reading of blocks, averaged over windows (M, WINDOW) of them.
+    """A reading of blocks, averaged over windows (M, W) of W blocks each.
 
     The sd of an average is the mean of its blocks' sds, since their errors are correlated for
     longer than an average. It is valid where all of its blocks are.

@@ -30,7 +30,8 @@ FOLDER: Final = "ur10e_contact"  # below the data folder
 FORMAT: Final = "ur10e-contact"
 SCENES: Final = ("straight", "ramp", "direct")
 CONTROLLERS: Final = ("acf", "ur")
-INTERVALS: Final = ("approach", "touch", "hold1", "slide", "hold2", "lift")
+CONTACT: Final = "contact"  # from the touch to the end of the lift, with all that lies between
+INTERVALS: Final = ("approach", "touch", "hold1", "slide", "hold2", "lift", CONTACT)
 JUDGED: Final = ("hold1", "slide", "hold2")
 
 # Column `phase` of the log.
@@ -214,6 +215,8 @@ def _intervals(
             begin = max(begin, _SETTLED)
         if end > begin:
             intervals[key] = (begin, end)
+    if "touch" in intervals:
+        intervals[CONTACT] = (intervals["touch"][0], max(end for _, end in intervals.values()))
     return intervals
 
 

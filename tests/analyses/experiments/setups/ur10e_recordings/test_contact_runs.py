@@ -9,6 +9,7 @@ import pytest
 
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import (
     BLENDS,
+    CONTACT,
     RunName,
     find_runs,
     read_run,
@@ -57,6 +58,8 @@ def test_intervals_are_those_of_the_data_set(stem: str, data: Callable[[str], Pa
         expected = float(table[f"{theirs}_start"]), float(table[f"{theirs}_end"])
         # Their rules are not published; the ends agree within ten samples.
         assert run.intervals[ours] == pytest.approx(expected, abs=0.02)
+    touch, lift = run.intervals["touch"], run.intervals["lift"]
+    assert run.intervals[CONTACT] == (touch[0], lift[1])
     np.testing.assert_allclose(
         run.sensor_force[run.intervals["hold1"][0] <= run.t][:100].mean(),
         float(table["hold1_F_mean"]),
