@@ -54,9 +54,10 @@ The model states a joint's whole stiction band as its sd at rest. `contact_readi
 expected share of that friction, and the force across has its own states. So the stated sd at rest
 is multiplied by `rest_share`.
 
-`innovation_share`, `innovation_time` and `rest_share` were settled on the half of the runs of
-experiment `ur10e-contact` that its `settled_on` lists, by the likelihood of the sensor's force,
-block by block, from the touch to the lift.
+`innovation_share` and `innovation_time` were settled on the half of the runs of experiment
+`ur10e-contact` that its `settled_on` lists: by the likelihood of the sensor's force, block by
+block, from the touch to the lift. `rest_share` was lowered on them only so far that no further hold
+left its band: an error at rest lasts as long as the hold, so that 43 holds are 43 observations.
 """
 
 from dataclasses import dataclass, field
