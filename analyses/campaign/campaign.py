@@ -102,13 +102,14 @@ def run_campaign(
         tasks = campaign.tasks(names, modules, everywhere)
         if cluster is not None and tasks:
             refuse_silent(cluster)
+            jobs = 1  # how many workers the scheduler has is not known
             outcomes = on_cluster(tasks, cluster)
         else:
             jobs = settings.jobs or available_cores()
             outcomes = on_this_machine(tasks, jobs, folder.work(_LOG))
         try:
             with closing(outcomes):
-                campaign.take(outcomes, len(tasks), report)
+                campaign.take(outcomes, len(tasks), jobs, report)
         except BaseException as error:
             state: State = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
             report(Progress(COMMAND, state, action="finished worlds are kept"))
@@ -229,9 +230,20 @@ class _Campaign:
         return self._folder.work(_name_of(number)).resolve()
 
     def take(
-        self, outcomes: Generator[WorldOutcome], total: int, report: Callable[[Progress], None]
+        self,
+        outcomes: Generator[WorldOutcome],
+        total: int,
+        jobs: int,
+        report: Callable[[Progress], None],
     ) -> None:
-        """Stores the outcomes as they come, and reports the progress."""
+        """Stores the outcomes as they come, and reports the progress.
+
+        Args:
+            outcomes: of the worlds, as they end.
+            total: number of worlds.
+            jobs: number of worlds that run side by side.
+            report: called with the progress.
+        """
         started, done = time.monotonic(), 0
         report(Progress(COMMAND, "running", 0.0, f"0 of {total} worlds"))
         for outcome in outcomes:
@@ -244,7 +256,7 @@ class _Campaign:
                 for name, seconds in outcome.seconds.items():
                     self._seconds.setdefault(name, []).append(seconds)
             done += 1
-            remaining = (time.monotonic() - started) / done * (total - done)
+            remaining = remaining_seconds(time.monotonic() - started, done, total, jobs)
             failed = f", {len(self.failures)} failed" if self.failures else ""
             action = f"{done} of {total} worlds{failed}, {_duration_text(remaining)} left"
             report(Progress(COMMAND, "running", done / total, action))
@@ -327,6 +339,22 @@ class _Campaign:
 
 def _name_of(number: int) -> str:
     return f"world-{number:05d}"
+
+
+def remaining_seconds(elapsed: float, done: int, total: int, jobs: int) -> float:
+    """Expected time in s that the worlds take which have not ended.
+
+    Worlds take about the same time: of those that were begun together, the others are as good as
+    ended once the first one has.
+
+    Args:
+        elapsed: s, for the worlds so far.
+        done: number of worlds that have ended, at least 1.
+        total: number of worlds.
+        jobs: number of worlds that run side by side.
+    """
+    nearly_done = min(-(-done // jobs) * jobs, total)
+    return elapsed / nearly_done * (total - nearly_done)
 
 
 def _duration_text(seconds: float) -> str:

@@ -9,7 +9,7 @@ import time
 import pyarrow.parquet as pq
 import pytest
 
-from wrenchsight.analyses.campaign.campaign import run_campaign
+from wrenchsight.analyses.campaign.campaign import remaining_seconds, run_campaign
 from wrenchsight.analyses.campaign.campaign_store import WorldParts, read_table
 from wrenchsight.analyses.campaign.world_run import CampaignSettings
 from wrenchsight.models.files.input_error import InputError
@@ -157,7 +157,7 @@ def test_an_interrupt_keeps_finished_worlds(tmp_path, experiment, ended, number)
     module = experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
     out = tmp_path / "campaign"
     program = f"""
-    from wrenchsight.analyses.campaign.campaign import run_campaign
+    from wrenchsight.analyses.campaign.campaign import remaining_seconds, run_campaign
     from wrenchsight.analyses.campaign.world_run import CampaignSettings
     run_campaign(CampaignSettings(['toy'], 3, jobs=2), Path({str(out)!r}))
     """
@@ -205,6 +205,22 @@ def test_the_progress_says_interrupted_only_after_an_interrupt(tmp_path, experim
         run_campaign(CampaignSettings(["toy"], 2), tmp_path / "campaign", end_after_a_world)
     assert states[-1] == state
     assert states[:-1] == ["running"] * len(states[:-1])
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "done", "total", "jobs", "remaining"),
+    [
+        (10.0, 1, 14, 2, 60.0),  # the second world is about to end: 12 in 6 rounds of 10 s
+        (10.0, 2, 14, 2, 60.0),
+        (20.0, 3, 14, 2, 50.0),
+        (10.0, 1, 14, 1, 130.0),
+        (10.0, 1, 3, 8, 0.0),  # all run at once
+    ],
+)
+def test_the_time_left_counts_worlds_that_run_side_by_side(
+    elapsed, done, total, jobs, remaining
+) -> None:
+    assert remaining_seconds(elapsed, done, total, jobs) == pytest.approx(remaining)
 
 
 def test_a_kill_keeps_finished_worlds(tmp_path, experiment, campaign, counted):
