@@ -41,9 +41,8 @@ times the first one, or times 1 where it is less. The second one, along the forc
 the force changes faster than the random walk. It is also large where the joints move otherwise than
 the log states. Above `largest_misfit` the reading is not explained.
 
-A force that bounces, within tenths of a second, is smoothed by the filter: its reading misses part
-of it, in both directions. The innovations along the force show how much the force differs from what
-the reading before has told,
+The filter smooths a force that bounces within tenths of a second: the reading misses a part of it.
+The innovations along the force show by how much the force differs from its prediction,
 
     d = h^T S^-1 z / (h^T S^-1 h + 1 / force_sd^2)    N
 

@@ -191,8 +191,9 @@ def deviation_probability(deviation: Array) -> Array:
     WELL_DETERMINED_SD of what is stated; else by all of it (a scale mixture of normal
     distributions: D. Andrews, C. Mallows, J. Royal Statistical Society B 36 (1), 1974).
     """
-    narrow, wide = norm.cdf(deviation / WELL_DETERMINED_SD), norm.cdf(deviation)
-    return np.asarray(WELL_DETERMINED * narrow + (1.0 - WELL_DETERMINED) * wide)
+    of_well_determined = norm.cdf(deviation / WELL_DETERMINED_SD)
+    of_others = norm.cdf(deviation)
+    return np.asarray(WELL_DETERMINED * of_well_determined + (1.0 - WELL_DETERMINED) * of_others)
 
 
 def inertia_sd(model: IdentifiedModel) -> Array:

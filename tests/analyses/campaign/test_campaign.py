@@ -157,7 +157,7 @@ def test_an_interrupt_keeps_finished_worlds(tmp_path, experiment, ended, number)
     module = experiment("toy", f"    time.sleep(600.0 if context.seed == {seed} else 0.0)")
     out = tmp_path / "campaign"
     program = f"""
-    from wrenchsight.analyses.campaign.campaign import remaining_seconds, run_campaign
+    from wrenchsight.analyses.campaign.campaign import run_campaign
     from wrenchsight.analyses.campaign.world_run import CampaignSettings
     run_campaign(CampaignSettings(['toy'], 3, jobs=2), Path({str(out)!r}))
     """
@@ -221,6 +221,22 @@ def test_the_time_left_counts_worlds_that_run_side_by_side(
     elapsed, done, total, jobs, remaining
 ) -> None:
     assert remaining_seconds(elapsed, done, total, jobs) == pytest.approx(remaining)
+
+
+def test_the_time_left_is_told_after_each_world(tmp_path, experiment, monkeypatch):
+    """Of three worlds, two side by side."""
+    experiment("toy")
+    asked, told = [], []
+
+    def an_hour(elapsed, done, total, jobs):
+        asked.append((done, total, jobs))
+        return 3600.0
+
+    monkeypatch.setattr("wrenchsight.analyses.campaign.campaign.remaining_seconds", an_hour)
+    settings = CampaignSettings(["toy"], 3, jobs=2)
+    run_campaign(settings, tmp_path / "campaign", lambda progress: told.append(progress.action))
+    assert asked == [(1, 3, 2), (2, 3, 2), (3, 3, 2)]
+    assert told[1] == "1 of 3 worlds, 60 min left"
 
 
 def test_a_kill_keeps_finished_worlds(tmp_path, experiment, campaign, counted):

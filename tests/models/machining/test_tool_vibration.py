@@ -389,10 +389,8 @@ def test_what_one_joint_lost_is_told_from_what_another_did(tracker, sts):
 
 def test_a_wrist_that_the_logs_hardly_determined_is_not_taken_for_loose(tracker, sts):
     """Shares of the wrist with sds of an identified M, which are ten times what it truly moves."""
-    shares, sd = (
-        np.array([0.1, 0.2, 3.3, 0.2, 0.35, 0.02]),
-        np.array([0.1, 0.2, 0.4, 0.8, 3.7, 1.8]),
-    )
+    shares = np.array([0.1, 0.2, 3.3, 0.2, 0.35, 0.02])
+    sd = np.array([0.1, 0.2, 0.4, 0.8, 3.7, 1.8])
     taken, freed, _ = follow(tracker, sts, 0.019, seconds=24.0, shares=shares, sd=sd)
     error = (taken[:, :N] - freed)[12000:]
     # Measured 0.10 0.19 0.14 N m; 0.26 0.26 0.34 N m where deviations are normally distributed.

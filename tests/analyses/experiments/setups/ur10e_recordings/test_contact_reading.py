@@ -1,0 +1,31 @@
+"""Over which times a reading is judged."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
+    BLOCK,
+    WINDOW,
+    PreparedRun,
+)
+from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_runs import CONTACT
+
+_STEP = 0.002  # s
+
+
+@pytest.mark.parametrize(("interval", "size"), [("slide", WINDOW), (CONTACT, 1)])
+def test_a_contact_is_judged_block_by_block_and_its_parts_over_tenths_of_a_second(
+    interval: str, size: int
+) -> None:
+    times = {interval: (0.99, 1.998)}  # 50 blocks of 20 ms lie in it, the first one from 1 s on
+    log = SimpleNamespace(time_step=_STEP)
+    run = SimpleNamespace(t=_STEP * np.arange(1500), log=log, intervals=times)
+    prepared: Any = SimpleNamespace(run=run)
+    windows = PreparedRun.windows(prepared, interval)
+    first = round(1.0 / _STEP) // BLOCK
+    expected = np.arange(first, first + 50).reshape(-1, size)
+    np.testing.assert_array_equal(windows, expected)
+    assert PreparedRun.windows(prepared, "hold1").shape == (0, WINDOW)
