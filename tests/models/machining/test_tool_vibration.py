@@ -170,13 +170,18 @@ def test_the_sd_of_the_shares_is_that_over_matrices_as_they_may_be():
 
 
 def test_entries_of_a_matrix_that_the_logs_hardly_determined_are_shrunk():
-    """An entry of 3 sd keeps 1 - (2 / 3)^2 of itself, one of 1.9 sd nothing."""
-    M = np.diag([2.0, 2.0, 0.5, 0.03, 0.03, 0.01])
+    """An entry of 3 sd keeps 1 - (2 / 3)^4 of itself, one of 1.9 sd nothing.
+
+    One on the diagonal becomes the positive root of x = M + sd^2 / x, one that is negative too.
+    """
+    M = np.diag([2.0, 2.0, 0.5, 0.03, -0.01, 0.01])
     sd = np.full((N, N), 0.01)
     M[1, 2] = M[2, 1] = 0.03
     M[2, 3] = M[3, 2] = -0.019
-    expected, out, solution = M + np.diag(np.diag(sd)), np.empty(2 * N), np.empty(2 * N)
-    expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE / 3.0) ** 2)
+    expected, out, solution = M.copy(), np.empty(2 * N), np.empty(2 * N)
+    for i in range(N):
+        expected[i, i] = np.roots([1.0, -M[i, i], -(sd[i, i] ** 2)]).max()
+    expected[1, 2] = expected[2, 1] = 0.03 * (1.0 - (SHRINKAGE / 3.0) ** 4)
     expected[2, 3] = expected[3, 2] = 0.0
     _, J, normal = _masses()
     expected_shares(M, sd, J, normal, out)
@@ -184,8 +189,29 @@ def test_entries_of_a_matrix_that_the_logs_hardly_determined_are_shrunk():
     np.testing.assert_allclose(out[:N], solution[:N], rtol=1e-12)
 
 
+def test_the_share_of_a_heavy_joint_is_not_biased_by_what_the_logs_leave_open():
+    """Joints 2 and 3 of the article's arm, whose M_23 is identified as 5 sd.
+
+    The share of joint 2 is a small difference. With a sd added to the diagonal and M_23 shrunk by
+    the square of the ratio it is .9 sd too large, from an M without any error.
+    """
+    M, J, normal = _masses()
+    M[1:3, 1:3] = [[1.64, 0.464], [0.464, 0.526]]
+    M[1, 3:] = M[2, 3:] = M[3:, 1] = M[3:, 2] = M[0, 1:] = M[1:, 0] = 0.0
+    sd, along = np.zeros((N, N)), np.array([0.0, 0.3, 0.2, 0.0, 0.0, 0.0])
+    sd[1:3, 1:3] = [[0.139, 0.092], [0.092, 0.1]]
+    J = np.zeros((6, N))
+    J[3:] = np.outer(normal, along) / (normal @ normal)
+    known, unsure = np.empty(2 * N), np.empty(2 * N)
+    expected_shares(M, np.zeros((N, N)), J, normal, known)
+    expected_shares(M, sd, J, normal, unsure)
+    # A third of the stated sd is what shrinking may add to a sound estimate.
+    np.testing.assert_array_less(np.abs(unsure[:N] - known[:N])[1:3], unsure[N + 1 : N + 3] / 3.0)
+
+
 def test_a_matrix_that_is_not_positive_definite_is_made_so():
     M, J, normal = _masses()
+    M[1, 2] = M[2, 1] = 2.0 * np.sqrt(M[1, 1] * M[2, 2])
     M[5, 5] = -0.5
     out = np.empty(2 * N)
     expected_shares(M, np.full((N, N), 0.01), J, normal, out)
