@@ -205,6 +205,7 @@ def test_the_share_of_a_heavy_joint_is_not_biased_by_what_the_logs_leave_open():
     known, unsure = np.empty(2 * N), np.empty(2 * N)
     expected_shares(M, np.zeros((N, N)), J, normal, known)
     expected_shares(M, sd, J, normal, unsure)
+    assert np.all(np.isfinite(unsure))  # two NaN would pass as one less than the other
     # A third of the stated sd is what shrinking may add to a sound estimate.
     np.testing.assert_array_less(np.abs(unsure[:N] - known[:N])[1:3], unsure[N + 1 : N + 3] / 3.0)
 
