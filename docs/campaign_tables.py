@@ -1,0 +1,245 @@
+"""Writes the tables of docs/worlds.md from the worlds of campaigns.
+
+    python docs/campaign_tables.py [FOLDER...]
+
+A FOLDER is that of `wrenchsight campaign`, with `polishing` and `grinding` or with the experiments
+of ARM. Its worlds replace those that are committed, docs/machining-worlds.parquet or
+docs/arm-worlds.parquet. Each table goes between its two markers of docs/worlds.md; all else on the
+page stays as it is. Without a FOLDER both are written anew from the committed worlds.
+"""
+
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from wrenchsight.analyses.campaign.campaign_report import table_row
+from wrenchsight.analyses.campaign.campaign_store import TABLE, CampaignRecord, read_table
+from wrenchsight.analyses.campaign.distributions import Distribution, distributions
+from wrenchsight.models.files.whole_file import whole_file
+from wrenchsight.models.numerics.arrays import Array
+
+DOCS: Final = Path(__file__).resolve().parent
+PAGE: Final = DOCS / "worlds.md"
+BEGIN: Final = "<!-- table {}: begin -->"
+END: Final = "<!-- table {}: end -->"
+ARM: Final = ("identification", "friction", "combined", "repeat-cycle")
+MACHINING: Final = ("polishing", "grinding")
+FEEDS: Final = (15, 30, 60)  # s, one way
+FEW_INSIDE: Final = 0.85  # share of readings inside the band, below which a world is named
+REDUCTIONS: Final = {
+    ("combined", "reduction_rmse_x_pct"): "`combined`, X",
+    ("combined", "reduction_rmse_y_pct"): "`combined`, Y",
+    ("friction", "reduction_rmse_z_pct"): "`friction`, Z",
+    ("repeat-cycle", "reduction_rmse_y_pct"): "`repeat-cycle`, Y",
+}
+"""What the article claims most, by experiment and key: shown whether it agrees or not."""
+NOT_PRINTED: Final = ("similarity_pct", "found_against_initial")
+"""In the keys of rows beside which the article prints no number of the same quantity."""
+_LOOPS: Final = {"sensor": ("sensor in the loop", ""), "estimate": ("no sensor", "_without_sensor")}
+_PARTS: Final = {"steady": "steady feed", "ends": "starts and stops", "turns": "turns"}
+
+
+def arm_table(record: CampaignRecord) -> str:
+    """How much the article's figures vary over worlds, and which lie outside, in Markdown.
+
+    Args:
+        record: the worlds of the experiments of ARM.
+    """
+    rows = [
+        row
+        for row in distributions(record, [name for name in ARM if name in record.described])
+        if row.article is not None and not any(part in row.key for part in NOT_PRINTED)
+    ]
+    reductions = [row for row in rows if (row.experiment, row.key) in REDUCTIONS]
+    outside = [row for row in rows if not row.holds_article]
+    compared = [row for row in rows if row.share_ahead is not None and "rmse" in row.key]
+    ahead = min(row.share_ahead for row in compared if row.share_ahead is not None)
+    command = f"`wrenchsight campaign {' '.join(ARM)} --worlds {len(record.worlds)}`"
+    return "\n".join(
+        [
+            f"{len(record.worlds)} worlds were drawn from the arms that agree ({command}). They "
+            "show how much these figures vary:",
+            "",
+            *_arm_rows("reduction", reductions, lambda row: REDUCTIONS[row.experiment, row.key]),
+            "",
+            f"Of the article's {len(rows)} printed figures, {len(rows) - len(outside)} lie within "
+            "the range of 5 to 95 % of the worlds. These lie outside:",
+            "",
+            *_arm_rows("figure", outside, lambda row: f"`{row.experiment}`: {row.label}"),
+            "",
+            "The RMSE of this program's method is smaller than that of the article's in X, Y and Z "
+            "of `combined`, in Z of `friction` and in Y of `repeat-cycle`, each in "
+            f"{'all' if ahead == 1.0 else f'at least {100.0 * ahead:.0f} % of the'} worlds.",
+        ]
+    )
+
+
+def _arm_rows(
+    head: str, rows: Sequence[Distribution], label: Callable[[Distribution], str]
+) -> list[str]:
+    """A table of figures of the article, line by line."""
+    lines = [f"| {head} | article | worlds, median (5 to 95 %) |", "|---|---:|---:|"]
+    for row in rows:
+        text = table_row(row)
+        unit = f" [{row.unit}]" if row.unit else ""
+        spread = f"{text['median']} ({text['range']})"
+        lines.append(f"| {label(row)}{unit} | {text['article']} | {spread} |")
+    return lines
+
+
+class MachiningRow(NamedTuple):
+    """A row of the table of machining.
+
+    Attributes:
+        label: what it shows.
+        key: of the metrics; `{k}` and `{T}` stand for the number of the feed and its seconds.
+        percent: whether the figure is a share, shown in per cent.
+        names: whether worlds with FEW_INSIDE are named.
+    """
+
+    label: str
+    key: str
+    percent: bool = True
+    names: bool = False
+
+
+def machining_rows() -> list[MachiningRow]:
+    """The rows that show a figure's median and range over the worlds."""
+    rows = [
+        MachiningRow("RMSE, the article's method [N]", "article.rmse_n.{k}", percent=False),
+        MachiningRow("RMSE, ours [N]", "ours.rmse_n.{k}", percent=False),
+        MachiningRow(
+            "True normal force held without a sensor, RMS error [N]",
+            "regulation.estimate.rms_n.{k}",
+            percent=False,
+        ),
+        MachiningRow(
+            "The same, most above the set-point since the touch [N]",
+            "T{T}.regulation.estimate.overshoot_n",
+            percent=False,
+        ),
+    ]
+    for readings, band in (("", "band"), (", valid readings", "band_of_valid")):
+        for words, suffix in _LOOPS.values():
+            rows += [
+                MachiningRow(
+                    f"Inside the band{readings}, {words}: {part_words} [%]",
+                    f"{band}{suffix}.{part}.{{k}}",
+                    names=True,
+                )
+                for part, part_words in _PARTS.items()
+                if not (readings and part == "ends")  # few worlds have a valid reading there
+            ]
+    for loop, (words, _) in _LOOPS.items():
+        rows += [
+            MachiningRow(f"Valid, {words}: {part_words} [%]", f"T{{T}}.valid_share.{loop}.{part}")
+            for part, part_words in _PARTS.items()
+        ]
+    return rows
+
+
+def machining_table(record: CampaignRecord) -> str:
+    """Median and range of the figures of machining, by task and feed, in Markdown.
+
+    Args:
+        record: the worlds of `polishing` and `grinding` at all feeds.
+    """
+    heads = " | ".join(f"`{task}` {T} s" for task in MACHINING for T in FEEDS)
+    lines = [f"| | key | {heads} |", "|---|---|" + "---:|" * (len(MACHINING) * len(FEEDS))]
+    for row in machining_rows():
+        shown = row.key.removesuffix(".{k}").format(T=FEEDS[0])
+        cells = [
+            range_of(figures(record, task, row.key.format(k=k, T=T)), row)
+            for task in MACHINING
+            for k, T in enumerate(FEEDS)
+        ]
+        lines.append(f"| {row.label} | `{shown}` | {' | '.join(cells)} |")
+    ahead = [ours_ahead(record, task, k) for task in MACHINING for k in range(len(FEEDS))]
+    lines.insert(4, f"| ours ahead in | `share_of_worlds_ours_ahead` | {' | '.join(ahead)} |")
+    return "\n".join(lines)
+
+
+def figures(record: CampaignRecord, task: str, key: str) -> dict[int, float]:
+    """The figures of a key by world; those that are not finite are left out."""
+    of_worlds = record.figures(task).get(key, {})
+    return {world: value for world, value in of_worlds.items() if value is not None}
+
+
+def range_of(of_worlds: dict[int, float], row: MachiningRow) -> str:
+    """Median and range of 5 to 95 % of a figure; and the worlds with few readings inside."""
+    if not of_worlds:
+        return "none"
+    decimals, scale = (0, 100.0) if row.percent else (1, 1.0)
+    values: Array = scale * np.array(list(of_worlds.values()))
+    low, middle, high = (f"{x:.{decimals}f}" for x in np.percentile(values, [5, 50, 95]))
+    text = f"{middle} ({low} to {high})"
+    few = [world for world, value in sorted(of_worlds.items()) if value < FEW_INSIDE]
+    if row.names and few:
+        each = ", ".join(f"{100.0 * of_worlds[world]:.0f} in world {world}" for world in few)
+        text += f"; {each}"
+    return text
+
+
+def ours_ahead(record: CampaignRecord, task: str, k: int) -> str:
+    """In how many worlds our RMSE is smaller than the article's method's."""
+    ours, article = (figures(record, task, f"{name}.rmse_n.{k}") for name in ("ours", "article"))
+    ahead = sum(ours[world] < article[world] for world in ours)
+    return f"{ahead} of {len(ours)}"
+
+
+TABLES: Final[dict[str, Callable[[CampaignRecord], str]]] = {
+    "arm": arm_table,
+    "machining": machining_table,
+}
+
+
+def committed(name: str) -> Path:
+    """The worlds of a table."""
+    return DOCS / f"{name}-worlds.parquet"
+
+
+def with_table(page: str, name: str, text: str) -> str:
+    """The page with a table between its markers.
+
+    Raises:
+        ValueError: the page has not both markers.
+    """
+    before, begin, rest = page.partition(BEGIN.format(name))
+    _, end, after = rest.partition(END.format(name))
+    if not (begin and end):
+        raise ValueError(f"{PAGE.name}: expected {BEGIN.format(name)} and {END.format(name)}")
+    return f"{before}{begin}\n{text}\n{end}{after}"
+
+
+def table_of(record: CampaignRecord) -> str:
+    """The name of the table that shows the experiments of a campaign."""
+    measured = {name for world in record.worlds.values() for name in world.values}
+    return "machining" if measured & set(MACHINING) else "arm"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The command."""
+    for folder in map(Path, arguments):
+        record = read_table(folder / TABLE)
+        if record is None:
+            print(f"{folder / TABLE}: is not there; name a campaign's folder", file=sys.stderr)
+            return 2
+        shutil.copyfile(folder / TABLE, committed(table_of(record)))
+    page = PAGE.read_text(encoding="utf-8")
+    for name, table in TABLES.items():
+        record = read_table(committed(name))
+        if record is None:
+            print(f"{committed(name)}: is not there; name a campaign's folder", file=sys.stderr)
+            return 2
+        page = with_table(page, name, table(record))
+    with whole_file(PAGE) as partial:
+        partial.write_text(page, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

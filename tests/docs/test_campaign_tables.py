@@ -1,0 +1,157 @@
+"""The tables of campaigns in docs/worlds.md: of the worlds that are committed, cell by cell."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wrenchsight.analyses.campaign.campaign_store import (
+    TABLE,
+    CampaignRecord,
+    read_table,
+    write_table,
+)
+from wrenchsight.analyses.campaign.world_run import WorldOutcome
+
+ROOT = Path(__file__).parents[2]
+COMMITTED = {"arm": 20, "machining": 20}  # worlds at the least
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    file = ROOT / "docs" / "campaign_tables.py"
+    spec = importlib.util.spec_from_file_location("campaign_tables", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def tables(loaded, tmp_path, monkeypatch):
+    """The module, with a page of its own that has no worlds yet."""
+    monkeypatch.setattr(loaded, "DOCS", tmp_path)
+    monkeypatch.setattr(loaded, "PAGE", tmp_path / "worlds.md")
+    text = "# Worlds\n"
+    for name in loaded.TABLES:
+        text += f"\n{loaded.BEGIN.format(name)}\nold\n{loaded.END.format(name)}\n\nAfter {name}.\n"
+    loaded.PAGE.write_text(text, encoding="utf-8")
+    return loaded
+
+
+def record_of(experiments, figures, rows=()):
+    """A campaign of worlds with these figures by key, a number a world, alike in experiments."""
+    described = {name: {"world": 0, "comparison": list(rows)} for name in experiments}
+    record = CampaignRecord(settings={}, described=described)
+    for world in range(len(next(iter(figures.values())))):
+        values = {key: each[world] for key, each in figures.items()}
+        outcome = WorldOutcome(world, 10 + world, {"coulomb": 1.0 + world})
+        outcome.values = {name: dict(values) for name in experiments}
+        record.worlds[world] = outcome
+    return record
+
+
+def row_of(label, key, article, ours="", unit="N"):
+    """A row of "article / here", as a campaign stores it."""
+    row = {"label": label, "key": key, "article": article, "ours": ours, "unit": unit}
+    return row | {"source": "article", "more_is_better": False, "remark": ""}
+
+
+def cells(table, label):
+    """The cells of the row with this label, without its label and key."""
+    (line,) = [line for line in table.splitlines() if line.startswith(f"| {label} |")]
+    return [cell.strip() for cell in line.strip("|").split("|")][2:]
+
+
+def machining(figures):
+    return record_of(("polishing", "grinding"), figures)
+
+
+def kept_in(folder, record):
+    folder.mkdir()
+    write_table(record, folder / TABLE, [])
+    return str(folder)
+
+
+def test_a_cell_is_the_median_and_the_range_over_worlds(tables):
+    rmse = np.linspace(1.0, 3.0, 21)
+    table = tables.machining_table(
+        machining({"ours.rmse_n.1": rmse, "article.rmse_n.1": rmse + 0.5})
+    )
+    assert cells(table, "RMSE, ours [N]") == 2 * ["none", "2.0 (1.1 to 2.9)", "none"]
+    assert cells(table, "ours ahead in") == 2 * ["0 of 0", "21 of 21", "0 of 0"]
+
+
+def test_worlds_with_few_readings_inside_are_named_with_their_share(tables):
+    share = [0.99, 0.849, 0.95, 0.3, 0.85]
+    table = tables.machining_table(machining({"band_of_valid.turns.2": share}))
+    label = "Inside the band, valid readings, sensor in the loop: turns [%]"
+    assert cells(table, label)[2] == "85 (41 to 98); 85 in world 1, 30 in world 3"
+
+
+def test_a_world_without_a_valid_reading_does_not_count(tables):
+    figures = {"T15.valid_share.sensor.turns": [0.5, 0.0], "band_of_valid.turns.0": [1.0, None]}
+    table = tables.machining_table(machining(figures))
+    label = "Inside the band, valid readings, sensor in the loop: turns [%]"
+    assert cells(table, label)[0] == "100 (100 to 100)"
+    assert cells(table, "Valid, sensor in the loop: turns [%]")[0] == "25 (2 to 48)"
+
+
+def test_figures_of_the_article_are_told_with_their_range_and_those_outside_named(tables):
+    rows = [
+        row_of("RMSE in Z", "coulomb_viscous.rmse_z_n", 2.0, ours="ours.rmse_z_n"),
+        row_of("largest error in Z", "max_error_z_n", 9.0),
+        row_of("reduction of the RMSE in Z", "reduction_rmse_z_pct", 30.0, unit="%"),
+        row_of("similarity", "similarity_pct", 90.0, unit="%"),  # printed without a definition
+    ]
+    figures = {
+        "coulomb_viscous.rmse_z_n": [1.0, 2.0, 3.0],
+        "ours.rmse_z_n": [0.5, 0.5, 3.5],
+        "max_error_z_n": [4.0, 5.0, 6.0],
+        "reduction_rmse_z_pct": [20.0, 30.0, 40.0],
+        "similarity_pct": [99.0, 99.0, 99.0],
+    }
+    text = tables.arm_table(record_of(["friction"], figures, rows))
+    assert text.startswith("3 worlds were drawn")
+    assert "| `friction`, Z [%] | 30 | 30.0 (21.0 to 39.0) |" in text
+    assert "Of the article's 3 printed figures, 2 lie within" in text
+    assert "| `friction`: Largest error in Z [N] | 9 | 5.00 (4.10 to 5.90) |" in text
+    assert "imilarity" not in text
+    assert "each in at least 67 % of the worlds" in text
+
+
+def test_only_the_tables_of_the_page_change(tables, tmp_path):
+    rmse = {"ours.rmse_n.0": [1.0, 2.0], "article.rmse_n.0": [1.0, 3.0]}
+    arm = row_of("RMSE in Z", "rmse_z_n", 2.0, ours="ours.rmse_z_n")
+    of_arm = record_of(["friction"], {"rmse_z_n": [2.0, 2.0], "ours.rmse_z_n": [1.0, 1.0]}, [arm])
+    before = tables.PAGE.read_text(encoding="utf-8")
+    assert tables.main([]) == 2  # no worlds yet
+    assert tables.main([str(tmp_path / "none")]) == 2
+    assert tables.PAGE.read_text(encoding="utf-8") == before
+    folders = [kept_in(tmp_path / "a", machining(rmse)), kept_in(tmp_path / "b", of_arm)]
+    assert tables.main(folders) == 0
+    text = tables.PAGE.read_text(encoding="utf-8")
+    assert text.startswith("# Worlds\n\n<!-- table arm: begin -->\n2 worlds were drawn")
+    assert text.endswith("<!-- table machining: end -->\n\nAfter machining.\n")
+    assert "old" not in text
+    assert "1.5 (1.1 to 1.9)" in text
+    assert "1 of 2" in text
+    assert "each in all worlds" in text
+    assert tables.main([]) == 0  # anew, from the worlds that were kept
+    assert tables.PAGE.read_text(encoding="utf-8") == text
+
+
+def test_a_page_without_markers_is_refused(tables):
+    with pytest.raises(ValueError, match="expected <!-- table machining: begin -->"):
+        tables.with_table("# Worlds", "machining", "")
+
+
+@pytest.mark.parametrize("name", COMMITTED)
+def test_a_committed_table_is_of_the_committed_worlds(loaded, name):
+    record = read_table(loaded.committed(name))
+    assert record is not None
+    assert len(record.worlds) >= COMMITTED[name]
+    page = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
+    assert loaded.with_table(page, name, loaded.TABLES[name](record)) == page
+    experiments = loaded.ARM if name == "arm" else loaded.MACHINING
+    assert all(set(experiments) <= set(world.values) for world in record.worlds.values())
