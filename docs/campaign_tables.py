@@ -19,16 +19,21 @@ import numpy as np
 from wrenchsight.analyses.campaign.campaign_report import table_row
 from wrenchsight.analyses.campaign.campaign_store import TABLE, CampaignRecord, read_table
 from wrenchsight.analyses.campaign.distributions import Distribution, distributions
-from wrenchsight.models.files.whole_file import whole_file
+from wrenchsight.analyses.experiments.setups.machining_runs.machining import FEEDS, feed_key
+from wrenchsight.analyses.study.readme_table import (
+    TABLE_BEGIN,
+    TABLE_END,
+    replaced,
+    text_of,
+    with_table,
+)
+from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 
 DOCS: Final = Path(__file__).resolve().parent
 PAGE: Final = DOCS / "worlds.md"
-BEGIN: Final = "<!-- table {}: begin -->"
-END: Final = "<!-- table {}: end -->"
 ARM: Final = ("identification", "friction", "combined", "repeat-cycle")
 MACHINING: Final = ("polishing", "grinding")
-FEEDS: Final = (15, 30, 60)  # s, one way
 FEW_INSIDE: Final = 0.85  # share of readings inside the band, below which a world is named
 REDUCTIONS: Final = {
     ("combined", "reduction_rmse_x_pct"): "`combined`, X",
@@ -51,7 +56,7 @@ def arm_table(record: CampaignRecord) -> str:
     """
     rows = [
         row
-        for row in distributions(record, [name for name in ARM if name in record.described])
+        for row in distributions(record, ARM)
         if row.article is not None and not any(part in row.key for part in NOT_PRINTED)
     ]
     reductions = [row for row in rows if (row.experiment, row.key) in REDUCTIONS]
@@ -96,9 +101,9 @@ class MachiningRow(NamedTuple):
 
     Attributes:
         label: what it shows.
-        key: of the metrics; `{k}` and `{T}` stand for the number of the feed and its seconds.
+        key: of the metrics; `{k}` and `{feed}` stand for the feed's number and its `feed_key`.
         percent: whether the figure is a share, shown in per cent.
-        names: whether worlds with FEW_INSIDE are named.
+        names: whether the worlds are named whose share is below FEW_INSIDE.
     """
 
     label: str
@@ -119,7 +124,7 @@ def machining_rows() -> list[MachiningRow]:
         ),
         MachiningRow(
             "The same, most above the set-point since the touch [N]",
-            "T{T}.regulation.estimate.overshoot_n",
+            "{feed}.regulation.estimate.overshoot_n",
             percent=False,
         ),
     ]
@@ -136,7 +141,7 @@ def machining_rows() -> list[MachiningRow]:
             ]
     for loop, (words, _) in _LOOPS.items():
         rows += [
-            MachiningRow(f"Valid, {words}: {part_words} [%]", f"T{{T}}.valid_share.{loop}.{part}")
+            MachiningRow(f"Valid, {words}: {part_words} [%]", f"{{feed}}.valid_share.{loop}.{part}")
             for part, part_words in _PARTS.items()
         ]
     return rows
@@ -148,14 +153,14 @@ def machining_table(record: CampaignRecord) -> str:
     Args:
         record: the worlds of `polishing` and `grinding` at all feeds.
     """
-    heads = " | ".join(f"`{task}` {T} s" for task in MACHINING for T in FEEDS)
+    heads = " | ".join(f"`{task}` {feed:g} s" for task in MACHINING for feed in FEEDS)
     lines = [f"| | key | {heads} |", "|---|---|" + "---:|" * (len(MACHINING) * len(FEEDS))]
     for row in machining_rows():
-        shown = row.key.removesuffix(".{k}").format(T=FEEDS[0])
+        shown = row.key.removesuffix(".{k}").format(feed=feed_key(FEEDS[0]))
         cells = [
-            range_of(figures(record, task, row.key.format(k=k, T=T)), row)
+            range_of(figures(record, task, row.key.format(k=k, feed=feed_key(feed))), row)
             for task in MACHINING
-            for k, T in enumerate(FEEDS)
+            for k, feed in enumerate(FEEDS)
         ]
         lines.append(f"| {row.label} | `{shown}` | {' | '.join(cells)} |")
     ahead = [ours_ahead(record, task, k) for task in MACHINING for k in range(len(FEEDS))]
@@ -191,10 +196,11 @@ def ours_ahead(record: CampaignRecord, task: str, k: int) -> str:
     return f"{ahead} of {len(ours)}"
 
 
-TABLES: Final[dict[str, Callable[[CampaignRecord], str]]] = {
-    "arm": arm_table,
-    "machining": machining_table,
+TABLES: Final[dict[str, tuple[tuple[str, ...], Callable[[CampaignRecord], str]]]] = {
+    "arm": (ARM, arm_table),
+    "machining": (MACHINING, machining_table),
 }
+"""By name, the experiments that a table shows, and what writes it."""
 
 
 def committed(name: str) -> Path:
@@ -202,42 +208,58 @@ def committed(name: str) -> Path:
     return DOCS / f"{name}-worlds.parquet"
 
 
-def with_table(page: str, name: str, text: str) -> str:
-    """The page with a table between its markers.
+def table_of(record: CampaignRecord, folder: Path) -> str:
+    """The name of the table that shows the experiments of a campaign.
 
     Raises:
-        ValueError: the page has not both markers.
+        InputError: no table shows them, or a world lacks one of them.
     """
-    before, begin, rest = page.partition(BEGIN.format(name))
-    _, end, after = rest.partition(END.format(name))
-    if not (begin and end):
-        raise ValueError(f"{PAGE.name}: expected {BEGIN.format(name)} and {END.format(name)}")
-    return f"{before}{begin}\n{text}\n{end}{after}"
+    for name, (experiments, _) in TABLES.items():
+        if all(set(experiments) <= set(world.values) for world in record.worlds.values()):
+            return name
+    wanted = " or ".join(" ".join(experiments) for experiments, _ in TABLES.values())
+    problem = f"expected a campaign in which every world has {wanted}"
+    raise InputError(folder, "", problem, "run `wrenchsight campaign` with these experiments")
 
 
-def table_of(record: CampaignRecord) -> str:
-    """The name of the table that shows the experiments of a campaign."""
-    measured = {name for world in record.worlds.values() for name in world.values}
-    return "machining" if measured & set(MACHINING) else "arm"
+def read_worlds(path: Path) -> CampaignRecord:
+    """The worlds of a campaign's file.
+
+    Raises:
+        InputError: it is not there, or is no campaign's.
+    """
+    record = read_table(path)
+    if record is None:
+        raise InputError(path, "", "does not exist", "name the folder of a campaign")
+    return record
+
+
+def run(folders: Sequence[Path]) -> None:
+    """Takes the worlds of campaigns, and writes the page; if one is refused, nothing changes.
+
+    Raises:
+        InputError: a folder has no campaign that a table shows; the page lacks a marker.
+    """
+    sources = {name: committed(name) for name in TABLES}
+    for folder in folders:
+        sources[table_of(read_worlds(folder / TABLE), folder)] = folder / TABLE
+    page = text_of(PAGE)
+    for name, (_, table) in TABLES.items():
+        markers = TABLE_BEGIN.format(name), TABLE_END.format(name)
+        page = with_table(PAGE, page, table(read_worlds(sources[name])) + "\n", markers)
+    for name, source in sources.items():
+        if source != committed(name):
+            shutil.copyfile(source, committed(name))
+    replaced(PAGE, page)
 
 
 def main(arguments: Sequence[str]) -> int:
     """The command."""
-    for folder in map(Path, arguments):
-        record = read_table(folder / TABLE)
-        if record is None:
-            print(f"{folder / TABLE}: is not there; name a campaign's folder", file=sys.stderr)
-            return 2
-        shutil.copyfile(folder / TABLE, committed(table_of(record)))
-    page = PAGE.read_text(encoding="utf-8")
-    for name, table in TABLES.items():
-        record = read_table(committed(name))
-        if record is None:
-            print(f"{committed(name)}: is not there; name a campaign's folder", file=sys.stderr)
-            return 2
-        page = with_table(page, name, table(record))
-    with whole_file(PAGE) as partial:
-        partial.write_text(page, encoding="utf-8")
+    try:
+        run([Path(argument) for argument in arguments])
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
     return 0
 
 

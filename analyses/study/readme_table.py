@@ -269,10 +269,10 @@ def filled_page(page: Path, shown: Mapping[str, Any]) -> str:
     Raises:
         InputError: as `fill`, of a table.
     """
-    text = _text_of(page)
+    text = text_of(page)
     for table in shown["tables"]:
         markers = (TABLE_BEGIN.format(table["name"]), TABLE_END.format(table["name"]))
-        text = _with_table(page, text, page_table(table, shown["quick"]), markers)
+        text = with_table(page, text, page_table(table, shown["quick"]), markers)
     return text
 
 
@@ -292,17 +292,27 @@ def fill(readme: Path, table: str) -> bool:
     Raises:
         InputError: the file is absent, or does not have each marker once, in order.
     """
-    return _replaced(readme, _with_table(readme, _text_of(readme), table, (BEGIN, END)))
+    return replaced(readme, with_table(readme, text_of(readme), table, (BEGIN, END)))
 
 
-def _text_of(file: Path) -> str:
+def text_of(file: Path) -> str:
+    """The text of a page.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     try:
         return file.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(file, "", error.strerror or "cannot be read") from None
 
 
-def _with_table(file: Path, text: str, table: str, markers: tuple[str, str]) -> str:
+def with_table(file: Path, text: str, table: str, markers: tuple[str, str]) -> str:
+    """The text of `file` with a table between two markers.
+
+    Raises:
+        InputError: the text does not have each marker once, in order.
+    """
     begin, end = markers
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         problem = f"does not have {begin} and, after it, {end}, once each"
@@ -312,8 +322,9 @@ def _with_table(file: Path, text: str, table: str, markers: tuple[str, str]) -> 
     return f"{head}{begin}\n{table}{end}{foot}"
 
 
-def _replaced(file: Path, text: str) -> bool:
-    if text == _text_of(file):
+def replaced(file: Path, text: str) -> bool:
+    """Writes the text of a page that exists; returns whether that changed the file."""
+    if text == text_of(file):
         return False
     with whole_file(file) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
@@ -368,7 +379,7 @@ def main(arguments: list[str]) -> int:
         # The README first: if it, or a page, has no place for a table, all files stay as they are.
         changed = fill(readme, results_table(results, worlds))
         for name, text in texts.items():
-            changed |= _replaced(docs.path / f"{name}.md", text)
+            changed |= replaced(docs.path / f"{name}.md", text)
             docs.write_text(f"{name}.json", json_text(shown[name]))
         if study is not None:
             docs.write_text(RESULTS.name, json_text(results))

@@ -13,6 +13,7 @@ from wrenchsight.analyses.campaign.campaign_store import (
     write_table,
 )
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
+from wrenchsight.analyses.study.readme_table import TABLE_BEGIN, TABLE_END
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = {"arm": 20, "machining": 20}  # worlds at the least
@@ -34,14 +35,17 @@ def tables(loaded, tmp_path, monkeypatch):
     monkeypatch.setattr(loaded, "PAGE", tmp_path / "worlds.md")
     text = "# Worlds\n"
     for name in loaded.TABLES:
-        text += f"\n{loaded.BEGIN.format(name)}\nold\n{loaded.END.format(name)}\n\nAfter {name}.\n"
+        begin, end = TABLE_BEGIN.format(name), TABLE_END.format(name)
+        text += f"\n{begin}\nold\n{end}\n\nAfter {name}.\n"
     loaded.PAGE.write_text(text, encoding="utf-8")
     return loaded
 
 
 def record_of(experiments, figures, rows=()):
     """A campaign of worlds with these figures by key, a number a world, alike in experiments."""
-    described = {name: {"world": 0, "comparison": list(rows)} for name in experiments}
+    described = {
+        name: {"world": 0, "comparison": rows if name == "friction" else ()} for name in experiments
+    }
     record = CampaignRecord(settings={}, described=described)
     for world in range(len(next(iter(figures.values())))):
         values = {key: each[world] for key, each in figures.items()}
@@ -111,7 +115,7 @@ def test_figures_of_the_article_are_told_with_their_range_and_those_outside_name
         "reduction_rmse_z_pct": [20.0, 30.0, 40.0],
         "similarity_pct": [99.0, 99.0, 99.0],
     }
-    text = tables.arm_table(record_of(["friction"], figures, rows))
+    text = tables.arm_table(record_of(tables.ARM, figures, rows))
     assert text.startswith("3 worlds were drawn")
     assert "| `friction`, Z [%] | 30 | 30.0 (21.0 to 39.0) |" in text
     assert "Of the article's 3 printed figures, 2 lie within" in text
@@ -123,7 +127,7 @@ def test_figures_of_the_article_are_told_with_their_range_and_those_outside_name
 def test_only_the_tables_of_the_page_change(tables, tmp_path):
     rmse = {"ours.rmse_n.0": [1.0, 2.0], "article.rmse_n.0": [1.0, 3.0]}
     arm = row_of("RMSE in Z", "rmse_z_n", 2.0, ours="ours.rmse_z_n")
-    of_arm = record_of(["friction"], {"rmse_z_n": [2.0, 2.0], "ours.rmse_z_n": [1.0, 1.0]}, [arm])
+    of_arm = record_of(tables.ARM, {"rmse_z_n": [2.0, 2.0], "ours.rmse_z_n": [1.0, 1.0]}, [arm])
     before = tables.PAGE.read_text(encoding="utf-8")
     assert tables.main([]) == 2  # no worlds yet
     assert tables.main([str(tmp_path / "none")]) == 2
@@ -141,9 +145,18 @@ def test_only_the_tables_of_the_page_change(tables, tmp_path):
     assert tables.PAGE.read_text(encoding="utf-8") == text
 
 
-def test_a_page_without_markers_is_refused(tables):
-    with pytest.raises(ValueError, match="expected <!-- table machining: begin -->"):
-        tables.with_table("# Worlds", "machining", "")
+def test_a_campaign_of_other_experiments_is_one_line_and_changes_nothing(tables, tmp_path, capsys):
+    good = kept_in(
+        tmp_path / "good", machining({"ours.rmse_n.0": [1.0], "article.rmse_n.0": [2.0]})
+    )
+    part = kept_in(tmp_path / "part", record_of(["friction"], {"rmse_z_n": [1.0]}))
+    before = tables.PAGE.read_text(encoding="utf-8")
+    assert tables.main([good, part]) == 2
+    line = capsys.readouterr().err
+    assert "expected a campaign in which every world has identification friction" in line
+    assert line.count("\n") == 1
+    assert not tables.committed("machining").exists()
+    assert tables.PAGE.read_text(encoding="utf-8") == before
 
 
 @pytest.mark.parametrize("name", COMMITTED)
@@ -152,6 +165,7 @@ def test_a_committed_table_is_of_the_committed_worlds(loaded, name):
     assert record is not None
     assert len(record.worlds) >= COMMITTED[name]
     page = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
-    assert loaded.with_table(page, name, loaded.TABLES[name](record)) == page
-    experiments = loaded.ARM if name == "arm" else loaded.MACHINING
-    assert all(set(experiments) <= set(world.values) for world in record.worlds.values())
+    _, table = loaded.TABLES[name]
+    shown = page.partition(TABLE_BEGIN.format(name))[2].partition(TABLE_END.format(name))[0]
+    assert shown.strip() == table(record)
+    assert loaded.table_of(record, ROOT) == name
