@@ -1,6 +1,8 @@
 """The description of a dataclass's fields in the source: for the docs and the command line.
 
-The description of a field is the comment on its line, below or above it, or a string below it.
+The description of a field is the comment on its line, below or above it, or a string below it. A
+comment between two fields is that of the upper one, unless it has one on its line, or the class has
+a comment above its first field.
 """
 
 import ast
@@ -53,13 +55,16 @@ def _words_of(cls: type) -> dict[str, str]:
         if isinstance(node, ast.ClassDef) and node.name == cls.__name__
     )
     attributes = _attributes_of(cls.__doc__ or "")
+    first = next((node.lineno for node in body if isinstance(node, ast.AnnAssign)), 1)
+    stand_above = bool(_comment_above(lines, first - 1))
     words: dict[str, str] = {}
     for node, next_node in zip(body, [*body[1:], None], strict=True):
         if not (isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)):
             continue
         end = node.end_lineno or node.lineno
         comments = [_comment(line) for line in lines[node.lineno - 1 : end]]
-        for line in lines[end:] if not any(comments) else []:  # else they speak of the next field
+        of_next = stand_above or any(comments)  # whether what follows speaks of the next field
+        for line in [] if of_next else lines[end:]:
             if not line.strip().startswith("#"):
                 break
             comments.append(_comment(line))

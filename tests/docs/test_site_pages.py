@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from wrenchsight.models.files.configuration import REQUIRED
+from wrenchsight.models.files.field_words import field_words
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -32,6 +33,30 @@ class Inner:
 
 
 @dataclass
+class Above:
+    """Each field below its comment."""
+
+    # of the first
+    first: float = 1.0
+    # of the second,
+    # in two lines
+    second: float = 2.0
+    third: float = 3.0  # of the third
+    # of the last
+    last: float = 4.0
+
+
+@dataclass
+class Below:
+    """Each field above its comment."""
+
+    first: float = 1.0
+    # of the first
+    second: float = 2.0
+    # of the second
+
+
+@dataclass
 class Outer:
     """The outer one."""
 
@@ -48,6 +73,16 @@ class Silent:
     """One field says nothing."""
 
     nothing: int = 0
+
+
+def test_comments_stand_on_one_side_of_the_fields_of_a_class():
+    assert field_words(Above) == {
+        "first": "of the first",
+        "second": "of the second, in two lines",
+        "third": "of the third",
+        "last": "of the last",
+    }
+    assert field_words(Below) == {"first": "of the first", "second": "of the second"}
 
 
 def test_words_are_found_beside_above_and_below_a_field(site_pages):
