@@ -62,11 +62,14 @@ def arm_table(record: CampaignRecord) -> str:
     reductions = [row for row in rows if (row.experiment, row.key) in REDUCTIONS]
     outside = [row for row in rows if not row.holds_article]
     compared = [row for row in rows if row.share_ahead is not None and "rmse" in row.key]
-    ahead = min(row.share_ahead for row in compared if row.share_ahead is not None)
-    command = f"`wrenchsight campaign {' '.join(ARM)} --worlds {len(record.worlds)}`"
+    num_worlds = len(record.worlds)
+    ahead = min(
+        round(row.share_ahead * len(row.values)) for row in compared if row.share_ahead is not None
+    )
+    command = f"`wrenchsight campaign {' '.join(ARM)} --worlds {num_worlds}`"
     return "\n".join(
         [
-            f"{len(record.worlds)} worlds were drawn from the arms that agree ({command}). They "
+            f"{num_worlds} worlds were drawn from the arms that agree ({command}). They "
             "show how much these figures vary:",
             "",
             *_arm_rows("reduction", reductions, lambda row: REDUCTIONS[row.experiment, row.key]),
@@ -78,7 +81,7 @@ def arm_table(record: CampaignRecord) -> str:
             "",
             "The RMSE of this program's method is smaller than that of the article's in X, Y and Z "
             "of `combined`, in Z of `friction` and in Y of `repeat-cycle`, each in "
-            f"{'all' if ahead == 1.0 else f'at least {100.0 * ahead:.0f} % of the'} worlds.",
+            f"{'all' if ahead == num_worlds else f'at least {ahead} of the {num_worlds}'} worlds.",
         ]
     )
 
