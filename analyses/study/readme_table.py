@@ -173,7 +173,8 @@ def results_table(
     note = (
         f"\nWith a range: median of {world_count} and, in brackets, 5 to 95 % of them, by "
         "`wrenchsight campaign EXPERIMENT --worlds NUMBER`. A world is a random draw of the "
-        "simulated arm's truth (docs/worlds.md). Without a range: one run.\n"
+        "simulated arm's truth (docs/worlds.md). *Correlates with* names the drawn parameters that "
+        "move the figure most. Without a range: one run.\n"
     )
     table = "\n".join(lines) + "\n"
     return (_QUICK if results["quick"] else "") + table + (note if ranges else "")

@@ -167,6 +167,7 @@ def test_the_readme_says_the_median_and_the_range_of_worlds(study, readme, campa
             row["readme"] = True
     text = results_table(results, worlds)
     assert "| Pole [1/s] | 20.0 (eq. 30) | 7.50 (6.50 to 8.50) | ours ahead in 99 %; " in text
+    assert "*Correlates with* names the drawn parameters" in text
     assert "; correlates with load (−), wander (+); a" in text
     assert "median of 200 worlds" in text.splitlines()[-1]
     assert "by `wrenchsight campaign EXPERIMENT --worlds NUMBER`" in text.splitlines()[-1]
