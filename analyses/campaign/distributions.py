@@ -24,7 +24,7 @@ class Distribution:
 
     experiment: str
     key: str  # of the metric; a list has one distribution per entry (`rmse_nm.0`)
-    label: str  # of the row; the label of a list's entry ends with its place, from 1
+    label: str  # of the row, and for a list's entry of this one alone (`label_of_entry`)
     unit: str  # of the row
     article: float | None  # the printed number; None where there is none
     source: str  # who printed it
@@ -90,14 +90,15 @@ def _row_distributions(
     ours = dict(_keys(figures, row["ours"]))
     label = row["label"][:1].upper() + row["label"][1:]
     result = []
-    for place, key in _keys(figures, row["key"]):
+    keys = _keys(figures, row["key"])
+    for place, key in keys:
         values = _finite(figures[key])
         if not len(values):
             continue
         distribution = Distribution(
             experiment=experiment,
             key=key,
-            label=label if key == row["key"] else f"{label} ({place + 1})",
+            label=label if key == row["key"] else label_of_entry(label, place, len(keys)),
             unit=row["unit"],
             article=article[place] if isinstance(article, list) else article,
             source=row["source"],
@@ -107,6 +108,28 @@ def _row_distributions(
         moved_by = _moved_by(distribution, figures[key], record)
         result.append(replace(distribution, moved_by=moved_by))
     return result
+
+
+def label_of_entry(label: str, place: int, count: int) -> str:
+    """The label of one entry of a row that has a list.
+
+    Labels of such rows enumerate their entries: "15, 30, 60 s", "joints 1 to 6" or "X Y Z". Of the
+    enumeration the entry's own part is kept. A label without one ends with the place, from 1.
+
+    Args:
+        label: of the row.
+        place: of the entry, from 0.
+        count: of the entries.
+    """
+    for pattern in (r"(?<![\w.])[\d.]+(?:, [\d.]+)+", r"\b(?:x y z|X Y Z)\b"):
+        match = re.search(pattern, label)
+        parts = re.split(", | ", match.group()) if match else []
+        if match and len(parts) == count:
+            return label[: match.start()] + parts[place] + label[match.end() :]
+    joints = f"joints 1 to {count}"
+    if joints in label:
+        return label.replace(joints, f"joint {place + 1}")
+    return f"{label} ({place + 1})"
 
 
 def _moved_by(

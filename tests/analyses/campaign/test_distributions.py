@@ -9,7 +9,11 @@ from wrenchsight.analyses.campaign.campaign_report import (
     write_campaign_report,
 )
 from wrenchsight.analyses.campaign.campaign_store import CampaignRecord, read_table, write_table
-from wrenchsight.analyses.campaign.distributions import distribution_metrics, distributions
+from wrenchsight.analyses.campaign.distributions import (
+    distribution_metrics,
+    distributions,
+    label_of_entry,
+)
 from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.output.outputs import OutputFolder, plain
 from wrenchsight.analyses.study.experiment import ComparisonRow
@@ -77,6 +81,28 @@ def test_median_range_and_share_of_a_known_figure():
         "share_of_worlds_ours_ahead": pytest.approx(76 / 101),
         "worlds": 101,
     }
+
+
+@pytest.mark.parametrize(
+    ("label", "count", "second"),
+    [
+        ("Force, one way in 15, 30, 60 s: RMSE, ours", 3, "Force, one way in 30 s: RMSE, ours"),
+        (
+            "Inside the 95 % band, turns, 1.5, 3, 6 s: share",
+            3,
+            "Inside the 95 % band, turns, 3 s: share",
+        ),
+        ("Torque RMSE over 14harm50sec, joints 1 to 6", 6, "Torque RMSE over 14harm50sec, joint 2"),
+        ("Inside the band, x y z, a week after", 3, "Inside the band, y, a week after"),
+        ("Force at the load: RMSE X Y Z", 3, "Force at the load: RMSE Y"),
+        # As many entries as nothing enumerates:
+        ("Force, one way in 15, 30, 60 s: RMSE", 2, "Force, one way in 15, 30, 60 s: RMSE (2)"),
+        ("Torque RMSE, joints 1 to 6", 7, "Torque RMSE, joints 1 to 6 (2)"),
+        ("RMSE per pose, eq. 22", 10, "RMSE per pose, eq. 22 (2)"),
+    ],
+)
+def test_an_entry_of_a_list_is_called_by_its_own_part_of_the_label(label, count, second):
+    assert label_of_entry(label, 1, count) == second
 
 
 def test_draws_that_move_a_figure_are_told_where_the_article_s_lies_elsewhere():
