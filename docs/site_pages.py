@@ -128,6 +128,8 @@ def _kind(hint: Any) -> str:
         return f"list of {inside[0]}"
     if origin is dict:
         return f"{inside[0]}: {inside[1]}"
+    if origin is tuple:
+        return ", ".join(inside)
     if inside:
         return " or ".join(inside)
     return f"`{hint.__name__}`"

@@ -66,6 +66,7 @@ class Outer:
     below: list[Inner] = field(default_factory=list)
     """Given below."""
     inner: Inner | None = None
+    limits: tuple[float, int] = (0.5, 2)  # lower and upper
 
 
 @dataclass
@@ -91,6 +92,7 @@ def test_words_are_found_beside_above_and_below_a_field(site_pages):
         "above": "given above",
         "below": "Given below.",
         "inner": "The inner one.",
+        "limits": "lower and upper",
     }
 
 
@@ -100,6 +102,7 @@ def test_a_schema_is_a_table_of_each_dataclass_once(site_pages):
     assert "| `name` | text | **required** | what it is called |" in text
     assert '| `size` | number | `1.0` | m, of "a # in quotes" |' in text
     assert "| `inner` | `Inner` or null | `null` | The inner one. |" in text
+    assert "| `limits` | number, whole number | `(0.5, 2)` | lower and upper |" in text
 
 
 def test_a_field_without_words_is_named(site_pages):
