@@ -16,7 +16,7 @@ from wrenchsight.analyses.campaign.world_run import WorldOutcome
 from wrenchsight.analyses.study.readme_table import TABLE_BEGIN, TABLE_END
 
 ROOT = Path(__file__).parents[2]
-COMMITTED = {"arm": 20, "machining": 20}  # worlds at the least
+COMMITTED = {"arm": 200, "machining": 20}  # worlds at the least
 
 
 @pytest.fixture(scope="module")

@@ -346,8 +346,8 @@ def test_the_freed_friction_is_a_mean_with_the_sd_of_all_errors(tracker):
 def parts_of(state):
     """Freed torque (N, m), steps (4, N), departure and the correction's sd (2, N), as views."""
     end = M + M * N
-    rest = state[end:].reshape(6, N)
-    return state[M:end].reshape(N, M), rest[:4], rest[4:]
+    by_joint = state[end:].reshape(6, N)
+    return state[M:end].reshape(N, M), by_joint[:4], by_joint[4:]
 
 
 def test_evidence_is_the_likelihood_of_a_torque_with_all_that_may_be_off(tracker, sts):
