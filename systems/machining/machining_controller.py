@@ -17,7 +17,13 @@ from wrenchsight.models.machining.air_pass import (
 )
 from wrenchsight.models.machining.machining_phases import Phase
 from wrenchsight.models.machining.machining_reference import MachiningReference
-from wrenchsight.models.machining.machining_tick import PassConstants, follow_tick, lead_tick
+from wrenchsight.models.machining.machining_tick import (
+    JointVibration,
+    PassConstants,
+    follow_tick,
+    lead_tick,
+    take_off_freed_friction,
+)
 from wrenchsight.models.machining.tool_vibration import (
     VibrationTracker,
     WorkTick,
@@ -41,8 +47,10 @@ class MachiningController(LeafSystem):
 
     A tick runs the kernels of `MachiningReference`, of `WrenchEstimatorSystem` and of
     `ImpedanceController` one after the other. After an air pass it also corrects the estimator by
-    the learnt correction and by `VibrationTracker`. The parameters are those of the blocks, and
-    fixed.
+    the learnt correction and by `VibrationTracker`. If it feeds back the estimate, it takes off the
+    command of the touch and the first start what friction the vibration frees
+    (`take_off_freed_friction`); a sensor's feedback makes up for that at once. The parameters are
+    those of the blocks, and fixed.
 
                     +---------------------+ --> action
       q        -->  |                     |
@@ -178,7 +186,7 @@ class MachiningController(LeafSystem):
         out = output.get_mutable_value()
         q, v = self._q.Eval(context), self._v.Eval(context)
         plan, reading = out[self._plan_from : self._plan_to], out[self._reading_at]
-        end, terms, integral = self._estimator_end, self._model_terms, self._integral
+        n, end, terms, integral = self._n, self._estimator_end, self._model_terms, self._integral
         lead_tick(
             self._pass_constants,
             context.get_time(),
@@ -203,6 +211,19 @@ class MachiningController(LeafSystem):
             out[: self._plan_from],
             out[self._pose_at],
         )
+        if self._wrench is None and self._tracker is not None and self._touches(out):
+            amplitudes = np.abs(out[self._shares_at][:n]) * out[self._freed_at][2 * n]
+            take_off_freed_friction(
+                self._impedance,
+                JointVibration(amplitudes, self._tracker.constants.viscous),
+                plan[_POSE + n : _POSE + 2 * n],
+                out[self._plan_to - 2],
+                out[:n],
+            )
+
+    def _touches(self, action: Array) -> bool:
+        """Whether the tool touches the workpiece, and may vibrate."""
+        return Phase.TOUCH <= action.item(self._phase_at) <= Phase.RELEASE
 
     def _correct(
         self, table: CorrectionTable, tracker: VibrationTracker, tracked: Array, out: Array
@@ -246,7 +267,7 @@ class MachiningController(LeafSystem):
                 correction=self._correction,
                 v_planned=reference[n : 2 * n],
                 shares=action[self._shares_at],
-                touches=Phase.TOUCH <= action.item(self._phase_at) <= Phase.RELEASE,
+                touches=self._touches(action),
                 works=feed_time >= 0.0,
             )
             track_vibration(

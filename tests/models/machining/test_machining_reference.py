@@ -1,5 +1,7 @@
 """The kernels against the same in plain numpy; what they are for is tested in the system."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -14,10 +16,12 @@ from wrenchsight.models.machining.machining_phases import (
 )
 from wrenchsight.models.machining.machining_reference import (
     ArmPosture,
+    MachiningReference,
     PassMemory,
     Plan,
     advance_reference,
     machining_reference,
+    plan_of,
 )
 from wrenchsight.models.planning.motion.paths import JointTrajectory
 from wrenchsight.models.rigid_body.chain_kernels import SCRATCH_COLUMNS
@@ -163,6 +167,32 @@ def test_in_the_touch_joints_push_on_where_no_sensor_reads(sts, path):
     assert np.abs(joints[6:12] - pushing[6:12]).max() > 1e-3
     np.testing.assert_array_equal(control[:-1], blind[:-1])
     assert control[-1] == 1.0 and blind[-1] == 0.0
+
+
+@pytest.mark.parametrize(("reads_at_rest", "speed"), [(True, 0.0), (False, 0.004)])
+def test_a_touch_without_a_sensor_pushes_on_at_half_the_approach_speed(
+    sts, path, reads_at_rest, speed
+):
+    trajectory, place, force = path
+    planned = SimpleNamespace(
+        trajectory=trajectory, s=place, setpoint=force, steady=TRUSTED, q_start=trajectory.q[0]
+    )
+    made = MachiningReference(sts, sts.chain, planned, PHASES, T, reads_at_rest)
+    state, out = initial_state(), np.empty(18 + 18 + 7)
+    state[[PHASE, SINCE]] = Phase.TOUCH, 5.0
+    terms = sts.chain.terms(trajectory.q[0], np.zeros(6))
+    machining_reference(
+        plan_of(*made.plan),
+        5.7,
+        PassMemory(state, np.zeros(15)),
+        terms.q,
+        terms.J,
+        np.empty((6, SCRATCH_COLUMNS)),
+        out,
+    )
+    velocity = terms.J[3:] @ (out[18 + 6 : 18 + 12] - trajectory.v[0])
+    # The damping of J, 1e-6, against its smallest singular value squared.
+    np.testing.assert_allclose(velocity, speed * terms.R_WE[:, 2], atol=1e-5)
 
 
 @pytest.mark.parametrize("phase", [Phase.WORK, Phase.RELEASE, Phase.APPROACH, Phase.LIFT])
