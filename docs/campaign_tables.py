@@ -130,6 +130,16 @@ def machining_rows() -> list[MachiningRow]:
             "{feed}.regulation.estimate.overshoot_n",
             percent=False,
         ),
+        MachiningRow(
+            "The same, least force from the first motion of the feed on [N]",
+            "{feed}.regulation.estimate.least_n",
+            percent=False,
+        ),
+        MachiningRow(
+            "The same, largest error from then on [N]",
+            "{feed}.regulation.estimate.max_error_n",
+            percent=False,
+        ),
     ]
     for readings, band in (("", "band"), (", valid readings", "band_of_valid")):
         for words, suffix in _LOOPS.values():
