@@ -169,3 +169,66 @@ def test_a_committed_table_is_of_the_committed_worlds(loaded, name):
     shown = page.partition(TABLE_BEGIN.format(name))[2].partition(TABLE_END.format(name))[0]
     assert shown.strip() == table(record)
     assert loaded.table_of(record, ROOT) == name
+
+
+def machining_figures(loaded, task, key):
+    """This figure of a task in each of the committed worlds, over its feeds: (worlds, feeds)."""
+    record = read_table(loaded.committed("machining"))
+    assert record is not None
+    feeds = enumerate(loaded.FEEDS)
+    keys = [key.format(k=k, feed=loaded.feed_key(feed)) for k, feed in feeds]
+    worlds = [record.worlds[number].values[task] for number in sorted(record.worlds)]
+    figures = [[values[key] for key in keys] for values in worlds]
+    return np.array(figures, dtype=float)  # nan where a world has none
+
+
+def medians(figures):
+    return [f"{median:.0f}" for median in np.median(figures, axis=0)]
+
+
+def spread(figures):
+    low, high = np.percentile(figures, [5, 95])
+    return f"{low:.0f} to {high:.0f}"
+
+
+def test_the_readme_says_of_machining_what_the_committed_worlds_have(loaded):
+    """Of readings that count, in either loop, the worst world; of the touch, at 15 s one way."""
+    inside = np.stack(
+        [
+            machining_figures(loaded, "grinding", f"band_of_valid{loop}.steady.{{k}}")
+            for loop in ("", "_without_sensor")
+        ]
+    )
+    least = inside.min(axis=(0, 2))  # of each world
+    above = machining_figures(loaded, "grinding", "{feed}.regulation.estimate.overshoot_n")[:, 0]
+    limits = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Limits")[2]
+    assert (
+        f"In {np.sum(least >= 0.85)} of {len(least)} simulated arms the band of grinding holds at "
+        f"least 85 % of the valid readings of a steady feed, in the worst one {least.min():.0%}. "
+    ).replace("%.", " %.") in limits
+    assert (
+        f"the force at the touch rises by {np.median(above):.0f} N ({spread(above)}) above its "
+        "set-point."
+    ) in limits
+
+
+def test_the_page_says_of_the_touch_what_the_committed_worlds_have(loaded):
+    """Line by line as the page is wrapped, so without its line breaks."""
+    page = " ".join((ROOT / "docs" / "worlds.md").read_text(encoding="utf-8").split())
+    key = "{feed}.regulation.estimate."
+    grinding, polishing = (
+        machining_figures(loaded, task, f"{key}overshoot_n")[:, 0]
+        for task in ("grinding", "polishing")
+    )
+    fast, middle, slow = medians(machining_figures(loaded, "grinding", f"{key}max_error_n"))
+    least = machining_figures(loaded, "polishing", f"{key}least_n")
+    first, second, third = medians(least)
+    assert (
+        f"rises above its set-point, by {np.median(grinding):.0f} N in the median world "
+        f"({spread(grinding)})."
+    ) in page
+    assert f"the largest error is {fast}, {middle} and {slow} N at 15, 30 and 60 s." in page
+    assert (
+        f"The force then rises by {np.median(polishing):.0f} N above its 40 N and falls to "
+        f"{first}, {second} and {third} N ({spread(least[:, 0])})."
+    ) in page
