@@ -19,6 +19,7 @@ from wrenchsight.models.estimation.torque_error_stage import (
     torque_error_views,
 )
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 from wrenchsight.systems.last_tick import LastTick
@@ -27,6 +28,16 @@ DETECTION = ("contact_statistic", "contact", "misfit", "link", "rest", "out_of_r
 """Entries of the output, in order: fields of `models.detection.contact_detector.Detection`.
 
 Flags are 1 or 0."""
+
+
+_LARGEST_INPUT = 1e9  # SI
+
+
+def _plausible(values: Array) -> Array:
+    """(N,) numbers, NaN in the place of those beyond the largest."""
+    if all_below(values, _LARGEST_INPUT):
+        return values
+    return np.where(np.abs(values) < _LARGEST_INPUT, values, np.nan)
 
 
 class ContactDetection(LeafSystem):
@@ -53,7 +64,8 @@ class ContactDetection(LeafSystem):
                             only where the observer's is ("trapezoidal")
     State:   that of the detector, flat
 
-    Between two ticks the output is that of the last one. The numbers are those of
+    An input beyond 1e9 in SI units counts as not known, as one that is not finite: its square is of
+    no use. Between two ticks the output is that of the last one. The numbers are those of
     `ContactDetector.run`.
 
     Args:
@@ -97,15 +109,15 @@ class ContactDetection(LeafSystem):
     def _run(self, context: Context, state: Array, transmitted: Array) -> Array:
         """Updates `state` with one sample, in place; returns (1, 6) the detection."""
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
-        error = torque_error_views(self._torque_error.Eval(context), self._shape[1])
+        error = torque_error_views(_plausible(self._torque_error.Eval(context)), self._shape[1])
         detector: ContactDetector = self._tuned.EvalAbstract(context).get_value()
         error_rows = [part[np.newaxis] for part in error]
         sample = ArmSamples(
             TorqueError(*error_rows),
-            self._v.Eval(context)[np.newaxis],
-            transmitted,
-            terms.momentum[np.newaxis],
-            self._tau_ext.Eval(context)[np.newaxis],
+            _plausible(self._v.Eval(context))[np.newaxis],
+            _plausible(transmitted[0])[np.newaxis],
+            _plausible(terms.momentum)[np.newaxis],
+            _plausible(self._tau_ext.Eval(context))[np.newaxis],
             self._tau_ext_valid.Eval(context) == 1.0,
         )
         return detector.judge(state, sample)

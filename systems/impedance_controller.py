@@ -20,9 +20,11 @@ from wrenchsight.models.control.impedance import (
     impedance_action,
     impedance_law,
 )
+from wrenchsight.models.control.joint_tracking import LARGEST_INPUT, holding_torque
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 from wrenchsight.systems.declarations import declare_cached, declare_parts
@@ -101,6 +103,7 @@ class ImpedanceController(LeafSystem):
     Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
                  pose_error      (6,) rotation vector rad, translation m, from D to E, in the axes
                                  of the stiffness
+                 valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
                  action          (n + 6 + 1,) these two and the integral at the end of the tick, one
                                  after the other, in one port
     State:       (1,) integral of the force error, N s; it stands still while a drive is at its
@@ -108,6 +111,10 @@ class ImpedanceController(LeafSystem):
     Parameters:  stiffness       (36,) row by row, rotation first
                  damping         (36,)
                  force_gains     (3,) proportional, integral, integral_limit
+
+    At a tick that is not valid the command holds the arm's weight (Cv + G), or is 0 where its
+    position or velocity is not known, pose_error is 0 and the state stays, so that the next tick is
+    as any other. A wrench that is not finite counts as feedback_valid 0.
 
     Prerequisite: held torques keep the damper stable only while time_step times the largest
     eigenvalue of Λ⁻¹ B is below 2, and quiet below 1 (`damping_per_tick`). A light wrist allows
@@ -184,6 +191,7 @@ class ImpedanceController(LeafSystem):
         )
         parts = {"tau_command": n, "pose_error": 6}
         declare_parts(self, self._action.Eval, parts, prerequisites)
+        self.DeclareVectorOutputPort("valid", 1, self._calc_valid, prerequisites)
 
     @staticmethod
     def sizes(num_joints: int) -> tuple[int, int, int]:
@@ -219,9 +227,30 @@ class ImpedanceController(LeafSystem):
         """Whether it controls a force at all."""
         return self._has_force
 
+    def _calc_valid(self, context: Context, output: BasicVector) -> None:
+        output[0] = float(self._is_usable(context))
+
+    def _is_usable(self, context: Context) -> bool:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        numbers = [self._pose_reference.Eval(context), terms.q, terms.v]
+        if self._reference.HasValue(context):
+            numbers.append(self._reference.Eval(context))
+        if self._has_force:
+            numbers.append(self._force_setpoint.Eval(context))
+        return all(all_below(values, LARGEST_INPUT) for values in numbers)
+
     def _calc_action(self, context: Context, output: BasicVector) -> None:
         has_reference, has_force = self._reference.HasValue(context), self._has_force
         terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        integral = context.get_discrete_state(0).GetAtIndex(0)
+        if not self._is_usable(context):
+            action = output.get_mutable_value()
+            action[:] = 0.0
+            action[: self._n] = holding_torque(terms, self._effort_limit)
+            action[-1] = integral
+            return
+        wrench = self._wrench.Eval(context) if has_force else _NO_WRENCH
+        is_wrench_known = all_below(wrench, LARGEST_INPUT)
         impedance_action(
             self._law.Eval(context),
             terms.record,
@@ -229,10 +258,10 @@ class ImpedanceController(LeafSystem):
             self._reference.Eval(context) if has_reference else self._at_rest,
             (
                 self._controls_force(context),
-                _is_on(self._feedback_valid, context),
+                is_wrench_known and _is_on(self._feedback_valid, context),
                 self._force_setpoint.Eval(context)[0] if has_force else 0.0,
-                self._wrench.Eval(context) if has_force else _NO_WRENCH,
-                context.get_discrete_state(0).GetAtIndex(0),
+                wrench if is_wrench_known else _NO_WRENCH,
+                integral,
             ),
             output.get_mutable_value(),
         )

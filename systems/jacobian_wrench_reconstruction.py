@@ -1,6 +1,6 @@
 """The wrench at the tool from the external joint torque, as a block."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -23,10 +23,14 @@ from wrenchsight.models.estimation.wrench_reading import (
 )
 from wrenchsight.models.identification.torque_error_model import ConstantTorqueError
 from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.numerics.finite import all_below
 from wrenchsight.models.observers.sample_check import BEYOND
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import TunedParameters, declare_cached, declare_parts
 from wrenchsight.systems.last_tick import LastTick
 
+MIN_POLE = 1e-6  # 1/s; an observer with a slower one settles in days
+_LARGEST_INPUT = 1e9  # SI; beyond, a number's square is of no use
 _NOT_OBSERVED = np.empty(0)
 _PARTS = {"wrench": 6, "covariance": 36, "condition_number": 1, "valid": 1}
 
@@ -37,10 +41,12 @@ class _TunedReading(NamedTuple):
     Attributes:
         tables: of the reading.
         error: (ERROR_ROWS n,) torque error for an unconnected port.
+        is_usable: whether the pole is one of an observer.
     """
 
     tables: ReadingTables
     error: Array
+    is_usable: bool
 
 
 class JacobianWrenchReconstruction(LeafSystem):
@@ -92,7 +98,8 @@ class JacobianWrenchReconstruction(LeafSystem):
                  truncation         (1,) of method "truncated"
 
     The outputs are always finite, but for the condition number at a singular J. An input that is
-    not finite gives a wrench of zero with the prior's covariance, and valid = 0. With a time step
+    not finite gives a wrench of zero with the prior's covariance, and valid = 0; so does a pole of
+    0 to MIN_POLE, behind which no reading settles. With a time step
     the outputs between two ticks are those of the last one.
 
     Args:
@@ -131,6 +138,7 @@ class JacobianWrenchReconstruction(LeafSystem):
             self._last = LastTick(self, self._initial, time_step, sum(self.reading_sizes))
             tickets |= self._last.tickets
             self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+        self._no_torque = np.full(n, np.nan)
         # Nothing in it outlives a call.
         self._work = np.empty((READING_WORK_ROWS, max(n, 6)))
         # The port holds the reading and the state after it, so that the update only copies them.
@@ -140,14 +148,16 @@ class JacobianWrenchReconstruction(LeafSystem):
         declare_parts(self, self._reading.Eval, _PARTS, tickets)
 
     def _calc_tables(self, context: Context) -> _TunedReading:
-        K_0 = None
+        K_0, is_usable = None, True
         if not isinstance(self._wrench_reading.error, ConstantTorqueError):
             pole = self._pole.Eval(context)
-            K_0 = pole if (pole >= 0.0).all() else None
+            has_lag = bool((pole >= MIN_POLE).all()) and all_below(pole, _LARGEST_INPUT)
+            K_0 = pole if has_lag else None
+            is_usable = has_lag or bool((pole < 0.0).all())
         reading = self._wrench_reading.with_parameters(self._parameters.at(context), K_0)
         constant = np.zeros(ERROR_ROWS * self._n)
         constant[: self._n] = np.sqrt(reading.error.constant**2)  # as the torque error's kernel
-        return _TunedReading(reading.tables, constant)
+        return _TunedReading(reading.tables, constant, is_usable)
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
         out = output.get_mutable_value()
@@ -160,10 +170,13 @@ class JacobianWrenchReconstruction(LeafSystem):
                 return
             state = out[READING:]
             state[:] = memory
-        tables, error = self._tables.EvalAbstract(context).get_value()
-        J = self._terms.Eval(context).record["J"][0]
+        tables, error, is_usable = self._tables.EvalAbstract(context).get_value()
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        J, tau_ext = terms.J, self._tau_ext.Eval(context)
+        is_usable &= all_below(terms.q, _LARGEST_INPUT) and all_below(J.ravel(), _LARGEST_INPUT)
         if self._torque_error.HasValue(context):
             error = self._torque_error.Eval(context)
+            is_usable &= all_below(error, _LARGEST_INPUT)
         else:
             error[3 * self._n : 9 * self._n] = J.ravel()
         observed = (
@@ -172,10 +185,13 @@ class JacobianWrenchReconstruction(LeafSystem):
         is_counted = not self._tau_ext_valid.HasValue(context) or (
             self._tau_ext_valid.Eval(context).item() == 1.0
         )
-        is_implausible = self._fault.HasValue(context) and (
-            int(self._fault.Eval(context).item()) & BEYOND != 0
-        )
-        sample = ReadingSample(J, self._tau_ext.Eval(context), is_counted, is_implausible, observed)
+        fault = self._fault.Eval(context).item() if self._fault.HasValue(context) else 0.0
+        if not abs(fault) < _LARGEST_INPUT:
+            is_usable, fault = False, 0.0
+        if not is_usable:
+            is_counted, tau_ext = False, self._no_torque
+        is_implausible = int(fault) & BEYOND != 0
+        sample = ReadingSample(J, tau_ext, is_counted, is_implausible, observed)
         read_sample(tables, state, error, sample, out[:READING], self._work)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,13 +16,17 @@ from pydrake.systems.framework import (
 )
 
 from wrenchsight.models.control.joint_tracking import (
+    LARGEST_INPUT,
     advance_integral,
+    holding_torque,
     tracking_law,
     tracking_torque_of,
 )
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.friction.velocity_friction import SemiParametricFriction
 from wrenchsight.models.numerics.arrays import Array, Record
+from wrenchsight.models.numerics.finite import all_below
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
 from wrenchsight.systems.declarations import declare_cached
 
 LAWS = ("computed_torque", "feedforward_pd")
@@ -57,11 +62,15 @@ class JointTrackingController(LeafSystem):
 
     Inputs:      terms           RigidBodyTerms (abstract): M, Cv, G of the model, and q, v
                  reference       (3n,) q_d, v_d, vdot_d: rad, rad/s, rad/s^2
-    Output:      tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
+    Outputs:     tau_command     (n,) N m on the joint side, within effort_limit; direct feedthrough
+                 valid           (1,) 1, or 0 at a tick whose inputs are not finite numbers
     State:       (n,) integral of the error, rad s; it stands still while its drive is at its limit
                  in the direction of the error, and ki ∫e dt never exceeds integral_limit. Without
                  any ki in the configuration there is no integration
     Parameter:   gains           (4n,) kp, kd, ki, integral_limit
+
+    At a tick that is not valid the command holds the arm's weight (Cv + G), or is 0 where its
+    position or velocity is not known; the state stays, so that the next tick is as any other.
 
     Args:
         friction: the model's law, fed forward.
@@ -119,12 +128,28 @@ class JointTrackingController(LeafSystem):
             },
         )
 
+        self.DeclareVectorOutputPort(
+            "valid", 1, self._calc_valid, {self._terms.ticket(), self._reference.ticket()}
+        )
+
+    def _calc_valid(self, context: Context, output: BasicVector) -> None:
+        output[0] = float(self._is_usable(context))
+
+    def _is_usable(self, context: Context) -> bool:
+        terms = cast(RigidBodyTerms, self._terms.Eval(context))
+        numbers = (self._reference.Eval(context), terms.q, terms.v)
+        return all(all_below(values, LARGEST_INPUT) for values in numbers)
+
     def _calc_law(self, context: Context) -> Record:
         gains = context.get_numeric_parameter(self._gains).value().reshape(4, self._n)
         return self._make_law(gains=gains)
 
     def _write_torque(self, context: Context, tau: Array) -> None:
         """Writes the commanded torque into tau (n,), N m."""
+        if not self._is_usable(context):
+            terms = cast(RigidBodyTerms, self._terms.Eval(context))
+            tau[:] = holding_torque(terms, self._effort_limit)
+            return
         state = self._no_integral
         if self._integrates:
             state = context.get_discrete_state_vector().value()
@@ -140,6 +165,8 @@ class JointTrackingController(LeafSystem):
         self._write_torque(context, output.get_mutable_value())
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        if not self._is_usable(context):
+            return
         tau, law = np.empty(self._n), self._law.EvalAbstract(context).get_value()
         self._write_torque(context, tau)
         q_d, q = self._reference.Eval(context)[: self._n], self._terms.Eval(context).q

@@ -7,6 +7,20 @@ from wrenchsight.models.numerics.arrays import Array, Record, record
 from wrenchsight.models.numerics.kernel import kernel
 from wrenchsight.models.numerics.views import plain, read_only
 from wrenchsight.models.rigid_body.chain_kernels import JointDynamics
+from wrenchsight.models.rigid_body.rigid_body_terms import RigidBodyTerms
+
+LARGEST_INPUT = 1e9  # SI; a controller's input beyond is not a finite number's work
+
+
+def holding_torque(terms: RigidBodyTerms, effort_limit: Array) -> Array:
+    """Returns Cv + G (n,), N m, within the limits; 0 where it is not known.
+
+    The command of a tick whose reference cannot be used.
+    """
+    tau = terms.Cv + terms.G
+    if not np.isfinite(tau).all():
+        return np.zeros_like(tau)
+    return np.clip(tau, -effort_limit, effort_limit)
 
 
 @kernel

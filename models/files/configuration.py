@@ -38,6 +38,7 @@ _ODD_YAML = (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, Recur
              TypeError, ValueError)  # fmt: skip
 # Neither file names nor a URDF may hold these: control characters and lone surrogates.
 _CONTROL = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\x7f\\ud800-\\udfff]")
+MAX_ALIASED = 100_000  # values that the aliases of a file may repeat
 LARGEST_FILE = 1 << 23  # bytes; a model with a network for each joint takes some 100 kB
 _NULL_TAG = "tag:yaml.org,2002:null"
 _BOOL_TAG = "tag:yaml.org,2002:bool"
@@ -79,6 +80,7 @@ def _loaded(path: Path, text: str, schema: Any) -> Any:
         raise InputError(path, "", "the file is empty", "expected keys and values in YAML")
     check = _Check(path, loader)
     try:
+        check.aliases(node)
         check.value(node, schema, "", is_root=True)
     except InputError:
         raise
@@ -158,6 +160,27 @@ class _Check:
     def names(self, node: Any) -> list[str]:
         """The keys of the document."""
         return list(self._items(node, "", is_root=True))
+
+    def aliases(self, root: Any) -> None:
+        """Refuses aliases that stand for too many values: what reads them visits each again."""
+        sizes: dict[int, int] = {}  # by node: values that it stands for; 0 while it is counted
+
+        def size_of(node: Any) -> int:
+            if id(node) in sizes:
+                if sizes[id(node)] == 0:
+                    raise self._error(node, "", "an alias stands inside its own anchor")
+                return sizes[id(node)]
+            sizes[id(node)] = 0
+            children = [] if isinstance(node, yaml.ScalarNode) else node.value
+            if isinstance(node, yaml.MappingNode):
+                children = [part for pair in node.value for part in pair]
+            sizes[id(node)] = size = 1 + sum(map(size_of, children))
+            return size
+
+        repeated = size_of(root) - len(sizes)
+        if repeated > MAX_ALIASED:
+            problem = f"its aliases repeat {float(repeated):.3g} values, expected {MAX_ALIASED}"
+            raise InputError(self._path, "", f"{problem} at most", "write them out, or drop them")
 
     def value(self, node: Any, schema: Any, name: str, is_root: bool = False) -> None:
         origin = typing.get_origin(schema)

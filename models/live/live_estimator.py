@@ -300,9 +300,12 @@ class LiveEstimator:
         self, sample: Sample, out: list[Reading | StreamEvent], is_stale: bool = False
     ) -> None:
         events: list[StreamEvent] = []
-        if sample.q.shape != (self._num_joints,) or sample.v.shape != (self._num_joints,):
+        sizes = {array.shape for array in (sample.q, sample.v, sample.effort)}
+        if sizes != {(self._num_joints,)}:
+            numbers = (sample.q.size, sample.v.size, sample.effort.size)
             text = (
-                f"a sample of {sample.q.size} joints, expected {self._num_joints}; it is left out"
+                f"a sample of {numbers[0]} positions, {numbers[1]} velocities and {numbers[2]} "
+                f"currents, expected {self._num_joints} of each; it is left out"
             )
             out.append(StreamEvent(EventKind.RECIPE, text, sample.received))
             return

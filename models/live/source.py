@@ -81,12 +81,15 @@ class SourceAddress:
         try:
             parts = urlsplit(f"//{self.place}")
             host, stated_port = parts.hostname, parts.port
-        except ValueError:
+            if host:
+                host = unquote(host)
+                host.encode("idna")  # refuses an empty label, or one of 64 letters and more
+        except ValueError:  # UnicodeError among them
             host, stated_port = None, None
         if not host or len(host) > 255 or parts.path not in ("", "/"):
             problem = f'"{self.place}" is no host, expected HOST[:PORT]'
             raise InputError(f"{self.scheme}://", "", problem, "such as 192.168.1.10")
-        return unquote(host), port if stated_port is None else stated_port
+        return host, port if stated_port is None else stated_port
 
     def number(self, key: str, default: float, least: float, most: float) -> float:
         """An option that is a number.

@@ -72,6 +72,7 @@ class ParquetTable:
             schema = file.schema_arrow
             self.num_rows = file.metadata.num_rows
             self._types = dict(zip(schema.names, schema.types, strict=True))
+            self._repeated = {name for name in schema.names if schema.names.count(name) > 1}
             self._places: list[_Place] = []  # by column of the table
             widths: dict[str, int] = {}
             if self.num_rows:
@@ -106,7 +107,7 @@ class ParquetTable:
         """As the protocol.
 
         Raises:
-            InputError: also where a column holds no numbers.
+            InputError: also where a column holds no numbers, or two have its name.
         """
         for column in columns:
             self._check_type(column)
@@ -186,7 +187,7 @@ class ParquetTable:
         lists = [
             name
             for name, kind in self._types.items()
-            if _is_list(kind) and _is_number(_entry_type(kind))
+            if _is_list(kind) and _is_number(_entry_type(kind)) and name not in self._repeated
         ]
         widths = dict.fromkeys(self._types, 1)
         if lists:
@@ -205,8 +206,11 @@ class ParquetTable:
         return widths
 
     def _check_type(self, column: int) -> None:
-        """Refuses a column that holds no numbers."""
+        """Refuses a column that holds no numbers, or shares its name with another."""
         name = self._places[column].name
+        if name in self._repeated:
+            problem = f'names the column "{name}" more than once'
+            raise InputError(self.path, "schema", problem, "give each column its own name")
         kind = self._types[name]
         if not _is_number(_entry_type(kind)):
             remedy = "write one numeric column per joint, or lists of numbers"

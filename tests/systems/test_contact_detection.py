@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from played_logs import played
+from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from sample_models import torque_error
 
 from wrenchsight.diagrams.estimator import make_estimator
 from wrenchsight.models.detection.contact_detector import ContactDetectionConfig, ContactDetector
 from wrenchsight.models.estimation.estimator import WrenchEstimator, WrenchEstimatorConfig
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.friction.velocity_friction import CoulombViscous, SemiParametricFriction
 from wrenchsight.models.identification.contact_noise import ContactNoise
@@ -124,3 +126,32 @@ def test_ports(sts, model):
         assert not system.HasDirectFeedthrough(int(port), 0)
     plain = make_estimator(sts, model, config("inverse"))
     assert not plain.HasOutputPort("contact")
+
+
+@pytest.mark.parametrize("name", ["v", "torque_error", "tau_ext", "tau_J"])
+@pytest.mark.parametrize("bad", [1e154, -1e200, np.inf, np.nan])
+def test_an_impossible_number_leaves_the_detection_finite_for_good(sts, model, log, name, bad):
+    estimator = WrenchEstimator(sts, model, config("bayesian"))
+    block = ContactDetection(ContactDetector.of(estimator))
+    simulator = Simulator(block)
+    context = simulator.get_mutable_context()
+    q, v, _ = (signal[0] for signal in log)
+    terms = estimator.chain.terms(q, v)
+    error = np.zeros(ERROR_ROWS * N)
+    error[:N], error[3 * N : 9 * N] = 1.0, terms.J.ravel()
+    values = {
+        **{"v": v, "torque_error": error, "tau_ext": np.zeros(N), "tau_ext_valid": [1.0]},
+        **{"tau_J": np.zeros(N), "tau_f": np.zeros(N), "pole": np.full(N, 20.0)},
+    }
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    block.GetInputPort("law").FixValue(context, AbstractValue.Make(model.friction))
+    for k in range(60):
+        for key, value in values.items():
+            number = np.array(value, float)
+            if key == name and k in (20, 40):
+                number[-1] = bad
+            block.GetInputPort(key).FixValue(context, number)
+        simulator.AdvanceTo((k + 0.5) * T)
+        detection = block.GetOutputPort("detection").Eval(context)
+        assert np.isfinite(detection).all(), k
+        assert detection[DETECTION.index("contact")] == 0.0, k

@@ -390,3 +390,51 @@ def test_without_valid_feedback_the_press_is_setpoint_and_integral(sts, valid):
         np.testing.assert_allclose(tau - terms.G, -press * terms.J[5], atol=1e-9)
         values = block.EvalUniquePeriodicDiscreteUpdate(context)
         assert values.get_vector(0).GetAtIndex(0) == pytest.approx(0.1 + T * error)
+
+
+def forced(sts):
+    """A controller of force at rest above a contact of 20 N, with its inputs by name."""
+    config = ImpedanceConfig(force=ForceControlConfig())
+    block = ImpedanceController(no_friction(6), sts.effort_limit, T, config)
+    terms = sts.chain.terms(sts.home, np.zeros(6))
+    values = {
+        "pose_reference": pose(terms.R_WE, terms.p_WE),
+        "reference": np.concatenate([sts.home, np.zeros(12)]),
+        "wrench": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 20.0]),
+        "force_setpoint": np.array([40.0]),
+    }
+    return block, terms, values
+
+
+@pytest.mark.parametrize("name", ["terms", "pose_reference", "reference", "force_setpoint"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_one_tick_that_is_not_finite_leaves_no_trace(sts, name, bad):
+    block, terms, values = forced(sts)
+    simulator = Simulator(block)
+    context = simulator.get_mutable_context()
+    for k in range(5):
+        is_bad = k == 2
+        q = np.full(6, np.nan) if name == "terms" and is_bad else sts.home
+        now = sts.chain.terms(q, np.zeros(6))
+        block.GetInputPort("terms").FixValue(context, AbstractValue.Make(now))
+        for key, value in values.items():
+            number = value.copy()
+            if key == name and is_bad:
+                number[-1] = bad
+            block.GetInputPort(key).FixValue(context, number)
+        tau = block.GetOutputPort("tau_command").Eval(context)
+        assert block.GetOutputPort("valid").Eval(context)[0] == float(not is_bad)
+        if is_bad:  # the weight is held as long as the position is known
+            held = np.zeros(6) if name == "terms" else terms.G
+            np.testing.assert_allclose(tau, held, atol=1e-12)
+        simulator.AdvanceTo((k + 1) * T - 0.5 * T)
+    # Four good ticks of 20 N of error, as without the bad one.
+    assert context.get_discrete_state(0).GetAtIndex(0) == pytest.approx(4 * T * 20.0, rel=1e-12)
+
+
+def test_a_wrench_that_is_not_finite_counts_as_no_feedback(sts):
+    block, terms, values = forced(sts)
+    blind = torque(block, terms, values.pop("pose_reference"), **values, feedback_valid=[0.0])
+    values["wrench"] = np.array([0.0, 0.0, np.nan, 0.0, 0.0, np.inf])
+    desired = pose(terms.R_WE, terms.p_WE)
+    np.testing.assert_array_equal(torque(block, terms, desired, **values), blind)

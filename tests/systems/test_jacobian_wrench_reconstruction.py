@@ -7,7 +7,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from sample_models import torque_error
 
+from wrenchsight.models.estimation.torque_error_stage import ERROR_ROWS
 from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig, reconstruct_wrench
 from wrenchsight.models.estimation.wrench_kernels import METHODS
 from wrenchsight.models.estimation.wrench_reading import WrenchReading
@@ -17,6 +19,7 @@ from wrenchsight.systems.rigid_body_terms import RigidBodyTermsSystem
 Q = np.array([0.3, -0.4, 0.5, 0.2, -0.7, 1.1])
 WRENCH = np.array([0.5, 1.5, 1.0, -3.0, 4.0, 25.0])  # rotation first
 FORCE_SD, MOMENT_SD = 30.0, 2.0
+T = 2e-3
 SIGMA = np.diag([4.0, 4.0, 2.0, 0.5, 0.5, 0.2]) ** 2 + 0.01
 
 
@@ -167,3 +170,76 @@ def test_a_bad_parameter_through_the_context_is_refused(chain):
     context.get_mutable_numeric_parameter(0).SetFromVector([-1.0, 2.0])
     with pytest.raises(ValueError, match="prior_force_sd"):
         evaluate(block, context, chain.terms(Q, np.zeros(6)), np.ones(6))
+
+
+@pytest.mark.parametrize("fault", [np.nan, np.inf, 1e300])
+def test_a_fault_that_is_no_code_is_flagged(chain, fault):
+    block = block_of(config(), SIGMA)
+    context = block.CreateDefaultContext()
+    terms = chain.terms(Q, np.zeros(6))
+    block.GetInputPort("fault").FixValue(context, [fault])
+    assert evaluate(block, context, terms, terms.J.T @ WRENCH)["valid"] == 0.0
+    block.GetInputPort("fault").FixValue(context, [0.0])
+    assert evaluate(block, context, terms, terms.J.T @ WRENCH)["valid"] == 1.0
+
+
+def learnt_block():
+    error = torque_error(speed=0.2, correlation=np.eye(6), resolution=1e-4)
+    return JacobianWrenchReconstruction(WrenchReading(error, config(), np.full(6, 20.0), T, 2.0), T)
+
+
+def learnt_inputs(block, context, chain):
+    """Inputs of a sample that is read; sds of 1 N m."""
+    terms = chain.terms(Q, np.zeros(6))
+    error = np.zeros(ERROR_ROWS * 6)
+    error[:6], error[18:54] = 1.0, terms.J.ravel()
+    values = {"tau_ext": terms.J.T @ WRENCH, "torque_error": error, "pole": np.full(6, 20.0)}
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+    for name, value in values.items():
+        block.GetInputPort(name).FixValue(context, value)
+    return values
+
+
+def outputs_of(block, context):
+    names = ("wrench", "covariance", "valid")
+    return [block.GetOutputPort(name).Eval(context) for name in names]
+
+
+@pytest.mark.parametrize("pole", [0.0, -0.0, 5e-324, np.nan, np.inf, 1e300])
+def test_a_pole_that_no_observer_has_is_flagged(chain, pole):
+    block = learnt_block()
+    context = block.CreateDefaultContext()
+    values = learnt_inputs(block, context, chain)
+    assert outputs_of(block, context)[2] == 1.0
+    block.GetInputPort("pole").FixValue(context, np.r_[values["pole"][:5], pole])
+    wrench, covariance, valid = outputs_of(block, context)
+    assert valid == 0.0
+    np.testing.assert_array_equal(wrench, np.zeros(6))
+    assert np.isfinite(covariance).all()
+    block.GetInputPort("pole").FixValue(context, np.full(6, 20.0))
+    assert outputs_of(block, context)[2] == 1.0
+
+
+@pytest.mark.parametrize("entry", [0, 7, 13, 20, 60, 101])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e154])
+def test_a_torque_error_that_is_not_finite_is_flagged(chain, entry, bad):
+    block = learnt_block()
+    context = block.CreateDefaultContext()
+    values = learnt_inputs(block, context, chain)
+    error = values["torque_error"].copy()
+    error[entry] = bad
+    block.GetInputPort("torque_error").FixValue(context, error)
+    wrench, covariance, valid = outputs_of(block, context)
+    assert valid == 0.0
+    assert np.isfinite(wrench).all() and np.isfinite(covariance).all()
+
+
+def test_terms_of_an_unknown_position_are_flagged(chain):
+    block = learnt_block()
+    context = block.CreateDefaultContext()
+    learnt_inputs(block, context, chain)
+    broken = chain.terms(np.full(6, np.nan), np.zeros(6))
+    block.GetInputPort("terms").FixValue(context, AbstractValue.Make(broken))
+    wrench, covariance, valid = outputs_of(block, context)
+    assert valid == 0.0
+    assert np.isfinite(wrench).all() and np.isfinite(covariance).all()

@@ -189,3 +189,28 @@ def test_a_reference_ahead_pushes_forward(sts):
 def test_bad_configuration(changes, words):
     with pytest.raises(InputError, match=words):
         JointTrackingController(NO_FRICTION, np.ones(6), T, JointTrackingConfig(**changes))
+
+
+@pytest.mark.parametrize("name", ["terms", "reference"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_one_tick_that_is_not_finite_leaves_no_trace(sts, name, bad):
+    config = JointTrackingConfig(ki=[100.0])
+    block = JointTrackingController(NO_FRICTION, sts.effort_limit, T, config)
+    simulator = Simulator(block)
+    context = simulator.get_mutable_context()
+    good = np.concatenate([sts.home + 0.01, np.zeros(12)])
+    for k in range(5):
+        is_bad = k == 2
+        q = np.full(6, np.nan) if name == "terms" and is_bad else sts.home
+        terms = sts.chain.terms(q, np.zeros(6))
+        reference = np.full(18, bad) if name == "reference" and is_bad else good
+        block.GetInputPort("terms").FixValue(context, AbstractValue.Make(terms))
+        block.GetInputPort("reference").FixValue(context, reference)
+        tau = block.GetOutputPort("tau_command").Eval(context)
+        assert block.GetOutputPort("valid").Eval(context)[0] == float(not is_bad)
+        if is_bad:
+            held = np.zeros(6) if name == "terms" else terms.G
+            np.testing.assert_allclose(tau, held, atol=1e-12)
+        simulator.AdvanceTo((k + 1) * T - 0.5 * T)
+    integral = context.get_discrete_state_vector().CopyToVector()
+    np.testing.assert_allclose(integral, 4 * T * 0.01, rtol=1e-9)

@@ -21,6 +21,7 @@ from wrenchsight.models.live.rtde import (
     ROBOT_RUNS,
     SAFE_TO_READ,
     SAFETY_MODES,
+    TYPES,
     VERSION,
     PacketReader,
     PacketType,
@@ -51,6 +52,20 @@ _MORE = (
     "actual_TCP_force",
     "payload",
 )
+
+
+class _WrongTypeError(ProtocolError):
+    """A field has another type than RTDE's guide states."""
+
+
+def _other_types(recipe: Recipe) -> dict[str, str]:
+    """A few words on each field whose type is not that of RTDE's guide, by its name."""
+    pairs = zip(recipe.names, recipe.types, strict=True)
+    return {
+        name: f"{name} as {kind}, expected {TYPES[name]}"
+        for name, kind in pairs
+        if name not in recipe.missing and kind != TYPES[name]
+    }
 
 
 class RtdeSource:
@@ -172,6 +187,8 @@ class RtdeSource:
             return [self._started()]
         except OSError as error:
             reason = error.strerror or str(error) or "no answer"
+        except _WrongTypeError as error:
+            reason = str(error)
         except ProtocolError as error:
             reason = f"is no controller that speaks RTDE: it sent {error}"
         self._disconnect()
@@ -196,12 +213,19 @@ class RtdeSource:
         names = [*_NEEDED, self._effort, *_MODES, *_MORE]
         names += [_TORQUE] if self._effort != _TORQUE else []
         recipe = self._set_up(frequency, names)
-        if recipe.missing:
-            missing = {*_NEEDED, self._effort} & {*recipe.missing}
-            if missing:
-                raise ProtocolError(f"no {', '.join(sorted(missing))}")
-            names = [name for name in names if name not in recipe.missing]
+        needed = {*_NEEDED, self._effort}
+        if missing := needed & {*recipe.missing}:
+            raise ProtocolError(f"no {', '.join(sorted(missing))}")
+        other_types = _other_types(recipe)
+        for name in names:
+            if name in other_types and name in {*needed, *_MODES}:
+                raise _WrongTypeError(f"states {other_types[name]}; check its software's version")
+        left_out = {*recipe.missing, *other_types}
+        if left_out:
+            names = [name for name in names if name not in left_out]
             recipe = self._set_up(frequency, names)
+            if recipe.missing or _other_types(recipe):
+                raise ProtocolError("another recipe for fields that it had stated")
         if not accepted(self._ask(packet(PacketType.START), PacketType.START)):
             raise ProtocolError("a refusal to start")
         self._recipe, self._refusal = recipe, ""
@@ -209,6 +233,8 @@ class RtdeSource:
         again = " again" if self._was_connected else ""
         self._was_connected = True
         text = f"{self._place}: connected{again}, {frequency:g} Hz, software {major}.{minor}"
+        if other_types:
+            text += f"; left out: {', '.join(other_types.values())}"
         return StreamEvent(EventKind.CONNECTED, text, self._last_packet)
 
     def _set_up(self, frequency: float, names: list[str]) -> Recipe:

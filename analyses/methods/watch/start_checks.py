@@ -46,7 +46,8 @@ SETTLED = 1.0  # s, after which readings count
 GAIN_OFF = 0.03  # share by which torques per ampere may differ
 GAIN_SURE = 3.0  # standard errors beyond which they differ
 RESTS_SAMPLES = 100  # a second, of a check of joints at rest
-_TARGETS = {"target_current", "target_moment"}
+_TARGETS = ("target_current", "target_moment")
+_NO_NUMBER = np.empty(0)
 
 
 class StartChecks:
@@ -103,7 +104,8 @@ class StartChecks:
     def _take(self, sample: Sample, live: LiveEstimator) -> None:
         if self._is_over or sample.is_external or not (sample.running and np.isfinite(sample.t)):
             return
-        if sample.q.shape != (self._robot.num_joints,) or sample.v.shape != sample.q.shape:
+        shapes = {array.shape for array in (sample.q, sample.v, sample.effort)}
+        if shapes != {(self._robot.num_joints,)}:
             return  # the estimator reports it
         if self._begin is None or self._jumped(sample.t):
             if self._begin is None and live.contradicted:
@@ -270,7 +272,7 @@ class StartChecks:
 
     def _judge_payload(self, sample: Sample) -> None:
         """Reports a payload of the controller that differs from the tool in robot.yaml."""
-        if "payload" not in sample.more:
+        if sample.more.get("payload", _NO_NUMBER).size != 1:
             return
         stated = float(sample.more["payload"].item())
         tool = self._robot.config.tool
@@ -288,7 +290,11 @@ class StartChecks:
         with_targets = [
             sample
             for sample in (*previous, *self._previous)
-            if not sample.is_torque and {*sample.more} >= _TARGETS
+            if not sample.is_torque
+            and all(
+                name in sample.more and sample.more[name].shape == sample.effort.shape
+                for name in _TARGETS
+            )
         ]
         if not with_targets:
             if self._agrees:  # this source states no targets

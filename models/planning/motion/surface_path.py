@@ -6,6 +6,7 @@ parallel along the path), so that a constant psi turns the tool as little as pos
 """
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +14,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrenchsight.models.files.files_read import about_to_read
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import read_limited
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.planning.motion.workpieces import Surface
 
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 _UNIT = 1e-3  # how far from 1 the length of a normal may be: CAM prints four digits or more
 MOST_SAMPLES = 10_000  # of a path
+LARGEST_FILE = 1 << 24  # bytes of a CAM file
+_FARTHEST = 1e3  # m, of a point; no workpiece reaches as far
 _DENSE = 40  # evaluations of the surface per sample, to space the samples evenly
 
 
@@ -201,7 +204,13 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
     bad = np.flatnonzero(~np.all(np.isfinite(p), axis=1) | ~np.all(np.isfinite(n), axis=1))
     if bad.size:
         raise InputError(source, locations[bad[0]], "a coordinate is not a finite number")
-    length = np.linalg.norm(n, axis=1)
+    bad = np.flatnonzero(np.any(np.abs(p) > _FARTHEST, axis=1))
+    if bad.size:
+        farthest = np.abs(p[bad[0]]).max()
+        problem = f"a coordinate of {farthest:g} m, expected {_FARTHEST:g} at most"
+        raise InputError(source, locations[bad[0]], problem, "write metres")
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(n, axis=1)
     bad = np.flatnonzero(np.abs(length - 1.0) > _UNIT)
     if bad.size:
         raise InputError(
@@ -224,9 +233,9 @@ def _check(source: str, p: Array, n: Array, locations: list[str]) -> None:
 
 
 def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
-    about_to_read(path)
+    data = read_limited(path, LARGEST_FILE, "a CSV of points and normals")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with io.StringIO(data.decode("utf-8-sig"), newline="") as file:
             reader = csv.reader(file)
             header = [name.strip().lower() for name in next(reader, [])]
             missing = [name for name in COLUMNS if name not in header]
@@ -246,8 +255,6 @@ def _read_rows(path: Path) -> tuple[list[list[float]], list[int]]:
                     raise InputError(path, "", f"holds more than {MOST_SAMPLES} points")
                 lines.append(reader.line_num)
                 rows.append(_numbers(path, reader.line_num, cells, columns))
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(path, "", "is no text file", "expected a CSV in UTF-8") from error
     return rows, lines

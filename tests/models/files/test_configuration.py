@@ -226,3 +226,24 @@ def test_control_characters_are_escaped():
     line = str(InputError("a\udcff.csv", "line 3", "found \x1b]0;title\x07"))
     assert line == "a\\udcff.csv: line 3: found \\x1b]0;title\\x07"
     line.encode()
+
+
+def _nested_aliases(depth: int) -> str:
+    """A list of 9 ** depth numbers in a few lines."""
+    lines = ["_a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"_a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, depth)]
+    return "\n".join([*lines, f"matrix: *a{depth - 1}", "name: x\n"])
+
+
+_LONG_ROW = f"_r: &r [{', '.join(['1'] * 3000)}]\nmatrix: [{', '.join(['*r'] * 2000)}]\nname: x\n"
+
+
+@pytest.mark.parametrize("text", [_nested_aliases(10), _LONG_ROW], ids=["nested", "long row"])
+def test_aliases_that_stand_for_millions_of_values_are_one_line(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"aliases repeat .* values, expected 100000 at most"):
+        load_configuration(write(tmp_path, text), Thing)
+
+
+def test_an_alias_within_its_own_anchor_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"line 1.*stands inside its own anchor"):
+        load_configuration(write(tmp_path, "matrix: &m [*m]\nname: x\n"), Thing)

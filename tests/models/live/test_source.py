@@ -18,7 +18,11 @@ def test_an_address_is_scheme_place_and_options():
 
 
 @pytest.mark.parametrize(
-    "url", ["", "robot", "://x", "rtde://", "rtde://h:99999", "rtde://h/path", "rtde://\x1b[2J"]
+    "url",
+    [
+        *("", "robot", "://x", "rtde://", "rtde://h:99999", "rtde://h/path", "rtde://\x1b[2J"),
+        *("rtde://a..b", "rtde://.a", f"rtde://{'a' * 64}.b", "rtde://a%00b..c"),
+    ],
 )
 def test_an_invalid_address_is_one_line(url):
     with pytest.raises(InputError) as error:

@@ -80,3 +80,15 @@ def test_a_list_that_is_too_long_is_left_out(tmp_path: Path) -> None:
     table = ParquetTable(_written(tmp_path, pa.list_(pa.float64()), [[0.0] * 5000] * 12))
     assert table.names == ("stamp",)
     assert "is left out: it holds lists of 5000 numbers" in table.notices[0]
+
+
+def test_two_columns_of_one_name_are_refused_where_they_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.parquet"
+    columns = [pa.array([1.0, 2.0]), pa.array([3.0, 4.0]), pa.array([[5.0], [6.0]])]
+    pq.write_table(pa.table([*columns, columns[2]], names=["t", "q", "q", "list"]), path)
+    table = ParquetTable(path)
+    assert table.names == ("t", "q", "list")
+    (values, _) = next(table.blocks([0, 2]))
+    np.testing.assert_array_equal(values, [[1.0, 5.0], [2.0, 6.0]])
+    with pytest.raises(InputError, match='schema: names the column "q" more than once'):
+        next(table.blocks([0, 1]))

@@ -101,7 +101,7 @@ def test_a_task_without_an_initial_trajectory_is_solved_and_says_so(sts: Robot) 
     ("text", "words"),
     [
         ("num_angles: 8\n", ["one of surface and csv"]),
-        ("csv: none.csv\n", ["none.csv", "cannot be read"]),
+        ("csv: none.csv\n", ["none.csv", "no such file"]),
         ("csv: a.csv\nobjective: jnc\n", ["objective", '"jnc"']),
         ("csv: a.csv\ntool_axes: [0, 0, 1]\n", ["line 2", "tool_axis"]),
         ("csv: a.csv\ntool_axis: [0, 0, 0]\n", ["tool_axis"]),

@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -15,7 +17,14 @@ from read_sources import read_until
 from wrenchsight.analyses.methods.watch.rtde_controller import RtdeController
 from wrenchsight.analyses.methods.watch.sources import open_source
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.live.rtde import PacketType, packet
+from wrenchsight.models.live.rtde import (
+    NOT_FOUND,
+    TYPES,
+    PacketType,
+    Recipe,
+    packet,
+    read_outputs_request,
+)
 from wrenchsight.models.live.samples import EventKind
 from wrenchsight.models.recordings.recording import Recording
 
@@ -235,3 +244,54 @@ def test_the_official_client_reads_the_same_replay():
     rows = np.searchsorted(recording.t, [t for t, _ in seen])
     same = [q in recording.q[k : k + 10, 0] for k, (_, q) in zip(rows, seen, strict=True)]
     assert all(same)
+
+
+class OtherTypes(RtdeController):
+    """A controller that states other types for some fields, by name, once `other` is set."""
+
+    other: Mapping[str, str] = MappingProxyType({})
+
+    def _answer(self, client, kind, payload):
+        if kind is not PacketType.OUTPUTS:
+            super()._answer(client, kind, payload)
+            return
+        frequency, names = read_outputs_request(payload)
+        types = [TYPES[n] if n in self._names else NOT_FOUND for n in names]
+        types = [self.other.get(n, kind) for n, kind in zip(names, types, strict=True)]
+        client.recipe, client.period = Recipe(1, tuple(names), tuple(types)), 1.0 / frequency
+        client.send(client.recipe.answer())
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("actual_current", "VECTOR3D"),
+        ("actual_current", "DOUBLE"),
+        ("timestamp", "VECTOR6D"),
+        ("actual_q", "VECTOR6INT32"),
+        ("robot_mode", "DOUBLE"),
+    ],
+)
+def test_a_needed_field_of_another_type_is_refused_also_at_a_reconnect(ur10e, name, kind):
+    with OtherTypes([log(3000)], port=0) as controller:
+        source = opened(controller, ur10e)
+        read_until(source, lambda s, _: len(s) >= 20)
+        controller.other = {name: kind}
+        controller.drop_clients()
+        _, events = read_until(source, lambda _, e: len(e) == 2)
+        assert [event.kind for event in events] == [EventKind.LOST, EventKind.REFUSED]
+        assert f"{name} as {kind}, expected {TYPES[name]}" in events[1].text
+        controller.other = {}
+        _, events = read_until(source, lambda s, _: len(s) >= 20)
+        source.close()
+    assert events[0].kind is EventKind.CONNECTED
+
+
+def test_another_field_of_another_type_is_left_out_and_named(ur10e):
+    with OtherTypes([log(3000)], port=0) as controller:
+        controller.other = {"target_current": "VECTOR3D"}
+        source = opened(controller, ur10e)
+        samples, events = read_until(source, lambda s, _: len(s) >= 20)
+        source.close()
+    assert "left out: target_current as VECTOR3D, expected VECTOR6D" in events[0].text
+    assert all("target_current" not in sample.more for sample in samples)

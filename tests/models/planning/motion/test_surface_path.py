@@ -92,6 +92,8 @@ def test_a_cam_file_is_read_in_the_workpieces_frame(tmp_path: Path) -> None:
         (HEADER + "0,0,0,0,0,1\n1,0,0,0,0,2\n", ["line 3", "length 2", "unit"]),
         (HEADER + "0,0,0,0,0,1\n1,0,0,0,0,1\n2,0,0,0,0,-1\n", ["line 4", "other side"]),
         (HEADER + "0,0,0,0,0,1\n1,nan,0,0,0,1\n", ["line 3", "finite"]),
+        (HEADER + "0,0,0,0,0,1\n1e200,0,0,0,0,1\n", ["line 3", "1e+200 m", "1000 at most"]),
+        (HEADER + "0,0,0,0,0,1\n1,0,0,1e308,0,1e308\n", ["line 3", "length inf"]),
         (HEADER + "0,0,0,0,0,1\n1,x,0,0,0,1\n", ["line 3", "column y", '"x"']),
         (HEADER + "0,0,0,0,0,1\n1,0\n", ["line 3", "column z", "nothing"]),
         (HEADER + "0,0,0,0,0,1\n0,0,0,0,0,1\n", ["line 3", "line before"]),
@@ -106,5 +108,7 @@ def test_a_bad_cam_file_is_one_clear_line(tmp_path: Path, text: str, words: list
     assert line.startswith(str(file)) and "\n" not in line
     for word in words:
         assert word in line
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         SurfacePath.read_csv(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="larger than 16 MB"):
+        SurfacePath.read_csv("/dev/zero")
