@@ -4,7 +4,7 @@ A container is one file of this room (`text_table`, `parquet_table`) and one ent
 `log_containers.CONTAINERS`. It does not know what the columns mean: `recording_format` does.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,6 +15,12 @@ from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
 
 RowNumbers = NDArray[np.int64]
+
+
+class RowWords(Protocol):
+    """Reads the text in columns of a log; see `LogTable.row_words`."""
+
+    def __call__(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]: ...
 
 
 class LogTable(Protocol):
@@ -29,6 +35,16 @@ class LogTable(Protocol):
     """What the reader assumed or left out, one sentence each; complete after the last block."""
     progress: float
     """Share of the file that the current pass has read."""
+
+    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
+        """The words in these columns of the first row; of lists of words all words.
+
+        Args:
+            in_all_rows: whether all rows must hold the same words.
+
+        Raises:
+            InputError: another row holds other words, or the columns hold no words.
+        """
 
     def blocks(
         self,

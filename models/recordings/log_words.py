@@ -1,21 +1,31 @@
-"""Words of `--log-format` that state units which a log leaves open, instead of a description."""
+"""Words of `--log-format` that state what a log leaves open, instead of a description."""
 
+import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.recording_format import LARGEST_RATE
+
 IN_AMPERES, IN_NEWTON_METRES = "effort-in-amperes", "effort-in-newton-metres"
 IN_DEGREES, IN_RADIANS = "positions-in-degrees", "positions-in-radians"
-WORDS = (IN_AMPERES, IN_NEWTON_METRES, IN_DEGREES, IN_RADIANS)
+IN_ROBOT_ORDER = "joints-in-robot-order"
+WORDS = (IN_AMPERES, IN_NEWTON_METRES, IN_DEGREES, IN_RADIANS, IN_ROBOT_ORDER)
+PREFIX, RATE = "joint-prefix=", "rate_hz="  # each followed by its value
 _EFFORT_UNITS = {IN_AMPERES: "A", IN_NEWTON_METRES: "N m"}
 _ANGLE_UNITS = {IN_DEGREES: "deg", IN_RADIANS: "rad"}
 
 
 @dataclass(frozen=True)
 class LogWords:
-    """The units that the words state; empty where none is stated."""
+    """What the words state; empty where nothing is stated."""
 
     effort: str = ""  # unit of what the log calls effort: A or N m
     angle: str = ""  # unit of positions whose unit the log does not say: deg or rad
+    joint_prefix: str = ""  # of the joints' names in the log
+    in_robot_order: bool = False  # joints without names are in the robot's order
+    rate_hz: float = 0.0  # at which a log without a time was recorded
 
     def angle_words(self) -> tuple[str, ...]:
         """The word that states `angle`; none where it is empty."""
@@ -23,15 +33,36 @@ class LogWords:
 
 
 def log_words(description: str | Path | None) -> LogWords | None:
-    """The units that the words of `--log-format` state; None where it names a description.
+    """What the words of `--log-format` state; None where it names a description.
 
     Args:
         description: the option's value; several words are separated by commas.
+
+    Raises:
+        InputError: a word's value cannot be read.
     """
     words = [word.strip() for word in str(description or "").split(",")]
-    if not all(word in WORDS for word in words):
+    if not all(word in WORDS or word.startswith((PREFIX, RATE)) for word in words):
         return None
-    return LogWords(_first_unit(_EFFORT_UNITS, words), _first_unit(_ANGLE_UNITS, words))
+    values = {
+        key: word.removeprefix(key) for word in words for key in (PREFIX, RATE) if key in word
+    }
+    return LogWords(
+        _first_unit(_EFFORT_UNITS, words),
+        _first_unit(_ANGLE_UNITS, words),
+        values.get(PREFIX, ""),
+        IN_ROBOT_ORDER in words,
+        _rate(values[RATE]) if RATE in values else 0.0,
+    )
+
+
+def _rate(text: str) -> float:
+    is_number = re.fullmatch(r"\d{1,6}(\.\d{1,9})?", text) is not None
+    rate = float(text) if is_number else math.nan
+    if not 0.0 < rate <= LARGEST_RATE:
+        problem = f'"{text}" is no rate, expected samples a second'
+        raise InputError("--log-format", RATE.rstrip("="), problem, "write e.g. rate_hz=100")
+    return rate
 
 
 def _first_unit(units: dict[str, str], words: list[str]) -> str:

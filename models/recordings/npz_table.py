@@ -7,7 +7,7 @@ import math
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -19,7 +19,7 @@ from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import no_words, refuse_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -97,6 +97,10 @@ class NpzTable:
                 self._places += [_Place(name, k) for k in range(math.prod(shape[1:]))]
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
+
+    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
+        """As the protocol; these arrays hold no words."""
+        raise no_words(self.path)
 
     def blocks(
         self,

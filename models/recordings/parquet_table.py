@@ -4,7 +4,7 @@ A column of lists, all of one length k, becomes the columns NAME.1..NAME.k. List
 row by row; a list of one number is that number.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,12 @@ from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import (
+    no_words,
+    other_words,
+    refuse_missing,
+    rows_within,
+)
 
 Lines = NDArray[np.int64]
 
@@ -97,6 +102,54 @@ class ParquetTable:
             for place in self._places
         )
         self.num_columns = len(self._places)
+
+    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
+        """As the protocol; a column of lists of words is one column."""
+        names = [self._places[column].name for column in columns]
+        first: list[str] = []
+        file = self._opened()
+        begin = 1 - self._begin
+        try:
+            for batch in file.iter_batches(_BATCH_ROWS, columns=names):
+                rows = batch.slice(max(0, 1 - begin)).slice(0, self.num_rows + 1 - max(begin, 1))
+                begin += batch.num_rows
+                for words, row in self._words(rows, names):
+                    first = first or words
+                    if words != first:
+                        place = f"row {begin - batch.num_rows + row}"
+                        raise other_words(self.path, place, first, words)
+                if first and not in_all_rows:
+                    break
+        except (pa.ArrowException, OSError) as error:
+            raise self._damaged(f"near row {begin}", error) from error
+        finally:
+            file.close()
+        return first
+
+    def _words(self, rows: pa.RecordBatch, names: list[str]) -> Iterator[tuple[list[str], int]]:
+        """The words of the rows of a batch, each once, with the number of its first row in it."""
+        columns = [rows.column(name) for name in names]
+        if not all(pa.types.is_string(_entry_type(c.type)) or
+                   pa.types.is_large_string(_entry_type(c.type)) or
+                   pa.types.is_dictionary(_entry_type(c.type)) for c in columns):  # fmt: skip
+            raise no_words(self.path)
+        # A row whose words are those of the row before costs no more than a comparison.
+        is_new = np.zeros(rows.num_rows, bool)
+        is_new[:1] = True
+        for column in columns:
+            flat = column.flatten() if _is_list(column.type) else column
+            codes = pc.dictionary_encode(flat).indices.to_numpy(zero_copy_only=False)
+            if len(codes) % max(1, rows.num_rows):
+                is_new[:] = True  # lists of different lengths
+                continue
+            codes = codes.reshape(rows.num_rows, -1)
+            is_new[1:] |= (codes[1:] != codes[:-1]).any(axis=1)
+        for row in np.flatnonzero(is_new).tolist():
+            words: list[str] = []
+            for column in columns:
+                cell = column[row].as_py()
+                words += [str(word) for word in (cell if isinstance(cell, list) else [cell])]
+            yield words, row
 
     def blocks(
         self,

@@ -9,15 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from wrenchsight.models.files.bundled_files import named_file
-from wrenchsight.models.files.configuration import REQUIRED, load_configuration, nearest
+from wrenchsight.models.files.configuration import load_configuration, nearest
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
 
 MOST_COLUMNS = 10_000  # of a log
 MOST_SKIPPED_LINES = 1_000_000
+LARGEST_RATE = 1e5  # Hz
+TWOS_COMPLEMENT, SIGN_BIT = "twos_complement", "sign_bit"
+_ENCODINGS = ("", TWOS_COMPLEMENT, SIGN_BIT)
+_WRAPS = ("", "pi")
+_MOST_BITS = 52  # of a word that a double holds
 ROBOT, ENVIRONMENT = "robot", "environment"  # the body on which an external torque acts
 FORMATS = "recordings/formats"  # folder of the bundled descriptions
 
+PER_CENT, PER_MILLE = "per cent", "per mille"  # of the rated value of each drive: the gain
 _UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"rad": 1.0, "deg": np.pi / 180, "rev": 2 * np.pi, "m": 1.0, "mm": 1e-3},
@@ -28,8 +34,16 @@ _UNITS: dict[str, dict[str, float]] = {
         "m/s": 1.0,
         "mm/s": 1e-3,
     },
-    "current": {"A": 1.0, "mA": 1e-3},
-    "motor_torque": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3, "N": 1.0},
+    "current": {"A": 1.0, "mA": 1e-3, PER_CENT: 1e-2, PER_MILLE: 1e-3},
+    "motor_torque": {
+        "N m": 1.0,
+        "Nm": 1.0,
+        "mN m": 1e-3,
+        "mNm": 1e-3,
+        "N": 1.0,
+        PER_CENT: 1e-2,
+        PER_MILLE: 1e-3,
+    },
 }
 _ANY_UNIT = {unit: factor for table in _UNITS.values() for unit, factor in table.items()} | {
     "1": 1.0,
@@ -54,10 +68,17 @@ class SignalColumns:
     columns: int | str = ""
     """Column numbers counted from 1 ("14-19"), or names from the header, separated by commas;
     braces spell a series, the last one running fastest ("tau_{0..6}", "jacobian_{0..5}_{0..6}")."""
-    unit: str = ""  # of the numbers in the log; empty: s, rad, rad/s, A, N m
+    unit: str = ""
+    """of the numbers in the log; empty: s, rad, rad/s, A, N m. Torque or current in per cent or per
+    mille of the rated one of each drive needs these as gain"""
     gain: list[float] = field(default_factory=list)  # per column, or one for all; -1: other sign
     offset: list[float] = field(default_factory=list)  # SI; per column, or one for all
     shape: list[int] = field(default_factory=list)  # of one sample of an extra signal; e.g. [6, 7]
+    encoding: str = ""
+    """of whole numbers that were logged as words without a sign: twos_complement (65535 is -1), or
+    sign_bit (32769 is -1); empty: numbers as they are"""
+    bits: int = 16  # of such a word, with its sign
+    wrap: str = ""  # pi: angles that jump by a turn; empty: only where the jump is no motion
     may_be_empty: bool = False  # an empty cell is NaN, and its sample a drop-out; else an error
     exerted_on: str = ROBOT
     """sign of an external torque or force: robot (what acts on the robot from outside, positive
@@ -82,8 +103,8 @@ class RecordingFormat:
     skip_lines: int = 0  # lines before the header or the first row
     header: bool = True  # the first line (after skip_lines) names the columns
     num_columns: int = 0  # columns that the log must have; 0: any number
-    time: SignalColumns = field(default_factory=SignalColumns, metadata=REQUIRED)
-    # one column, or two: seconds and nanoseconds
+    time: SignalColumns | None = None  # one column, or two: seconds and nanoseconds
+    rate_hz: float = 0.0  # samples a second of a log without a time; instead of it
     position: SignalColumns | None = None  # q
     velocity: SignalColumns | None = None  # v; without it, differentiated from q
     current: SignalColumns | None = None  # motor current, its sign as logged
@@ -119,6 +140,18 @@ class Signal:
     shape: tuple[int, ...]  # of one sample
     may_be_empty: bool = False
     exerted_on: str = ROBOT  # of the numbers in the log
+    encoding: str = ""  # as `SignalColumns`
+    bits: int = 16
+    wrap: str = ""
+
+    def numbers(self, words: Array) -> Array:
+        """Numbers with their sign, of logged words (N, k)."""
+        if not self.encoding:
+            return words
+        half = 2.0 ** (self.bits - 1)
+        if self.encoding == TWOS_COMPLEMENT:
+            return np.where(words >= half, words - 2.0 * half, words)
+        return np.where(words >= half, half - words, words)
 
 
 @dataclass(frozen=True)
@@ -181,7 +214,14 @@ def _check_description(description: RecordingFormat, path: Path) -> None:
         if key in description.extra:
             problem = "this is the name of a standard signal"
             raise InputError(path, f"extra, {key}", problem, "choose another name")
-    if not str(description.time.columns).strip():
+    if not 0.0 <= description.rate_hz <= LARGEST_RATE:
+        problem = f"{description.rate_hz:g}, expected samples a second"
+        raise InputError(path, "rate_hz", problem, f"give 0 to {LARGEST_RATE:g}")
+    if description.time is None and not description.rate_hz:
+        raise InputError(path, "time", "is missing", "name its columns, or give rate_hz")
+    if description.time is not None and description.rate_hz:
+        raise InputError(path, "rate_hz", "is given beside time", "remove one of them")
+    if description.time is not None and not str(description.time.columns).strip():
         raise InputError(path, "time", "names no column", 'write e.g. columns: "1"')
 
 
@@ -213,7 +253,7 @@ def resolve_layout(
             signals.append(log_columns.signal(entry, key, name, _UNITS[key]))
     for name, entry in description.extra.items():
         signals.append(log_columns.signal(entry, f"extra, {name}", name))
-    num_time_columns = len(signals[0].columns)
+    num_time_columns = max((len(s.columns) for s in signals if s.name == "t"), default=1)
     if num_time_columns > 2:
         problem = f"has {num_time_columns} columns, expected 1, or 2: seconds and nanoseconds"
         raise InputError(description_source, "time", problem, "name one or two")
@@ -289,6 +329,16 @@ class _LogColumns:
             raise InputError(source, place, problem, "correct it")
         if entry.exerted_on == ENVIRONMENT:
             scale = -scale
+        for key, value, known in (
+            ("encoding", entry.encoding, _ENCODINGS),
+            ("wrap", entry.wrap, _WRAPS if name == "q" else ("",)),
+        ):
+            if value not in known:
+                remedy = f"give one of {', '.join(w for w in known if w) or 'none'}"
+                raise InputError(source, f"{place}, {key}", f'unknown "{value}"', remedy)
+        if not 2 <= entry.bits <= _MOST_BITS:
+            problem = f"{entry.bits}, expected 2 to {_MOST_BITS}"
+            raise InputError(source, f"{place}, bits", problem, "give the length of a word")
         shape = tuple(entry.shape) or (size,)
         shape_size = math.prod(shape)
         if min(shape) < 1 or shape_size != size:
@@ -315,6 +365,9 @@ class _LogColumns:
             shape,
             may_be_empty=entry.may_be_empty,
             exerted_on=entry.exerted_on,
+            encoding=entry.encoding,
+            bits=entry.bits,
+            wrap=entry.wrap,
         )
 
     def _per_column(self, values: list[float], default: float, size: int, place: str) -> Array:

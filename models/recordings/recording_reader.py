@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
@@ -25,6 +26,7 @@ from wrenchsight.models.recordings.layouts.array_layout import array_layout
 from wrenchsight.models.recordings.layouts.external_torque import external_torque_layout
 from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, known_layout
 from wrenchsight.models.recordings.layouts.plain_header import header_format
+from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.lerobot.data_set import DataSet, root_of
 from wrenchsight.models.recordings.lerobot.episode_table import DATA_SETS, EpisodeTable
 from wrenchsight.models.recordings.log_container import LogContainer, LogTable
@@ -36,15 +38,23 @@ from wrenchsight.models.recordings.log_containers import (
 from wrenchsight.models.recordings.log_words import (
     IN_AMPERES,
     IN_NEWTON_METRES,
+    RATE,
     LogWords,
     log_words,
 )
+from wrenchsight.models.recordings.packed_file import UnpackedFile, is_packed
 from wrenchsight.models.recordings.plausibility.drive_evidence import (
     DOUBTFUL,
     SignEvidence,
     odds_text,
 )
 from wrenchsight.models.recordings.plausibility.effort_unit import effort_unit
+from wrenchsight.models.recordings.plausibility.idle_signals import (
+    TIME_UNITS,
+    idle_velocities,
+    time_unit,
+)
+from wrenchsight.models.recordings.rated_table import RatedTable
 from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
 from wrenchsight.models.recordings.recording_checks import RecordingChecks
 from wrenchsight.models.recordings.recording_format import (
@@ -55,18 +65,22 @@ from wrenchsight.models.recordings.recording_format import (
     RecordingFormat,
     Signal,
     SignalColumns,
+    by_number,
     further_signals,
     load_format,
     resolve_layout,
     rows_for,
 )
-from wrenchsight.models.recordings.resampling import plausible_step, time_error
+from wrenchsight.models.recordings.resampling import plausible_step
 from wrenchsight.models.recordings.rosbag.table import is_bag
+from wrenchsight.models.recordings.sample_stamps import StampFilter
+from wrenchsight.models.recordings.wrapped_angles import Unwrapper
 from wrenchsight.models.robot.robot import Robot
 
 _BEYOND_ANY_ROBOT = 1e9  # SI; sums of squares of smaller numbers cannot overflow
 _BEYOND_ANY_CLOCK = 1e19  # s; nanoseconds since 1970 read as seconds have a message of their own
 _EFFORT_EPISODES = 8  # of a data set, from which the unit of its effort is decided
+_SETTLED_CHUNKS = 8  # of a log, in which a joint moves or none does
 _EFFORT_CHUNKS = 4  # of a log, from which the unit of its effort is decided
 MIN_SAMPLES = 10  # fewer show no motion
 _DESCRIBE = "or describe the columns with --log-format"
@@ -163,6 +177,8 @@ class RecordingReader:
         self._words = words or LogWords()
         self._torque_is_effort = False  # whether the log calls its motor torque effort
         self._torque_substitute = ""  # what the log holds instead of torque
+        self._is_described = description is not None and words is None
+        self._unpacked: UnpackedFile | None = None
         log = self._open(None if words is not None else description)
         self.format = log.form
         self._table = log.table
@@ -173,18 +189,14 @@ class RecordingReader:
                 f"{Path(log.form_source).name} selects rows of {len(log.form.rows)} files, but not "
                 f"of {path.name}: all its rows are read, also those before and after the motion"
             )
-        self._is_differentiated = (
-            self.layout.signal("q") is not None and self.layout.signal("v") is None
-        )
-        if self._is_differentiated:
-            self._notices.append(
-                "the log holds no velocities: they are differentiated from the positions, without "
-                f"delay (slope of a cubic over {2e3 * HALF_WINDOW_S:.0f} ms around each sample, or "
-                f"over {LEAST_WINDOW} samples where these are longer)"
-            )
+        self._is_differentiated = False
         self._num_missing = 0
         self._first_missing = ""  # row and column of the first missing number
+        self._stamps = StampFilter()
+        self._angles = Unwrapper(robot)
         self._check_num_joints()
+        self._settle_time_unit()
+        self._settle_velocities()
         if self._torque_is_effort:
             self._settle_effort_unit()
 
@@ -199,6 +211,56 @@ class RecordingReader:
         header = LogHeader(self.path, names, num_columns)
         layout = resolve_layout(log.form, log.form_source, header)
         return replace(layout, signals=layout.signals + self._further_signals(log.table))
+
+    def _first_chunks(self) -> Iterator[Recording]:
+        """Chunks as written, up to a fault, which a later pass reports."""
+        with suppress(InputError):
+            yield from islice(self._read(), _SETTLED_CHUNKS)
+
+    def _settle_time_unit(self) -> None:
+        """Reads time in ms, us or ns where a log without description shows that it is."""
+        time = self.layout.signal("t")
+        if self._is_described or time is None or len(time.columns) > 1 or time.scale[0] != 1.0:
+            return
+        for chunk in islice(self._first_chunks(), 1):
+            unit = time_unit(chunk, self.layout.signal("v") is not None)
+            if unit:
+                scaled = replace(time, scale=time.scale * TIME_UNITS[unit])
+                self._replace_signals({"t": scaled})
+                step = float(np.median(np.diff(chunk.t)))
+                self._notices.append(f"time is read in {unit}: its median step is {step:g}")
+
+    def _settle_velocities(self) -> None:
+        """Differentiates the positions where the log holds no velocities, or idle ones."""
+        if self.layout.signal("q") is None:
+            return
+        how = (
+            "they are differentiated from the positions, without delay (slope of a cubic over "
+            f"{2e3 * HALF_WINDOW_S:.0f} ms around each sample, or over {LEAST_WINDOW} samples "
+            "where these are longer)"
+        )
+        if self.layout.signal("v") is None:
+            self._is_differentiated = True
+            self._notices.append(f"the log holds no velocities: {how}")
+            return
+        for chunk in self._first_chunks():
+            idle = idle_velocities(chunk)
+            if idle is None:
+                continue
+            if len(idle):
+                names = ", ".join(self.layout.column_of("v", int(j)) for j in idle)
+                names = "all" if len(idle) == chunk.num_joints else names
+                self._replace_signals({"v": None})
+                self._is_differentiated = True
+                self._notices.append(
+                    f"the velocities stand still while the joints move ({names}): {how}"
+                )
+            return
+
+    def _replace_signals(self, changed: dict[str, Signal | None]) -> None:
+        """Changes signals of the layout; None leaves one out."""
+        signals = [changed.get(signal.name, signal) for signal in self.layout.signals]
+        self.layout = replace(self.layout, signals=tuple(s for s in signals if s is not None))
 
     def _settle_effort_unit(self) -> None:
         """Decides whether the log's effort is torque or current, and adds a notice."""
@@ -239,8 +301,8 @@ class RecordingReader:
                 f"samples left out because they lack a number: {self._num_missing} (first: "
                 f"{self._first_missing}); short gaps are bridged",
             )
-        signs = self._sign_notes()
-        return (*self._notices, *self._table.notices, *missing, *signs)
+        cleaned = (*missing, *self._stamps.notices(), *self._angles.notice())
+        return (*self._notices, *self._table.notices, *cleaned, *self._sign_notes())
 
     def _sign_notes(self) -> tuple[str, ...]:
         """A notice where the signs of the currents are doubtful, or accepted although wrong."""
@@ -327,8 +389,11 @@ class RecordingReader:
             c for signal in self.layout.signals if signal.may_be_empty for c in signal.columns
         }
         is_mandatory = np.array([column not in optional for column in used])
-        last: Recording | None = None
+        position = self.layout.signal("q")
         self._num_missing = 0
+        self._stamps = StampFilter()
+        is_wrapped = position is not None and position.wrap != ""
+        self._angles = Unwrapper(self._robot, is_wrapped)
         for values, rows in self._table.blocks(used, self._rows, {*used} - {*time_columns}):
             is_missing = np.isnan(values) & is_mandatory
             if is_missing.any():
@@ -337,9 +402,12 @@ class RecordingReader:
                     continue
             chunk = self._recording(values, rows, used)
             self._check_size(chunk)
-            _check_time(chunk, last)
-            last = chunk[-1:]
-            yield chunk
+            chunk = self._stamps.kept(chunk)
+            if chunk.num_samples:
+                yield self._angles.unwrapped(chunk)
+        rest = self._stamps.rest()
+        if rest is not None:
+            yield rest
 
     def _without_missing(
         self, values: Array, rows: NDArray[np.int64], is_missing: NDArray[np.bool_], used: list[int]
@@ -385,7 +453,7 @@ class RecordingReader:
         for signal in self.layout.signals:
             columns = values[:, [position[c] for c in signal.columns]]
             with np.errstate(over="ignore"):  # `_check_size` refuses what overflows
-                scaled = columns * signal.scale + signal.offset
+                scaled = signal.numbers(columns) * signal.scale + signal.offset
             if signal.name == "t" and scaled.shape[1] > 1:
                 scaled = scaled[:, 0] + scaled[:, 1]  # seconds and nanoseconds
             signals[signal.name] = scaled.reshape(size, *signal.shape)
@@ -427,12 +495,21 @@ class RecordingReader:
     def _open(self, description: str | Path | None) -> _OpenedLog:
         """Opens the log; its columns are described by a file, or recognised."""
         path = self.path
-        container = container_of(path)
         _check_exists(path)
         about_to_read(path)
+        if is_packed(path):
+            self._unpacked = UnpackedFile(path)
+            path = self._unpacked.path
+        container = container_of(path)
         if description is not None:
             form, form_path = load_format(description)
-            return _OpenedLog(form, str(form_path), (container or TEXT).open(path, form))
+            table = (container or TEXT).open(path, form)
+            if form.rate_hz:
+                time = by_number([table.num_columns])
+                size = form.num_columns + 1 if form.num_columns else 0
+                form = replace(form, time=time, rate_hz=0.0, num_columns=size)
+                table = RatedTable(table, load_format(description)[0].rate_hz)
+            return _OpenedLog(form, str(form_path), table)
         if container is DATA_SETS:
             episode = DATA_SETS.open(path, None)
             form = self._adopt(episode.layout(self._robot, self._words.angle))
@@ -442,12 +519,13 @@ class RecordingReader:
                 f'has the ending "{path.suffix}", expected {", ".join(usual_suffixes())} or .yaml'
             )
             raise InputError(path, "", problem, "export the log as CSV, " + _DESCRIBE)
-        return self._open_undescribed(container)
+        return self._open_undescribed(container, path)
 
-    def _open_undescribed(self, container: LogContainer) -> _OpenedLog:
+    def _open_undescribed(self, container: LogContainer, path: Path) -> _OpenedLog:
         """Recognises the columns: by a bundled description, a known program's names, or t,q1.."""
-        path = self.path
         table = container.open(path, None)
+        if self._words.rate_hz:
+            table = RatedTable(table, self._words.rate_hz)
         bundled = self._bundled_format(table)
         if bundled is not None:
             return bundled
@@ -461,6 +539,8 @@ class RecordingReader:
             raise InputError(path, "line 1", problem, remedy)
         if "" in table.names:
             self._notices.append("a column without a name is left out")
+        if time_columns(table.names) is None:
+            raise _no_time(path, table.names)
         num_joints = self._robot.num_joints if self._robot is not None else None
         # Columns of further signals may have any name; a wrong one is reported first.
         further_names = {
@@ -477,10 +557,12 @@ class RecordingReader:
         layout: KnownLayout | None = None
         if table.names is not None and not _has_drives(table.names):
             layout = external_torque_layout(table.names, self.path)
-        if layout is None and table.names and "q1" not in _in_lower_case(table.names):
+        standard = _in_lower_case(table.names or ())
+        if layout is None and table.names and ("q1" not in standard or "q0" in standard):
             joint_names = self._robot.joint_names if self._robot is not None else None
-            layout = known_layout(table.names, table.num_columns, self.path, joint_names)
-            layout = layout or array_layout(table.names)
+            names, words = table.names, self._words
+            layout = known_layout(names, table.num_columns, self.path, joint_names, words)
+            layout = layout or array_layout(names, self.path, table.row_words, joint_names, words)
         return layout
 
     def _in_requested_angle(self, form: RecordingFormat) -> RecordingFormat:
@@ -521,6 +603,18 @@ class RecordingReader:
             self._notices.append(notice)
             return _OpenedLog(form, str(form_path), table)
         return None
+
+
+def _no_time(path: Path, names: Sequence[str]) -> InputError:
+    """The error of a log none of whose columns is its time, or several may be."""
+    similar = [name for name in names if re.search(r"time|stamp|^ts$", name, re.IGNORECASE)]
+    if similar:
+        problem = f"no column is known to be the time; it may be {', '.join(similar[:6])}"
+        remedy = f'name it in a description: time: {{columns: "{similar[0]}", unit: s}} '
+        return InputError(path, "header", problem, f"{remedy}(--log-format)")
+    problem = "has no column of time (t, time, timestamp, ...)"
+    remedy = f"if it was recorded at a known rate, add --log-format {RATE}100 (samples a second), "
+    return InputError(path, "header", problem, remedy + _DESCRIBE)
 
 
 def _has_drives(names: Sequence[str]) -> bool:
@@ -584,12 +678,3 @@ def _sample_episodes(data_set: DataSet, robot: Robot, words: LogWords) -> tuple[
 def _without_gaps(chunk: Recording) -> Recording:
     """The samples that lack no number."""
     return replace(chunk, extra={})[~chunk.dropout]
-
-
-def _check_time(chunk: Recording, last: Recording | None) -> None:
-    """Refuses time that does not increase, from the last sample of the chunk before on."""
-    if last is not None and chunk.num_samples and chunk.t[0] <= last.t[0]:
-        raise time_error(concatenated([last, chunk]), 1)
-    backward_steps = np.flatnonzero(np.diff(chunk.t) <= 0)
-    if len(backward_steps):
-        raise time_error(chunk, int(backward_steps[0]) + 1)

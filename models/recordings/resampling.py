@@ -26,7 +26,7 @@ ROUNDING = 1e-3  # of the step; UNIX time in a double is a multiple of 0.24 us
 MAX_GAP_S = 0.1  # at 1 rad/s^2 the interpolated q is then off by at most 1.3 mrad
 MAX_GAP_STEPS = 3  # the least number of steps that may be bridged, for slow logs
 STEP_SAMPLES = 1 << 16  # at the beginning of a log, whose median step is the log's
-_COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
+COARSE_CLOCK = 0.1  # share of repeated times above which the clock is too coarse
 _PLAUSIBLE_STEP = (1e-5, 0.25)  # s, least and most of a log of motor currents
 _REQUESTED_STEP = (1e-5, 1.0)  # s, least and most that may be requested
 LONGEST_BRIDGE = 60.0  # s, longest gap that may be bridged on request
@@ -208,8 +208,8 @@ def time_error(recording: Recording, sample: int) -> InputError:
             f"time runs backwards from {previous:.9g} s to {current:.9g} s, expected to increase"
         )
     remedy = "remove the repeated rows, or split the log there"
-    is_long = recording.num_samples > 2 / _COARSE_CLOCK
-    if is_long and np.mean(np.diff(recording.t) == 0) > _COARSE_CLOCK:
+    is_long = recording.num_samples > 2 / COARSE_CLOCK
+    if is_long and np.mean(np.diff(recording.t) == 0) > COARSE_CLOCK:
         remedy = "t has too few digits: log it with more"
     place = f"{place_of(recording, sample)}, column t"
     return InputError(recording.source, place, problem, remedy)

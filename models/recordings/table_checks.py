@@ -30,6 +30,17 @@ def rows_within(
     return first, last
 
 
+def no_words(path: Path) -> InputError:
+    """The error of a file of numbers alone, whose rows hold no words."""
+    return InputError(path, "", "holds no words", "name the joints in the header")
+
+
+def other_words(path: Path, place: str, first: Sequence[str], others: Sequence[str]) -> InputError:
+    """The error of a row whose words are not those of the first row."""
+    problem = f"names {', '.join(others)[:200]}, but the first row {', '.join(first)[:200]}"
+    return InputError(path, place, problem, "write the rows of other joints to another file")
+
+
 def refuse_missing(
     table: LogTable,
     path: Path,

@@ -16,6 +16,7 @@ from wrenchsight.models.files.limited_file import opened
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
+from wrenchsight.models.recordings.table_checks import other_words
 
 Lines = NDArray[np.int64]
 
@@ -28,11 +29,12 @@ _NAN_CELLS = ("nan", "NaN", "NAN", "-nan", "-nan(ind)")
 _BLANK_LINE = re.compile(rb"(?m)^[ \t]+(?=\r?$)")
 _BINARY_KINDS = (  # first bytes, kind of file, remedy
     (b"PAR1", "a Parquet file", "name it .parquet"),
-    (b"\x1f\x8b", "compressed by gzip", "unpack it"),
+    (b"\x1f\x8b", "compressed by gzip", "name it .csv.gz"),
+    (b"\x28\xb5\x2f\xfd", "compressed by zstd", "name it .csv.zst"),
     (b"PK\x03\x04", "a zip archive or a spreadsheet", "unpack it, or export it as CSV"),
     (b"\x89HDF", "an HDF5 file", "export it as CSV or Parquet"),
-    (b"MATLAB", "a MATLAB file", "export it as CSV (writematrix)"),
-    (b"#ROSBAG", "a ROS 1 bag", "convert it (rosbags-convert), or export its topics as CSV"),
+    (b"MATLAB", "a MATLAB file", "name it .mat"),
+    (b"#ROSBAG", "a ROS 1 bag", "name it .bag"),
     (b"\x89MCAP", "an MCAP file", "name it .mcap"),
     (b"SQLite format 3", "an SQLite database", "name it .db3 if it is a rosbag2"),
     (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
@@ -129,6 +131,24 @@ class TextTable:
             problem = "holds numbers where the names of the columns are expected"
             remedy = "set header: false in the description, or add a first line t,q1,..."
             raise InputError(path, f"line {self._num_head_lines}", problem, remedy)
+
+    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
+        """As the protocol."""
+        first: list[str] = []
+        for block, line in self._raw_blocks():
+            for number, data in enumerate(block.split(b"\n"), start=line):
+                if not data.strip():
+                    continue
+                cells = self._cells(data.decode("utf-8", "replace").strip("\r"))
+                if len(cells) != self.num_columns:  # `blocks` reports the line
+                    continue
+                words = [cells[column] for column in columns]
+                first = first or words
+                if words != first:
+                    raise other_words(self.path, f"line {number}", first, words)
+                if not in_all_rows:
+                    return first
+        return first
 
     def blocks(
         self,

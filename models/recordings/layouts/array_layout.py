@@ -1,15 +1,33 @@
-"""Recognises logs of arrays with usual names: npz files of other tools, Parquet files with lists.
+"""Recognises logs of arrays with usual names: npz files of other tools, Parquet files with lists,
+tables with a numbered column for each joint.
 
 `times` (T,), `positions` (T, n), `velocities` (T, n), `torques` (T, n) and the like. Their columns
-are numbered (`positions.1`..), as `npz_table` and `parquet_table` name them.
+are numbered (`positions.1`.., as `npz_table` and `parquet_table` name them), from 0 or 1 on, with
+or without brackets, and may follow the topic or object that they come from: `state.q[0]`,
+`/joint_states/position[0]`, `field.position0`.
+
+Where the rows name the joints (a Parquet column `name` of lists of words, or `field.name0`.. as
+`rostopic echo -p` writes them), the joints are put in the robot's order.
 """
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
-from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
-from wrenchsight.models.recordings.layouts.plain_header import TIME_WORDS
-from wrenchsight.models.recordings.recording_format import RecordingFormat, by_number
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.header_layouts import (
+    JointOrder,
+    KnownLayout,
+    joint_order,
+)
+from wrenchsight.models.recordings.layouts.time_names import time_columns
+from wrenchsight.models.recordings.log_container import RowWords
+from wrenchsight.models.recordings.log_words import LogWords
+from wrenchsight.models.recordings.recording_format import (
+    RecordingFormat,
+    SignalColumns,
+    by_number,
+)
 
 _ARRAYS = {
     "position": ("q", "qpos", "position", "positions", "joint_position", "joint_positions"),
@@ -20,34 +38,113 @@ _ARRAYS = {
     "motor_torque": ("tau", "tau_J", "torque", "torques", "motor_torque", "motor_torques",
                      "joint_torque", "joint_torques", "effort", "efforts"),
 }  # fmt: skip
+_NAMES = ("name", "names", "joint_name", "joint_names")
+_NUMBERED = re.compile(r"(.*?)[._]?\[?(\d{1,4})\]?")
+_STAMP = "field.header.stamp"
 
 
-def array_layout(names: Sequence[str]) -> KnownLayout | None:
+def array_layout(
+    names: Sequence[str],
+    path: Path,
+    row_words: RowWords,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
+) -> KnownLayout | None:
     """The description of a log of such arrays; None where time or positions have other names.
 
     Args:
         names: of the columns.
+        path: of the log, for error lines.
+        row_words: of the log.
+        joint_names: of the robot, base to tool; None: those of the log, in its order.
+        words: what the user states.
+
+    Raises:
+        InputError: the rows name the joints, but not those of the robot.
     """
-    arrays: dict[str, list[int]] = {}
+    series: dict[str, dict[int, int]] = {}  # columns by number, by name
     for column, name in enumerate(names):
-        match = re.fullmatch(r"(q|v|i|tau)(\d{1,4})", name) or re.fullmatch(
-            r"(.+)\.(\d{1,4})", name
-        )
-        if match and int(match[2]) == len(arrays.get(match[1], [])) + 1:
-            arrays.setdefault(match[1], []).append(column)
-    time = next((list(names).index(word) for word in TIME_WORDS if word in names), None)
+        match = _NUMBERED.fullmatch(name)
+        if match and match[1]:
+            series.setdefault(match[1], {})[int(match[2])] = column
+    arrays = {
+        name: [columns[number] for number in sorted(columns)]
+        for name, columns in series.items()
+        if sorted(columns) in (list(range(len(columns))), list(range(1, len(columns) + 1)))
+    }
+    time = _time(names, row_words)
     if time is None:
         return None
-    form = RecordingFormat(time=by_number([time]))
-    assignments = [f"{names[time]} as time"]
-    for key, words in _ARRAYS.items():
-        word = next((word for word in words if word in arrays), None)
-        if word is not None:
-            setattr(form, key, by_number(arrays.pop(word)))
-            assignments.append(f"{word} as {key.replace('_', ' ')}")
-    if form.position is None:
+    form = RecordingFormat(time=time)
+    time_numbers = [int(column) - 1 for column in str(time.columns).split(",")]
+    time_names = " and ".join(names[column] for column in time_numbers)
+    assignments = [f"{time_names} as time"]
+    found = {key: _array(arrays, array_words) for key, array_words in _ARRAYS.items()}
+    position = found["position"]
+    if position is None:
         return None
-    form.extra = {name: by_number(columns) for name, columns in arrays.items()}
+    num_joints = len(arrays[position])
+    order = _order(names, arrays, num_joints, path, row_words, joint_names, words)
+    for key, array in found.items():
+        if array is not None and len(arrays[array]) == num_joints:
+            columns = arrays.pop(array)
+            setattr(form, key, by_number([columns[j] for j in order.indices]))
+            assignments.append(f"{array} as {key.replace('_', ' ')}")
+    words_of_rows = [name for name in arrays if _last_word(name) in _NAMES]
+    form.extra = {
+        re.sub(r"\W", "_", name).strip("_"): by_number(columns)
+        for name, columns in arrays.items()
+        if name not in words_of_rows and not name.startswith("field.")
+    }
     is_effort = form.motor_torque is not None and any("effort" in text for text in assignments)
-    notices = (f"arrays read by their names: {', '.join(assignments)}",)
+    notices = (f"arrays read by their names: {', '.join(assignments)}", *order.notices)
     return KnownLayout(form, notices, torque_is_effort=is_effort)
+
+
+def _time(names: Sequence[str], row_words: RowWords) -> SignalColumns | None:
+    """The stamp in a message's header, if there is one, or else the log's time."""
+    if _STAMP in names and any(row_words([list(names).index(_STAMP)], False)[0].strip("0.")):
+        return by_number([list(names).index(_STAMP)], unit="ns")
+    return time_columns(names)
+
+
+def _array(arrays: dict[str, list[int]], array_words: Sequence[str]) -> str | None:
+    """The only array whose name is one of these words, or ends in one; the first word counts."""
+    for word in array_words:
+        if word in arrays:
+            return word
+    for word in array_words:
+        found = [name for name in arrays if _last_word(name) == word.lower()]
+        if len(found) == 1:
+            return found[0]
+    return None
+
+
+def _last_word(name: str) -> str:
+    return re.split(r"[/.]", name)[-1].lower()
+
+
+def _order(
+    names: Sequence[str],
+    arrays: dict[str, list[int]],
+    num_joints: int,
+    path: Path,
+    row_words: RowWords,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
+) -> JointOrder:
+    """The robot's joints among those that the rows name; the log's order where they name none."""
+    listed = [column for column, name in enumerate(names) if _last_word(name) in _NAMES]
+    numbered = [columns for name, columns in arrays.items() if _last_word(name) in _NAMES]
+    if len(listed) != 1 and len(numbered) != 1:
+        return JointOrder(list(range(num_joints)), [])
+    joints = list(row_words(numbered[0] if len(numbered) == 1 else listed))
+    if len(joints) != num_joints:
+        if len(joints) < num_joints and len(numbered) != 1:
+            return JointOrder(list(range(num_joints)), [])  # a name of the row, not of its joints
+        problem = f"names {len(joints)} joints in a row, but holds {num_joints} positions"
+        raise InputError(path, "joints", problem, "write one name for each position")
+    order = joint_order(joints, path, joint_names, words)
+    if joint_names is not None:
+        order.notices.append("joints are put in the robot's order by the names in the rows")
+    return order

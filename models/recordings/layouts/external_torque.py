@@ -10,8 +10,9 @@ Jacobian or the joint positions:
     jacobian_0_0 .. jacobian_5_6 or J_1_1 ..; or jacobian.1 .., row by row
     q1.., q_0.., joint_position[0]..        rad; and v1.., dq_0.., joint_velocity[0].. rad/s
 
-Each name may follow the topic it comes from (/states/tau_ext_hat_filtered[0]). Other columns are
-not read. The linear rows of the Jacobian come first, as in every file.
+Each name may follow the topic or object it comes from (/states/tau_ext_hat_filtered[0],
+state.tau_ext_hat_filtered[0]). Other columns are not read. The linear rows of the Jacobian come
+first, as in every file.
 """
 
 import re
@@ -23,7 +24,8 @@ import numpy as np
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.numerics.arrays import Array
-from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout, time_columns
+from wrenchsight.models.recordings.layouts.header_layouts import KnownLayout
+from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.recording import Recording
 from wrenchsight.models.recordings.recording_format import (
     ENVIRONMENT,
@@ -33,16 +35,15 @@ from wrenchsight.models.recordings.recording_format import (
 from wrenchsight.models.rigid_body.spatial_vectors import FORCE_FIRST
 
 TAU_EXT, JACOBIAN = "tau_ext", "jacobian"  # the signals of a recording
-_TIMES = ("t", "time", "timestamp", "__time")
 _INDEX = r"(?:[._]?(\d+)|\[(\d+)\])"
 _TORQUE = re.compile(
-    rf"(?:.*/)?(?:tau_ext(?:_hat)?(?:_filtered)?|external_?torques?){_INDEX}", re.I
+    rf"(?:.*[/.])?(?:tau_ext(?:_hat)?(?:_filtered)?|external_?torques?){_INDEX}", re.I
 )
 _FRANKA_TORQUE = re.compile(r"tau_ext_hat", re.I)
-_POSITION = re.compile(rf"(?:.*/)?(?:q|joint_?positions?){_INDEX}", re.I)
-_VELOCITY = re.compile(rf"(?:.*/)?(?:v|dq|joint_?velocit(?:y|ies)){_INDEX}", re.I)
-_JACOBIAN_ENTRY = re.compile(r"(?:.*/)?(?:jacobian|J)(?:_(\d+)_(\d+)|\[(\d+)\]\[(\d+)\])", re.I)
-_FLAT_JACOBIAN = re.compile(rf"(?:.*/)?jacobian{_INDEX}", re.I)
+_POSITION = re.compile(rf"(?:.*[/.])?(?:q|joint_?positions?){_INDEX}", re.I)
+_VELOCITY = re.compile(rf"(?:.*[/.])?(?:v|dq|joint_?velocit(?:y|ies)){_INDEX}", re.I)
+_JACOBIAN_ENTRY = re.compile(r"(?:.*[/.])?(?:jacobian|J)(?:_(\d+)_(\d+)|\[(\d+)\]\[(\d+)\])", re.I)
+_FLAT_JACOBIAN = re.compile(rf"(?:.*[/.])?jacobian{_INDEX}", re.I)
 _Key = TypeVar("_Key", int, tuple[int, int])
 _UNIT_LENGTH = 0.02  # by which the length of an angular column of a Jacobian may differ from 1
 _DESCRIBE = "name its columns in a description (--log-format), extra, jacobian, linear rows first"
@@ -56,8 +57,7 @@ def external_torque_layout(names: Sequence[str], path: Path) -> KnownLayout | No
             a Jacobian nor a position for each joint.
     """
     torque = _numbered(names, _TORQUE)
-    time = next((k for k, name in enumerate(names) if name.lower() in _TIMES), None)
-    times = time_columns(names) if time is None else SignalColumns(str(time + 1))
+    times = time_columns(names)
     if not torque or times is None:
         return None
     form = RecordingFormat(time=times)

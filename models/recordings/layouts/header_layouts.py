@@ -17,20 +17,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.recordings.layouts.joint_names import (
+    DESCRIBE,
+    JointMatch,
+    matched_joints,
+    of_matching,
+)
+from wrenchsight.models.recordings.layouts.time_names import time_columns
+from wrenchsight.models.recordings.log_words import PREFIX, LogWords
 from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns, by_number
 
 _WRENCH = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
-_TIMES = ("__time", "t", "time", "timestamp")
-_SECOND_WORDS = (  # of whole seconds and nanoseconds
-    ("sec", "nanosec"),
-    ("secs", "nsecs"),
-    ("seconds", "nanoseconds"),
-    ("s", "ns"),
-    ("sec", "nsec"),
-    ("secs", "nanosecs"),
-)
-_DESCRIBE = "or describe the columns with --log-format"
-
 _Topics = dict[str, dict[str, dict[str, int]]]
 """Column numbers by topic, quantity and joint."""
 
@@ -43,15 +40,17 @@ class _SeriesQuantity(NamedTuple):
     of_current_topic: bool  # whether the name of its topic contains "current"
 
 
-_SERIES_QUANTITIES = (
+_SERIES_QUANTITIES = (  # a later one of the same key replaces an earlier one
     _SeriesQuantity("position", "position", of_current_topic=False),
     _SeriesQuantity("velocity", "velocity", of_current_topic=False),
     _SeriesQuantity("effort", "motor_torque", of_current_topic=False),
     _SeriesQuantity("effort", "current", of_current_topic=True),
+    _SeriesQuantity("current", "current", of_current_topic=False),
+    _SeriesQuantity("current", "current", of_current_topic=True),
 )
 
 
-class _JointOrder(NamedTuple):
+class JointOrder(NamedTuple):
     """The joints of the robot among those of a log."""
 
     indices: list[int]  # among the log's joints, base to tool
@@ -69,7 +68,11 @@ class KnownLayout:
 
 
 def known_layout(
-    names: Sequence[str], num_columns: int, path: Path, joint_names: Sequence[str] | None
+    names: Sequence[str],
+    num_columns: int,
+    path: Path,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
 ) -> KnownLayout | None:
     """The description of a log whose columns are those of a known program.
 
@@ -78,6 +81,7 @@ def known_layout(
         num_columns: that the log has.
         path: of the log, for error lines.
         joint_names: of the robot, base to tool; None: those of the log, in its order.
+        words: what the user states.
 
     Returns:
         The layout; None where the columns are of no known program.
@@ -88,31 +92,18 @@ def known_layout(
     """
     return (
         _rtde(names)
-        or _echo(names, num_columns, path, joint_names)
-        or _series(names, path, joint_names)
+        or _echo(names, num_columns, path, joint_names, words)
+        or _series(names, path, joint_names, words)
     )
-
-
-def time_columns(names: Sequence[str]) -> SignalColumns | None:
-    """The two columns of a time in seconds and nanoseconds; None where there are none.
-
-    Their names are sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any
-    prefix (header/stamp/sec, t_s).
-    """
-    for seconds, nanoseconds in _SECOND_WORDS:
-        for i, name in enumerate(names):
-            match = re.fullmatch(rf"(.*[._/]|){seconds}", name)
-            if match and match[1] + nanoseconds in names:
-                return by_number([i, list(names).index(match[1] + nanoseconds)])
-    return None
 
 
 def _rtde(names: Sequence[str]) -> KnownLayout | None:
     """A record of Universal Robots' real-time data exchange."""
-    if "timestamp" not in names or "actual_q_0" not in names:
+    time = time_columns(names)
+    if time is None or "actual_q_0" not in names:
         return None
     size = sum(1 for name in names if re.fullmatch(r"actual_q_\d+", name))
-    form = RecordingFormat(time=by_number([list(names).index("timestamp")], unit="s"))
+    form = RecordingFormat(time=time)
 
     def columns(prefix: str) -> SignalColumns | None:
         joint_columns = [f"{prefix}_{j}" for j in range(size)]
@@ -122,15 +113,28 @@ def _rtde(names: Sequence[str]) -> KnownLayout | None:
 
     form.position, form.velocity = columns("actual_q"), columns("actual_qd")
     form.current = columns("actual_current")
+    notices = ["columns read as those of a Universal Robots RTDE record"]
+    if form.current is None:
+        form.motor_torque = columns("actual_current_as_torque")
+        if form.motor_torque is not None:
+            notices.append(
+                "actual_current_as_torque is read as joint torque: check that it holds gravity's "
+                "torque (the controller leaves it out in some versions); actual_current is the "
+                "better quantity to record"
+            )
     for name in ("actual_TCP_force", "target_moment", "target_current"):
         extra = columns(name)
         if extra is not None:
             form.extra[name] = extra
-    return KnownLayout(form, ("columns read as those of a Universal Robots RTDE record",))
+    return KnownLayout(form, tuple(notices))
 
 
 def _echo(
-    names: Sequence[str], num_columns: int, path: Path, joint_names: Sequence[str] | None
+    names: Sequence[str],
+    num_columns: int,
+    path: Path,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
 ) -> KnownLayout | None:
     """A row of `ros2 topic echo --csv` of a JointState."""
     if len(names) < 5 or not (_is_whole(names[0]) and _is_whole(names[1])):
@@ -140,7 +144,7 @@ def _echo(
     num_quantities = (len(cells) - size) // size if size else 0
     if not 1 <= num_quantities <= 3 or size * (num_quantities + 1) != len(cells):
         return None
-    order = _joint_order(cells[:size], path, joint_names)
+    order = joint_order(cells[:size], path, joint_names, words)
     form = RecordingFormat(header=False, time=by_number([0, 1]))
     for k, key in enumerate(("position", "velocity", "motor_torque")[:num_quantities]):
         setattr(form, key, by_number([3 + size * (k + 1) + j for j in order.indices]))
@@ -149,16 +153,15 @@ def _echo(
 
 
 def _series(
-    names: Sequence[str], path: Path, joint_names: Sequence[str] | None
+    names: Sequence[str], path: Path, joint_names: Sequence[str] | None, words: LogWords
 ) -> KnownLayout | None:
     """A log with one series for each joint and quantity."""
     topics: _Topics = {}
     for column, name in enumerate(names):
-        match = re.fullmatch(r"(?:(.*)/)?([^/]+)/(position|velocity|effort)", name)
+        match = re.fullmatch(r"(?:(.*)/)?([^/]+)/(position|velocity|effort|current)", name)
         if match:
             topics.setdefault(match[1] or "", {}).setdefault(match[3], {})[match[2]] = column
-    time = next((list(names).index(name) for name in _TIMES if name in names), None)
-    times = time_columns(names) if time is None else by_number([time])
+    times = time_columns(names)
     if not topics or times is None:
         return None
     form = RecordingFormat(time=times)
@@ -166,67 +169,94 @@ def _series(
     numbered = [f"joint_{j + 1}" for j in range(len(joint_names or ()))]
     if any(list(columns.get("position", {})) == numbered for columns in topics.values()):
         joint_names = numbered or None  # as `rosbag.table` writes them
-    main = _topic_of(topics, "position", path, joint_names)
+    main, joint_match = _topic_of(topics, "position", path, joint_names, words)
     log_joints = list(topics[main]["position"])
-    order = _joint_order(log_joints, path, joint_names)
+    if joint_names is None:
+        order = joint_order(log_joints, path, None, words)
+    else:
+        order = _order_of(joint_match, log_joints)
     joints = [log_joints[j] for j in order.indices]
+    lacking = ""
     for quantity in _SERIES_QUANTITIES:
         candidates = {
             topic: columns
             for topic, columns in topics.items()
-            if joints[0] in columns.get(quantity.name, {})
+            if not set(joints).isdisjoint(columns.get(quantity.name, {}))
             and ("current" in topic.lower()) == quantity.of_current_topic
         }
-        if not candidates:
+        complete = {
+            topic: columns
+            for topic, columns in candidates.items()
+            if set(joints) <= columns[quantity.name].keys()
+        }
+        if not complete:
+            for topic, columns in candidates.items():  # a velocity can be differentiated
+                missing = [joint for joint in joints if joint not in columns[quantity.name]]
+                lacking = (
+                    f"{topic or 'the log'} lacks the {quantity.name} of {', '.join(missing)} (no "
+                    "number, or NaN only)"
+                )
             continue
-        topic = main if main in candidates else next(iter(candidates))
-        if topic != main and len(candidates) > 1:
-            topic = _topic_of(candidates, quantity.name, path, joint_names)
+        topic = main if main in complete else next(iter(complete))
+        if topic != main and len(complete) > 1:
+            topic, _ = _topic_of(complete, quantity.name, path, joints, words)
         column_of = topics[topic][quantity.name]
-        missing = [joint for joint in joints if joint not in column_of]
-        if missing:
-            problem = f"{topic} lacks the {quantity.name} of {', '.join(missing)}"
-            raise InputError(path, "header", problem, "record all joints, " + _DESCRIBE)
         setattr(form, quantity.key, by_number([column_of[joint] for joint in joints]))
+    if form.motor_torque is None and form.current is None and "effort" in lacking:
+        raise InputError(path, "header", lacking, "record the effort of all joints")
     notice = f"joints read from the columns of {main or 'each joint'}"
     is_effort = form.motor_torque is not None
     return KnownLayout(form, (notice, *order.notices), torque_is_effort=is_effort)
 
 
-def _topic_of(topics: _Topics, quantity: str, path: Path, joint_names: Sequence[str] | None) -> str:
-    """The only topic that holds a quantity of the robot's joints.
+def _topic_of(
+    topics: _Topics,
+    quantity: str,
+    path: Path,
+    joint_names: Sequence[str] | None,
+    words: LogWords,
+) -> tuple[str, JointMatch]:
+    """The only topic that holds a quantity of the robot's joints, and these joints.
 
     Of several, the one that is called joint_states.
 
     Raises:
         InputError: there is no such topic, or there are several.
     """
-    candidates = [
-        topic
-        for topic, columns in topics.items()
-        if quantity in columns
-        and (joint_names is None or set(joint_names) <= columns[quantity].keys())
-    ]
-    joint_states = [topic for topic in candidates if topic.split("/")[-1] == "joint_states"]
+    joints_of = {topic: list(columns[quantity]) for topic, columns in topics.items()
+                 if quantity in columns}  # fmt: skip
+    if joint_names is None:
+        matches = {topic: JointMatch(tuple(joints)) for topic, joints in joints_of.items()}
+    else:
+        matches = of_matching(joints_of, joint_names, path, words)
+    exact = {topic: match for topic, match in matches.items() if not match.how}
+    matches = exact or matches
+    joint_states = [topic for topic in matches if topic.split("/")[-1] == "joint_states"]
     if len(joint_states) == 1:
-        return joint_states[0]
-    if len(candidates) == 1:
-        return candidates[0]
-    if not candidates:
+        return joint_states[0], matches[joint_states[0]]
+    if len(matches) == 1:
+        return next(iter(matches.items()))
+    if not matches:
         joints = {joint for columns in topics.values() for joint in columns.get(quantity, {})}
         problem = (
             f"no topic holds the {quantity} of the robot's joints {', '.join(joint_names or ())}; "
             f"the log's joints are {', '.join(sorted(joints))}"
         )
         raise InputError(
-            path, "header", problem, "give the robot that the log comes from, " + _DESCRIBE
+            path, "header", problem, "give the robot that the log comes from, " + DESCRIBE
         )
-    problem = f"{len(candidates)} topics hold the joints' {quantity}: {', '.join(candidates)}"
+    problem = f"{len(matches)} topics hold the joints' {quantity}: {', '.join(matches)}"
+    prefixes = {match.prefix for match in matches.values()}
     remedy = "name the columns of one of them in a description (--log-format)"
+    if len(prefixes) == len(matches):
+        listed = " or ".join(f"{PREFIX}{prefix}" for prefix in prefixes)
+        remedy = f"choose one with --log-format {listed}"
     raise InputError(path, "header", problem, remedy)
 
 
-def _joint_order(joints: list[str], path: Path, joint_names: Sequence[str] | None) -> _JointOrder:
+def joint_order(
+    joints: Sequence[str], path: Path, joint_names: Sequence[str] | None, words: LogWords
+) -> JointOrder:
     """The places of the robot's joints among those of the log.
 
     Raises:
@@ -234,15 +264,23 @@ def _joint_order(joints: list[str], path: Path, joint_names: Sequence[str] | Non
     """
     if joint_names is None:
         notice = f"joints are taken in the log's order: {', '.join(joints)}"
-        return _JointOrder(list(range(len(joints))), [notice])
-    missing = [name for name in joint_names if name not in joints]
-    if missing:
+        return JointOrder(list(range(len(joints))), [notice])
+    match = matched_joints(joints, joint_names, path, words)
+    if match is None:
+        missing = [name for name in joint_names if name not in joints]
         problem = f"lacks {', '.join(missing)}; it has {', '.join(joints)}"
-        remedy = "give the robot that the log comes from, " + _DESCRIBE
+        remedy = "give the robot that the log comes from, " + DESCRIBE
         raise InputError(path, "joints", problem, remedy)
-    others = [name for name in joints if name not in joint_names]
-    notices = [f"joints that are not the arm's are left out: {', '.join(others)}"] if others else []
-    return _JointOrder([joints.index(name) for name in joint_names], notices)
+    return _order_of(match, joints)
+
+
+def _order_of(match: JointMatch, joints: Sequence[str]) -> JointOrder:
+    """The places of matched joints among those of the log, and notices."""
+    others = [name for name in joints if name not in match.joints]
+    notices = [match.how] if match.how else []
+    if others:
+        notices.append(f"joints that are not the arm's are left out: {', '.join(others)}")
+    return JointOrder([list(joints).index(name) for name in match.joints], notices)
 
 
 def _wrenches(names: Sequence[str]) -> dict[str, SignalColumns]:

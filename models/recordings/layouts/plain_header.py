@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from wrenchsight.models.files.input_error import InputError
-from wrenchsight.models.recordings.layouts.header_layouts import time_columns
+from wrenchsight.models.recordings.layouts.time_names import time_columns
 from wrenchsight.models.recordings.recording_format import RecordingFormat, SignalColumns
 
-TIME_WORDS = ("t", "times", "time", "timestamps", "timestamp", "time_s", "t_s")
 _DESCRIBE = "or describe the columns with --log-format"
 _ID_COLUMNS = ("frame_id", "seq", "header.frame_id", "header.seq")  # beside a stamp
 _JOINT_SIGNALS = {"q": "position", "v": "velocity", "i": "current", "tau": "motor_torque"}
@@ -33,7 +32,7 @@ def header_format(
     Raises:
         InputError: a column is missing, unknown or named twice.
     """
-    time = None if "t" in names else time_columns(names) or _single_time(names)
+    time = None if "t" in names else time_columns(names)
     time_numbers = [int(column) - 1 for column in str(time.columns).split(",")] if time else []
     # A column without a name is a table's index, or follows a separator at the end of the line.
     names = [name for k, name in enumerate(names) if name and k not in time_numbers]
@@ -103,12 +102,6 @@ def _read_names(names: Sequence[str], path: Path, has_time_columns: bool) -> _He
         elif name not in ("t", "dropout") and not (has_time_columns and name in _ID_COLUMNS):
             raise _unknown_column(name, path)
     return header
-
-
-def _single_time(names: Sequence[str]) -> SignalColumns | None:
-    """The only column that is called time; None where there are none or several."""
-    columns = [k for k, name in enumerate(names) if name in TIME_WORDS]
-    return SignalColumns(str(columns[0] + 1)) if len(columns) == 1 else None
 
 
 def _unknown_column(name: str, path: Path) -> InputError:

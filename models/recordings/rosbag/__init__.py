@@ -1,5 +1,5 @@
-"""Logs in ROS 2 bags, read and written without ROS.
+"""Logs in bags of ROS 1 and ROS 2, read and written without ROS.
 
 In: the path of a bag, or columns by name. Out: a table of numbers (`LogTable`), or an MCAP file.
-Order: `bounded_bag` (opens), `messages` (decodes and encodes), `table` (rows and columns).
+Order: `messages` (numbers of messages), `bounded_bag` (opens), `table` (rows and columns).
 """

@@ -1,4 +1,4 @@
-"""The reader of `rosbags` with a bound on the size of decompressed data.
+"""The readers of `rosbags` with a bound on the size of decompressed data.
 
 A chunk of zeros compresses to a thousandth: without a bound, a small file fills memory or the disk.
 """
@@ -7,21 +7,58 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import Any, BinaryIO, Final, NamedTuple
+
+from wrenchsight.models.recordings.packed_file import refuse_ratio
+from wrenchsight.models.recordings.rosbag.messages import (
+    Deserialize,
+    ros1_typestore,
+    typestore,
+)
 
 LARGEST_PART: Final = 1 << 26  # bytes of one chunk or message
-_LARGEST_FILE: Final = 1 << 28  # bytes of a decompressed file, or
-_LARGEST_RATIO: Final = 50  # times its compressed size, whichever is more
+ROS1_SUFFIX: Final = ".bag"
+
+
+class OpenedBag(NamedTuple):
+    """A bag of ROS 1 or ROS 2.
+
+    Attributes:
+        reader: a `rosbags.rosbag1.Reader` or `rosbags.rosbag2.Reader`, opened.
+        deserialize: makes a message of its bytes.
+    """
+
+    reader: Any
+    deserialize: Deserialize
 
 
 @contextmanager
-def bounded_reader(path: Path) -> Iterator[Any]:
-    """An opened `rosbags.rosbag2.Reader`.
+def bounded_reader(path: Path) -> Iterator[OpenedBag]:
+    """An opened bag.
 
     Raises:
         ValueError: the bag decompresses to more than the bound; also while its messages are read.
         Exception: of any kind, raised by rosbags over a damaged bag.
     """
+    opened = _ros1_bag if path.suffix.lower() == ROS1_SUFFIX else _ros2_bag
+    with opened(path) as bag:
+        yield bag
+
+
+@contextmanager
+def _ros1_bag(path: Path) -> Iterator[OpenedBag]:
+    from rosbags.rosbag1 import Reader
+    from rosbags.rosbag1 import reader as rosbags_reader
+
+    rosbags_reader.decompressors["bz2"] = _bz2
+    rosbags_reader.decompressors["lz4"] = _lz4
+    rosbags_reader.read_bytes = _read_bytes
+    with Reader(path) as reader:
+        yield OpenedBag(reader, ros1_typestore().deserialize_ros1)
+
+
+@contextmanager
+def _ros2_bag(path: Path) -> Iterator[OpenedBag]:
     from backports import zstd
     from rosbags.rosbag2 import Reader, storage_mcap
     from rosbags.rosbag2 import reader as rosbags_reader
@@ -35,14 +72,8 @@ def bounded_reader(path: Path) -> Iterator[Any]:
         storages = getattr(reader.storage, "storages", [reader.storage])
         for storage in storages:
             declared = sum(chunk.uncompressed_size for chunk in getattr(storage, "chunks", ()))
-            _refuse_above(declared, storage.path.stat().st_size)
-        yield reader
-
-
-def _refuse_above(size: int, packed: int) -> None:
-    """Refuses a decompressed size that is beyond the bound of its compressed size."""
-    if size > max(_LARGEST_FILE, _LARGEST_RATIO * packed):
-        raise ValueError(f"{packed} bytes that unpack to {size} or more")
+            refuse_ratio(declared, storage.path.stat().st_size)
+        yield OpenedBag(reader, typestore().deserialize_cdr)
 
 
 def _refuse_packed_files(folder: Path) -> None:
@@ -54,7 +85,16 @@ def _refuse_packed_files(folder: Path) -> None:
         with zstd.open(path, "rb") as file:
             while block := file.read(1 << 20):
                 unpacked += len(block)
-                _refuse_above(unpacked, path.stat().st_size)
+                refuse_ratio(unpacked, path.stat().st_size)
+
+
+def _read_bytes(source: BinaryIO, size: int) -> bytes:
+    """As `rosbags.rosbag1.reader.read_bytes`; a stated size allocates no memory of its own."""
+    _refuse_part(size)
+    data = source.read(size)
+    if len(data) != size:
+        raise ValueError(f"{len(data)} of {size} bytes")
+    return data
 
 
 def _zstd(data: bytes, size: int = LARGEST_PART) -> bytes:
@@ -66,11 +106,21 @@ def _zstd(data: bytes, size: int = LARGEST_PART) -> bytes:
     return content
 
 
-def _lz4(data: bytes, size: int) -> bytes:
+def _lz4(data: bytes, size: int = LARGEST_PART) -> bytes:
     from lz4.frame import LZ4FrameDecompressor
 
     _refuse_part(size)
-    return bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    content = bytes(LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    _refuse_part(len(content))
+    return content
+
+
+def _bz2(data: bytes) -> bytes:
+    from bz2 import BZ2Decompressor
+
+    content = BZ2Decompressor().decompress(data, max_length=LARGEST_PART + 1)
+    _refuse_part(len(content))
+    return content
 
 
 def _refuse_part(size: int) -> None:

@@ -1,14 +1,12 @@
-"""Converts ROS 2 messages in their serialised form (CDR) to and from arrays, many at a time.
+"""Messages of ROS as numbers by name, and wrenches and joint states as serialised messages.
 
-`rosbags` reads and writes single messages, which is slow. A topic's messages almost always differ
-only in their stamp and numbers. The bytes of these are found by serialising one message with two
-sets of numbers. All messages that agree in the other bytes are decoded as one array; any other
-message is decoded by `rosbags`.
+`rosbags` deserialises every message that is read, of ROS 1 and ROS 2. It serialises single
+messages, which is slow for a log's worth of them: `Layout` finds the bytes of stamp and numbers by
+serialising one message with two sets of numbers, and writes all others as one array.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -17,23 +15,51 @@ from numpy.typing import NDArray
 from wrenchsight.models.numerics.arrays import Array
 
 Stamps = NDArray[np.int64]
+Deserialize = Callable[[bytes, str], Any]
+"""Makes a message of its bytes and the name of its type."""
 
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
+DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
 WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
-KINDS: Final = (JOINT_STATE, WRENCH)
+KINDS: Final = (JOINT_STATE, DYNAMIC_JOINT_STATE, WRENCH)
 """The types of messages that are read."""
 QUANTITIES: Final = ("position", "velocity", "effort")
 WRENCH_PARTS: Final = ("force/x", "force/y", "force/z", "torque/x", "torque/y", "torque/z")
+MOST_NUMBERS: Final = 4096  # of a message
 _ONES: Final = 0x01010101  # a whole number none of whose bytes is zero
 _ONES_DOUBLE: Final = float(np.frombuffer(b"\x01" * 8)[0])  # such a double
+_DYNAMIC_JOINT_STATE_DEFINITION: Final = f"""\
+std_msgs/Header header
+string[] joint_names
+InterfaceValue[] interface_values
+{"=" * 80}
+MSG: control_msgs/InterfaceValue
+string[] interface_names
+float64[] values
+"""
 
 
 @cache
 def typestore() -> Any:
-    """The message types of rosbags; those read here are the same in all versions of ROS 2."""
+    """The message types of ROS 2; those used here are the same in all its versions."""
     from rosbags.typesys import Stores, get_typestore
 
-    return get_typestore(Stores.ROS2_HUMBLE)
+    return _with_dynamic_joint_state(get_typestore(Stores.ROS2_HUMBLE))
+
+
+@cache
+def ros1_typestore() -> Any:
+    """The message types of ROS 1."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return _with_dynamic_joint_state(get_typestore(Stores.ROS1_NOETIC))
+
+
+def _with_dynamic_joint_state(store: Any) -> Any:
+    from rosbags.typesys import get_types_from_msg
+
+    store.register(get_types_from_msg(_DYNAMIC_JOINT_STATE_DEFINITION, DYNAMIC_JOINT_STATE))
+    return store
 
 
 def header(frame: str, stamp: int = 0) -> Any:
@@ -50,7 +76,6 @@ class Layout:
         kind: type of the messages.
         make: returns such a message, given the number in its stamp and the one in its doubles.
         stamped: whether they have a stamp, before all doubles.
-        little: whether their byte order is little-endian.
     """
 
     def __init__(
@@ -58,34 +83,14 @@ class Layout:
         kind: str,
         make: Callable[[int, float], Any],
         stamped: bool = True,
-        little: bool = True,
     ) -> None:
-        zeros = typestore().serialize_cdr(make(0, 0.0), kind, little_endian=little)
-        ones = typestore().serialize_cdr(make(_ONES, _ONES_DOUBLE), kind, little_endian=little)
+        zeros = typestore().serialize_cdr(make(0, 0.0), kind)
+        ones = typestore().serialize_cdr(make(_ONES, _ONES_DOUBLE), kind)
         self._template = np.frombuffer(bytes(zeros), np.uint8)
         self._varies = self._template != np.frombuffer(bytes(ones), np.uint8)
         self._stamp_bytes = 8 if stamped else 0
-        order = "<" if little else ">"
-        self._double = np.dtype(order + "f8")
-        self._time = np.dtype([("s", order + "i4"), ("ns", order + "u4")])
-
-    @property
-    def size(self) -> int:
-        """Bytes of a message."""
-        return len(self._template)
-
-    def alike(self, block: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(N,) which of (N, size) messages have this layout: only stamp and doubles differ."""
-        is_same = block[:, ~self._varies] == self._template[~self._varies]
-        return np.asarray(is_same.all(axis=1))
-
-    def decode(self, block: NDArray[np.uint8]) -> tuple[Stamps, Array]:
-        """(N,) stamps in ns and (N, k) doubles of (N, size) messages of this layout."""
-        varying = block[:, self._varies]
-        stamp = np.ascontiguousarray(varying[:, : self._stamp_bytes]).view(self._time)[:, 0]
-        values = np.ascontiguousarray(varying[:, self._stamp_bytes :]).view(self._double)
-        stamps = stamp["s"].astype(np.int64) * 10**9 + stamp["ns"]
-        return stamps, values.astype(np.float64, copy=False)
+        self._double = np.dtype("<f8")
+        self._time = np.dtype([("s", "<i4"), ("ns", "<u4")])
 
     def encode(self, stamps: Stamps, values: Array) -> NDArray[np.uint8]:
         """(N, size) messages with stamps (N,) in ns, not negative, and doubles (N, k)."""
@@ -100,30 +105,29 @@ class Layout:
 
 
 class Messages:
-    """Decodes the messages of one topic, in the layout of its first message.
+    """Reads the messages of one topic as numbers by name.
+
+    The names are JOINT/position, JOINT/velocity and JOINT/effort for each quantity of a JointState
+    (the numbers of the joints from 1 on where it names none), JOINT/INTERFACE for each interface
+    of a DynamicJointState, force/x to torque/z of a WrenchStamped.
 
     Args:
         kind: one of `KINDS`.
-        example: a message of the topic, with the names of its joints or the frame of its wrenches.
+        deserialize: of the bag.
+        examples: of the topic's first messages.
 
     Attributes:
-        names: of the numbers in a message: JOINT/position, JOINT/velocity and JOINT/effort for each
-            quantity of a JointState, force/x to torque/z of a WrenchStamped.
+        names: of all numbers in the examples.
     """
 
-    def __init__(self, kind: str, example: bytes) -> None:
+    def __init__(self, kind: str, deserialize: Deserialize, examples: Sequence[bytes]) -> None:
         self._kind = kind
-        message = typestore().deserialize_cdr(example, kind)
-        self._frame = message.header.frame_id
-        names = self._names(message)
-        self.names = tuple(name for name in names if name is not None)
-        self._columns = [k for k, name in enumerate(names) if name is not None]
-        is_little = bool(example[1] & 1)
-
-        def filled(stamp: int, number: float) -> Any:
-            return _filled(message, stamp, number)
-
-        self._layout = Layout(kind, filled, little=is_little)
+        self._deserialize = deserialize
+        self._frame: str | None = None  # of the first wrench
+        numbers = [self._numbers(deserialize(data, kind)) for data in examples]
+        self.names = tuple(dict.fromkeys(name for entry in numbers for name in entry[0]))
+        self._column = {name: k for k, name in enumerate(self.names)}
+        self._columns_of: dict[tuple[str, ...], NDArray[np.int64]] = {}
 
     def decode(self, raw: Sequence[bytes]) -> tuple[Stamps, Array]:
         """(N,) stamps of the headers in ns, and (N, k) numbers; NaN where a message lacks one.
@@ -131,64 +135,64 @@ class Messages:
         Raises:
             Exception: of any kind, a message is damaged.
         """
-        stamps, values = np.empty(len(raw), np.int64), np.empty((len(raw), len(self.names)))
-        size = self._layout.size
-        has_layout = np.fromiter((len(data) == size for data in raw), bool, len(raw))
-        if has_layout.any():
-            joined = b"".join(data for data in raw if len(data) == size)
-            block = np.frombuffer(joined, np.uint8).reshape(-1, size)
-            is_alike = self._layout.alike(block)
-            has_layout[np.flatnonzero(has_layout)[~is_alike]] = False
-            stamps[has_layout], doubles = self._layout.decode(block[is_alike])
-            values[has_layout] = doubles[:, self._columns]
-        for k in np.flatnonzero(~has_layout).tolist():
-            message = typestore().deserialize_cdr(raw[k], self._kind)
+        stamps, values = np.empty(len(raw), np.int64), np.full((len(raw), len(self.names)), np.nan)
+        for k, data in enumerate(raw):
+            message = self._deserialize(data, self._kind)
             stamp = message.header.stamp
             stamps[k] = int(stamp.sec) * 10**9 + int(stamp.nanosec)
-            numbers = self._numbers(message)
-            values[k] = [numbers.get(name, np.nan) for name in self.names]
+            names, numbers = self._numbers(message)
+            columns = self._columns_of.get(names)
+            if columns is None:  # a driver writes one set of names, or a few
+                columns = np.array([self._column.get(name, -1) for name in names], np.int64)
+                self._columns_of[names] = columns
+            is_known = columns >= 0
+            values[k, columns[is_known]] = numbers[is_known]
         return stamps, values
 
-    def _names(self, message: Any) -> Sequence[str | None]:
-        """A name for each double of a message.
-
-        None for the doubles of a quantity that does not have one number for each joint.
-        """
-        if self._kind == WRENCH:
-            return WRENCH_PARTS
-        names: list[str | None] = []
-        for quantity in QUANTITIES:
-            count = len(getattr(message, quantity))
-            has_all_joints = count == len(message.name)
-            names += [
-                f"{message.name[k]}/{quantity}" if has_all_joints else None for k in range(count)
-            ]
-        return names
-
-    def _numbers(self, message: Any) -> dict[str, float]:
-        """The numbers of a message by name; NaN for a wrench in another frame."""
-        numbers: dict[str, float] = {}
-        if self._kind == WRENCH:
-            if message.header.frame_id != self._frame:
-                return dict.fromkeys(WRENCH_PARTS, np.nan)
-            for part in WRENCH_PARTS:
-                vector, axis = part.split("/")
-                numbers[part] = getattr(getattr(message.wrench, vector), axis)
-            return numbers
-        for quantity in QUANTITIES:
-            for joint, number in zip(message.name, getattr(message, quantity), strict=False):
-                numbers[f"{joint}/{quantity}"] = number
-        return numbers
+    def _numbers(self, message: Any) -> tuple[tuple[str, ...], Array]:
+        """The names of a message's numbers, and the numbers."""
+        if self._kind == JOINT_STATE:
+            return _joint_state_numbers(message)
+        if self._kind == DYNAMIC_JOINT_STATE:
+            return _interface_numbers(message)
+        if self._frame is None:
+            self._frame = message.header.frame_id
+        elif message.header.frame_id != self._frame:
+            return WRENCH_PARTS, np.full(6, np.nan)
+        force, torque = message.wrench.force, message.wrench.torque
+        numbers = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+        return WRENCH_PARTS, numbers
 
 
-def _filled(message: Any, stamp: int, number: float) -> Any:
-    """A copy of a JointState or WrenchStamped with another stamp and other numbers."""
-    stamped = replace(message, header=header(message.header.frame_id, stamp))
-    if hasattr(message, "wrench"):
-        vector = type(message.wrench.force)(number, number, number)
-        return replace(stamped, wrench=replace(message.wrench, force=vector, torque=vector))
-    values = {name: np.full(len(getattr(message, name)), number) for name in QUANTITIES}
-    return replace(stamped, **values)
+def _joint_state_numbers(message: Any) -> tuple[tuple[str, ...], Array]:
+    """A quantity with another number of entries than the message has joints is left out."""
+    joints = message.name
+    if not joints:
+        joints = _joint_numbers(len(message.position))
+    quantities = [name for name in QUANTITIES if len(getattr(message, name)) == len(joints)]
+    numbers = [getattr(message, name) for name in quantities]
+    names = _joined_names(tuple(joints), tuple(quantities))
+    return names, np.concatenate(numbers) if numbers else np.empty(0)
+
+
+@cache
+def _joint_numbers(count: int) -> tuple[str, ...]:
+    return tuple(str(k + 1) for k in range(min(count, MOST_NUMBERS)))
+
+
+@lru_cache(maxsize=64)
+def _joined_names(joints: tuple[str, ...], quantities: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"{joint}/{quantity}" for quantity in quantities for joint in joints)
+
+
+def _interface_numbers(message: Any) -> tuple[tuple[str, ...], Array]:
+    names: list[str] = []
+    numbers: list[float] = []
+    for joint, values in zip(message.joint_names, message.interface_values, strict=False):
+        for interface, number in zip(values.interface_names, values.values, strict=False):
+            names.append(f"{joint}/{interface}")
+            numbers.append(number)
+    return tuple(names), np.array(numbers, float)
 
 
 def nanoseconds(t: Array) -> Stamps:

@@ -1,9 +1,10 @@
-"""Logs in ROS 2 bags (MCAP and SQLite, one file or a folder of them), read without ROS.
+"""Logs in bags of ROS 1 and ROS 2 (MCAP and SQLite, one file or a folder), read without ROS.
 
 Columns are named as PlotJuggler names its series: TOPIC/JOINT/position and so on of
-sensor_msgs/JointState, TOPIC/force/x and so on of geometry_msgs/WrenchStamped. `time` is the stamp
-in the messages' headers, in s. If the columns come from several topics, each message of the topic
-of the positions is a row. The other topics are interpolated linearly at its stamps.
+sensor_msgs/JointState and control_msgs/DynamicJointState, TOPIC/force/x and so on of
+geometry_msgs/WrenchStamped. `time` is the stamp in the messages' headers, in s. If the columns come
+from several topics, each message of the topic of the positions is a row. The other topics are
+interpolated linearly at its stamps.
 """
 
 import re
@@ -21,7 +22,11 @@ from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.files.whole_file import whole_file, writing_to
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.recordings.recording_format import RecordingFormat
-from wrenchsight.models.recordings.rosbag.bounded_bag import bounded_reader
+from wrenchsight.models.recordings.rosbag.bounded_bag import (
+    ROS1_SUFFIX,
+    OpenedBag,
+    bounded_reader,
+)
 from wrenchsight.models.recordings.rosbag.messages import (
     JOINT_STATE,
     KINDS,
@@ -33,7 +38,7 @@ from wrenchsight.models.recordings.rosbag.messages import (
     seconds,
     typestore,
 )
-from wrenchsight.models.recordings.table_checks import refuse_missing, rows_within
+from wrenchsight.models.recordings.table_checks import no_words, refuse_missing, rows_within
 
 Rows = NDArray[np.int64]
 
@@ -75,9 +80,9 @@ def _written_column(name: str) -> _WrittenColumn:
 
 
 class RosbagContainer:
-    """Logs in ROS 2 bags; implements `log_container.LogContainer`."""
+    """Logs in bags; implements `log_container.LogContainer`."""
 
-    suffixes: tuple[str, ...] = (".mcap", ".db3")
+    suffixes: tuple[str, ...] = (".mcap", ".db3", ROS1_SUFFIX)
 
     def open(self, path: Path, form: RecordingFormat | None) -> "RosbagTable":
         """As the protocol; the bag describes itself, so that `form` is not used."""
@@ -201,20 +206,25 @@ class RosbagTable:
         self.notices: list[str] = []
         self.progress = 0.0
         self._topics: dict[str, Messages] = {}
+        self._kinds: dict[str, str] = {}
         self._counts: dict[str, int] = {}
         self._columns: list[_Column] = []  # all but the first one, the time
         self._unstamped: set[str] = set()  # topics whose headers have no stamp
         names = ["time"]
         kinds: set[str] = set()
-        with self._reading() as reader:
-            for connection in reader.connections:
+        with self._reading() as bag:
+            for connection in bag.reader.connections:
                 kinds.add(connection.msgtype)
                 topic = connection.topic
                 is_readable = connection.msgtype in KINDS and connection.msgcount > 0
+                if is_readable and topic in self._topics:
+                    self._counts[topic] += connection.msgcount
                 if not is_readable or topic in self._topics:
                     continue
-                probe = [data for *_, data in islice(reader.messages([connection]), _PROBED)]
-                messages = Messages(connection.msgtype, probe[0])
+                same = _connections(bag, topic, connection.msgtype)
+                probe = [data for *_, data in islice(bag.reader.messages(same), _PROBED)]
+                messages = Messages(connection.msgtype, bag.deserialize, probe)
+                self._kinds[topic] = connection.msgtype
                 stamps, values = messages.decode(probe)
                 if not stamps.any():
                     self._unstamped.add(topic)
@@ -230,9 +240,15 @@ class RosbagTable:
         if not self._columns:
             listed = ", ".join(sorted(kinds)) or "nothing"
             problem = f"holds no topic of {' or '.join(KINDS)}; it holds {listed}"
+            if self._topics:
+                problem = f"the messages of {', '.join(self._topics)} hold no numbers"
             raise InputError(path, "", problem, "record the joint states")
         self.names: tuple[str, ...] | None = tuple(names)
         self.num_columns = len(names)
+
+    def row_words(self, columns: Sequence[int], in_all_rows: bool = True) -> Sequence[str]:
+        """As the protocol; the names of the joints are in those of the columns."""
+        raise no_words(self.path)
 
     def blocks(
         self,
@@ -281,8 +297,8 @@ class RosbagTable:
     def _stream(self, topic: str) -> Iterator[tuple[Array, Array]]:
         """Times (N,) in s and numbers (N, k) of a topic, some thousand messages at a time."""
         messages = self._topics[topic]
-        with self._reading() as reader:
-            source = reader.messages([c for c in reader.connections if c.topic == topic])
+        with self._reading() as bag:
+            source = bag.reader.messages(_connections(bag, topic, self._kinds[topic]))
             while part := list(islice(source, _BLOCK_MESSAGES)):
                 stamps, values = messages.decode([data for *_, data in part])
                 if topic in self._unstamped:
@@ -290,11 +306,11 @@ class RosbagTable:
                 yield seconds(stamps), values
 
     @contextmanager
-    def _reading(self) -> Iterator[Any]:
+    def _reading(self) -> Iterator[OpenedBag]:
         """The opened bag; errors while it is read become an InputError."""
         try:
-            with bounded_reader(self.path) as reader:
-                yield reader
+            with bounded_reader(self.path) as bag:
+                yield bag
         except FileNotFoundError as error:
             raise InputError(self.path, "", "no such bag", "check the path") from error
         except InputError:
@@ -306,6 +322,11 @@ class RosbagTable:
                 f"is no bag, or a damaged one ({str(error)[:200] or type(error).__name__})",
                 "repair it (ros2 bag reindex, mcap recover), or record it again",
             ) from error
+
+
+def _connections(bag: OpenedBag, topic: str, kind: str) -> list[Any]:
+    """All connections of a topic, of which there is one for each publisher in ROS 1."""
+    return [c for c in bag.reader.connections if c.topic == topic and c.msgtype == kind]
 
 
 class _InterpolatedTopic:

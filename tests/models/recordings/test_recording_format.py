@@ -78,7 +78,9 @@ def test_the_bundled_descriptions_load() -> None:
     ("text", "line"),
     [
         ("time: {columns: 1}\nvelocitty: {columns: 2}", "line 2.*velocitty.*velocity"),
-        ("header: false", 'lacks the key "time"'),
+        ("header: false", "time: is missing; name its columns, or give rate_hz"),
+        ("time: {columns: 1}\nrate_hz: 5", "rate_hz: is given beside time"),
+        ("rate_hz: -1", "rate_hz: -1, expected samples a second"),
         ("time: {}", "time: names no column"),
         ("time: {columns: 1}\nseparator: ',,'", "separator: expected one character"),
         ("time: {columns: 1}\ndecimal_mark: ':'", 'decimal_mark: expected "." or ","'),

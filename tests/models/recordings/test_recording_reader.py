@@ -346,8 +346,9 @@ def test_a_file_without_permission_is_refused(tmp_path: Path) -> None:
     [
         ("t,q1,q2,v1,i1,i2,tau1", ["lacks the columns v2, tau2"]),
         ("t,q1,q2,v1,v3,i1,i2", ["lacks the column", "v2"]),
-        ("t,q0,q1,v0,v1,i0,i1", ['unknown column "q0"', "numbered from 1"]),
-        ("t,q_1,q2,v1,v2,i1,i2", ['unknown column "q_1"', 'did you mean "q1"?']),
+        ("t,q1,q_2,v1,v2,i1,i2", ['unknown column "q_2"', 'did you mean "q2"?']),
+        ("q1,q2,v1,v2,i1,i2,x.1", ["has no column of time", "--log-format rate_hz=100"]),
+        ("clock stamp,q1,q2,v1,v2,i1,i2", ["it may be clock stamp", "time: {columns:"]),
         ("t,q1,q2,v1,v2,i1,temperature", ['unknown column "temperature"', "--log-format"]),
         ("t,q1,q2,v1,v2,i1,i1", ['names the column "i1" twice']),
         ("t,q1,q2,v1,v2,i1,", ["lacks the column i2"]),
@@ -461,7 +462,7 @@ def test_time_that_does_not_increase_is_refused(
     table = _table()
     table[21, 0] = table[20, 0]
     path = _csv(tmp_path, _HEADER, *_lines(table))
-    _refused(path, "line 23, column t", "time repeats 0.2 s")
+    _refused(path, "line 23, column t", "has the stamp 0.2 s of line 22, but other numbers")
     table[21, 0] = table[18, 0]
     path = _csv(tmp_path, _HEADER, *_lines(table))
     _refused(path, "line 23, column t", "runs backwards from 0.2 s to 0.18 s")
@@ -478,7 +479,124 @@ def test_a_clock_of_too_few_digits_is_refused(tmp_path: Path) -> None:
 def test_time_in_another_unit_is_recognised(tmp_path: Path, factor: float, unit: str) -> None:
     table = _table() * [factor, 1, 1, 1, 1, 1, 1]
     path = _csv(tmp_path, _HEADER, *_lines(table))
-    _refused(path, "column t", "the median step is", f"it looks like {unit}")
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.t, _table()[:, 0], rtol=0, atol=1e-9)
+    assert any(f"time is read in {unit}" in notice for notice in recording.notices)
+    description = _description(tmp_path)
+    _refused(
+        path, "column t", "the median step is", f"it looks like {unit}", description=description
+    )
+
+
+def test_time_whose_unit_the_velocities_contradict_is_refused(tmp_path: Path) -> None:
+    """At 1 Hz, with velocities that fit to seconds, the step is no millisecond."""
+    t = np.arange(40.0)
+    table = np.c_[t, 0.5 * np.sin(0.1 * t), 0 * t, 0.05 * np.cos(0.1 * t), 0 * t, t, t]
+    path = _csv(tmp_path, _HEADER, *_lines(table))
+    _refused(path, "the median step is 1 s")
+
+
+@pytest.mark.parametrize("names", ["q{}", "q_{}", "q[{}]", "state.q[{}]"])
+def test_joints_may_be_numbered_from_0(tmp_path: Path, names: str) -> None:
+    table = _table()
+    header = "time," + ",".join(
+        names.replace("q", letter).format(j) for letter in ("q", "dq", "i") for j in range(2)
+    )
+    recording = read_recording(_csv(tmp_path, header, *_lines(table)))
+    np.testing.assert_array_equal(recording.q, table[:, 1:3])
+    np.testing.assert_array_equal(recording.v, table[:, 3:5])
+    np.testing.assert_array_equal(recording.current, table[:, 5:7])
+
+
+def test_a_log_without_a_time_is_read_at_a_stated_rate(tmp_path: Path) -> None:
+    table = _table()
+    lines = _lines(table[:, 1:])
+    path = _csv(tmp_path, "q1,q2,v1,v2,i1,i2", *lines)
+    expected = np.arange(len(table)) / 80.0
+    description = tmp_path / "rated.yaml"
+    description.write_text("rate_hz: 80\nposition: {columns: 1-2}\nvelocity: {columns: 3-4}\n")
+    for log_format in ("rate_hz=80", description):
+        recording = read_recording(path, log_format)
+        np.testing.assert_allclose(recording.t, expected, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(recording.q, table[:, 1:3])
+    with pytest.raises(InputError, match=r"rate_hz.*is no rate"):
+        read_recording(path, "rate_hz=fast")
+
+
+def test_words_without_a_sign_are_decoded(tmp_path: Path) -> None:
+    table = _table()
+    table[:, 5:] = np.random.default_rng(2).integers(-300, 300, (len(table), 2))
+    expected = table[:, 5:] * 0.01
+    for encoding, encode in (
+        ("twos_complement", lambda x: np.where(x < 0, x + 65536, x)),
+        ("sign_bit", lambda x: np.where(x < 0, 32768 - x, x)),
+    ):
+        words = np.c_[table[:, :5], encode(table[:, 5:])]
+        path = _csv(tmp_path, _HEADER, *_lines(words))
+        description = _description(tmp_path)
+        signed = f"columns: 6-7, gain: [0.01], encoding: {encoding}"
+        description.write_text(description.read_text().replace("columns: 6-7", signed))
+        current = read_recording(path, description).current
+        np.testing.assert_allclose(current, expected, rtol=0, atol=1e-12)
+
+
+def test_wrapped_angles_are_continued(tmp_path: Path) -> None:
+    table = _table()
+    t = table[:, 0]
+    q = 2.5 + 2.0 * t
+    table[:, 1], table[:, 2], table[:, 3], table[:, 4] = q, 0.1 * t, 2.0, 0.1
+    wrapped = table.copy()
+    wrapped[:, 1] = (q + np.pi) % (2 * np.pi) - np.pi
+    recording = read_recording(_csv(tmp_path, _HEADER, *_lines(wrapped)))
+    np.testing.assert_allclose(recording.q[:, 0], q, rtol=0, atol=1e-5)
+    assert any("joint 1 1 times" in notice for notice in recording.notices)
+
+
+@pytest.mark.parametrize("block", [1 << 20, 150])
+def test_repeated_and_unset_stamps_are_left_out_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(text_table, "BLOCK_BYTES", block)
+    table = _table()
+    table[:, 0] += 1000.0
+    lines = _lines(table)
+    unset = [line.replace(line.split(",")[0], "0", 1) for line in lines[:3]]
+    doubled = [*unset, *lines[3:20], lines[19], lines[18], *lines[20:]]
+    recording = read_recording(_csv(tmp_path, _HEADER, *doubled))
+    np.testing.assert_array_equal(recording.q, table[3:, 1:3])
+    assert any("repeat another one with its stamp: 2" in notice for notice in recording.notices)
+    assert any("stamp is not set: 3" in notice for notice in recording.notices)
+
+
+def test_velocities_that_a_driver_does_not_fill_are_differentiated(tmp_path: Path) -> None:
+    table = _table()
+    t = table[:, 0]
+    table[:, 1], table[:, 2], table[:, 3:5] = np.sin(t), np.cos(t), 0.0
+    recording = read_recording(_csv(tmp_path, _HEADER, *_lines(table)))
+    np.testing.assert_allclose(recording.v[5:-5, 0], np.cos(t)[5:-5], rtol=0, atol=2e-3)
+    assert any("stand still while the joints move (all)" in n for n in recording.notices)
+    table[:, 1], table[:, 3] = 0.3, 0.5  # exchanged columns, rather than idle ones
+    recording = read_recording(_csv(tmp_path, _HEADER, *_lines(table)))
+    np.testing.assert_array_equal(recording.v[:, 0], 0.5)
+
+
+@pytest.mark.parametrize("suffix", [".gz", ".bz2", ".xz", ".zst"])
+def test_a_packed_log_is_read(tmp_path: Path, suffix: str) -> None:
+    import bz2
+    import gzip
+    import lzma
+
+    from backports import zstd
+
+    pack = {".gz": gzip.compress, ".bz2": bz2.compress, ".xz": lzma.compress, ".zst": zstd.compress}
+    plain = _csv(tmp_path, _HEADER, *_lines(_table()))
+    packed = tmp_path / f"other.csv{suffix}"
+    packed.write_bytes(pack[suffix](plain.read_bytes()))
+    np.testing.assert_array_equal(read_recording(packed).q, _table()[:, 1:3])
+    packed.write_bytes(packed.read_bytes()[:-20] + bytes(20))
+    _refused(packed, "cannot be unpacked")
+    packed.write_bytes(pack[suffix](bytes(1 << 28) + b"1"))
+    _refused(packed, "bytes that unpack to")
 
 
 # --- cells that may be empty --------------------------------------------------------------------

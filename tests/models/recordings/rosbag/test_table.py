@@ -13,8 +13,9 @@ import lz4.frame
 import numpy as np
 import pytest
 from backports import zstd
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.recordings.recording import Recording
@@ -187,6 +188,91 @@ def test_headers_without_stamps_take_the_time_of_recording(tmp_path: Path) -> No
     recording = read_recording(_bag(tmp_path / "bag", messages), robot=_ROBOT, check=False)
     np.testing.assert_allclose(np.diff(recording.t), 0.002, atol=5e-7)
     assert any("the time of recording is used" in n for n in recording.notices)
+
+
+def test_a_driver_that_leaves_the_effort_of_one_joint_empty_is_named(tmp_path: Path) -> None:
+    values = _values()
+    values[:, 8] = np.nan  # of the shoulder
+    path = _bag(tmp_path / "bag", _states(values))
+    with pytest.raises(InputError, match=r"/joint_states lacks the effort of shoulder .*NaN only"):
+        read_recording(path, robot=_ROBOT, check=False)
+
+
+def test_messages_without_names_are_read_in_a_stated_order(tmp_path: Path) -> None:
+    values = _values(width=6)
+    stamps = _stamps()
+    kind = _TYPES.types["sensor_msgs/msg/JointState"]
+    messages = [
+        ("/js", int(s), kind(_header(int(s)), [], row[:2], row[2:4], row[4:]))
+        for s, row in zip(stamps, values, strict=True)
+    ]
+    path = _bag(tmp_path / "bag", messages)
+    with pytest.raises(InputError, match=r"name no joints.*joints-in-robot-order"):
+        read_recording(path, robot=_ROBOT, check=False)
+    recording = read_recording(path, "joints-in-robot-order", _ROBOT, check=False)
+    np.testing.assert_array_equal(recording.q, values[:, :2])
+    np.testing.assert_array_equal(recording.tau_J, values[:, 4:])
+
+
+def test_dynamic_joint_states_are_read(tmp_path: Path) -> None:
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    text = (
+        "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n"
+        + "=" * 80
+        + "\nMSG: control_msgs/InterfaceValue\nstring[] interface_names\nfloat64[] values\n"
+    )
+    types.register(get_types_from_msg(text, "control_msgs/msg/DynamicJointState"))
+    state = types.types["control_msgs/msg/DynamicJointState"]
+    interface = types.types["control_msgs/msg/InterfaceValue"]
+    values = _values()
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/djs", state.__msgtype__, typestore=types)
+        for stamp, row in zip(_stamps(), values, strict=True):
+            interfaces = [
+                interface(["effort", "position", "velocity"], row[[6 + j, j, 3 + j]])
+                for j in range(3)
+            ]
+            time = types.types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
+            header = types.types["std_msgs/msg/Header"](time, "")
+            message = state(header, _JOINTS, interfaces)
+            data = types.serialize_cdr(message, state.__msgtype__)
+            writer.write(connection, int(stamp), data)
+    _same(read_recording(tmp_path / "bag", robot=_ROBOT, check=False), values)
+
+
+@pytest.mark.parametrize("compression", [None, *Ros1Writer.CompressionFormat])
+def test_a_bag_of_ros_1_is_read(tmp_path: Path, compression: Any) -> None:
+    types = get_typestore(Stores.ROS1_NOETIC)
+    kind = types.types["sensor_msgs/msg/JointState"]
+    values = _values()
+    path = tmp_path / "log.bag"
+    writer = Ros1Writer(path)
+    if compression is not None:
+        writer.set_compression(compression)
+    with writer:
+        connections = [
+            writer.add_connection("/joint_states", kind.__msgtype__, typestore=types, callerid=name)
+            for name in ("/arm", "/gripper")
+        ]
+        for k, (stamp, row) in enumerate(zip(_stamps(), values, strict=True)):
+            time = types.types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
+            header = types.types["std_msgs/msg/Header"](k, time, "")
+            message = kind(header, _JOINTS, row[:3], row[3:6], row[6:])
+            data = types.serialize_ros1(message, kind.__msgtype__)
+            writer.write(connections[k % 2], int(stamp), data)
+    _same(read_recording(path, robot=_ROBOT, check=False), values)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(InputError, match="no bag, or a damaged one"):
+        read_recording(path, robot=_ROBOT, check=False)
+
+
+def test_a_lone_compressed_file_of_a_bag_is_read(tmp_path: Path) -> None:
+    values = _values()
+    path = _bag(tmp_path / "bag", _states(values), StoragePlugin.MCAP, CompressionMode.FILE)
+    (file,) = path.glob("*.mcap.zstd")
+    alone = tmp_path / "log.mcap.zstd"
+    file.rename(alone)
+    _same(read_recording(alone, robot=_ROBOT, check=False), values)
 
 
 def test_rosbags_reads_a_written_bag(tmp_path: Path) -> None:

@@ -1,0 +1,56 @@
+"""Columns of a log that hold its time, by their names."""
+
+import re
+from collections.abc import Sequence
+
+from wrenchsight.models.recordings.recording_format import SignalColumns, by_number
+
+TIME_WORDS = ("t", "__time", "time", "times", "timestamp", "timestamps", "%time", "rosbagtimestamp")
+_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "ns": "ns"}
+_NANOSECONDS = ("%time", "rosbagtimestamp")  # as tools of ROS 1 write them
+_WITH_UNIT = re.compile(r"(?:t|time|timestamp)[ _]?[\[(]?(s|sec|ms|us|ns)[\])]?")
+_SECOND_WORDS = (  # of whole seconds and nanoseconds
+    ("sec", "nanosec"),
+    ("secs", "nsecs"),
+    ("seconds", "nanoseconds"),
+    ("s", "ns"),
+    ("sec", "nsec"),
+    ("secs", "nanosecs"),
+)
+
+
+def time_columns(names: Sequence[str]) -> SignalColumns | None:
+    """The column or columns of a log's time; None where there are none, or several.
+
+    A column `t` is the time whatever else there is. Else two columns of seconds and nanoseconds
+    are (sec and nanosec, secs and nsecs, s and ns, seconds and nanoseconds, with any prefix:
+    header/stamp/sec, t_s), or else the only column that is called time, timestamp or the like,
+    in upper or lower case, or with a unit behind it (time_ms, Time [s]).
+    """
+    if "t" in names:
+        return by_number([list(names).index("t")])
+    return _seconds_and_nanoseconds(names) or _single(names)
+
+
+def _single(names: Sequence[str]) -> SignalColumns | None:
+    units: dict[int, str] = {}
+    for column, name in enumerate(names):
+        word = name.strip().lower()
+        match = _WITH_UNIT.fullmatch(word)
+        if match:
+            units[column] = _UNITS[match[1]]
+        elif word in TIME_WORDS:
+            units[column] = "ns" if word in _NANOSECONDS else ""
+    if len(units) != 1:
+        return None
+    ((column, unit),) = units.items()
+    return by_number([column], unit=unit)
+
+
+def _seconds_and_nanoseconds(names: Sequence[str]) -> SignalColumns | None:
+    for seconds, nanoseconds in _SECOND_WORDS:
+        for i, name in enumerate(names):
+            match = re.fullmatch(rf"(.*[._/]|){seconds}", name)
+            if match and match[1] + nanoseconds in names:
+                return by_number([i, list(names).index(match[1] + nanoseconds)])
+    return None

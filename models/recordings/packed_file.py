@@ -1,0 +1,106 @@
+"""Logs that are compressed as a whole (`log.mcap.zstd`, `log.csv.gz`), unpacked within a bound.
+
+A file of zeros compresses to a thousandth: without a bound, a small file fills the disk.
+"""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.files.limited_file import opened
+
+_LARGEST_FILE: Final = 1 << 28  # bytes of a decompressed file, or
+_LARGEST_RATIO: Final = 50  # times its compressed size, whichever is more
+_BLOCK: Final = 1 << 20
+
+
+def refuse_ratio(size: int, packed: int) -> None:
+    """Refuses a decompressed size that is beyond the bound of its compressed size.
+
+    Raises:
+        ValueError: it is.
+    """
+    if size > max(_LARGEST_FILE, _LARGEST_RATIO * packed):
+        raise ValueError(f"{packed} bytes that unpack to {size} or more")
+
+
+def _gzip(file: Any) -> Any:
+    import gzip
+
+    return gzip.open(file, "rb")
+
+
+def _bz2(file: Any) -> Any:
+    import bz2
+
+    return bz2.open(file, "rb")
+
+
+def _xz(file: Any) -> Any:
+    import lzma
+
+    return lzma.open(file, "rb")
+
+
+def _zstd(file: Any) -> Any:
+    from backports import zstd
+
+    return zstd.open(file, "rb")
+
+
+def _lz4(file: Any) -> Any:
+    import lz4.frame
+
+    return lz4.frame.open(file, "rb")
+
+
+_UNPACKERS: Final[dict[str, Callable[[Any], Any]]] = {
+    ".gz": _gzip,
+    ".bz2": _bz2,
+    ".xz": _xz,
+    ".zst": _zstd,
+    ".zstd": _zstd,
+    ".lz4": _lz4,
+}
+
+
+class UnpackedFile:
+    """The content of a packed file on the disk; it is removed with this object.
+
+    Args:
+        path: of a packed file, `is_packed`.
+
+    Attributes:
+        path: of the unpacked file, whose name is that of the packed one without its last ending.
+
+    Raises:
+        InputError: it cannot be read, is damaged, or unpacks to more than the bound.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="wrenchsight", ignore_cleanup_errors=True)
+        self.path = Path(self._folder.name) / path.stem
+        packed = path.stat().st_size
+        unpacked = 0
+        try:
+            with (
+                opened(path, "a log") as raw,
+                self.path.open("wb") as target,
+                _UNPACKERS[path.suffix.lower()](raw) as source,
+            ):
+                while block := source.read(_BLOCK):
+                    unpacked += len(block)
+                    refuse_ratio(unpacked, packed)
+                    target.write(block)
+        except InputError:
+            raise
+        except Exception as error:  # each kind of compression has errors of its own
+            problem = f"cannot be unpacked ({str(error)[:200] or type(error).__name__})"
+            raise InputError(path, "", problem, "unpack it by hand, or record it again") from error
+
+
+def is_packed(path: Path) -> bool:
+    """Whether a file is compressed as a whole, by the ending of its name."""
+    return path.suffix.lower() in _UNPACKERS and path.is_file()

@@ -1,0 +1,71 @@
+"""Signals that a driver does not fill, or fills in another unit: velocities, time."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrenchsight.models.recordings.recording import Recording
+
+TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_LEAST_STEP, _LARGEST_STEP = 1e-4, 0.25  # s, of a log of motor currents
+_SMALLEST_COUNT = 1.0  # in which a clock of ms, us or ns steps
+_ALIKE = 3.0  # factor by which the path may differ from the integral of the speed
+_TRAVEL = 5e-3  # rad or m, beyond what an encoder rounds
+_SMALLEST_SPEED = 1e-9  # rad/s or m/s
+
+
+def idle_velocities(part: Recording) -> NDArray[np.intp] | None:
+    """The joints whose velocity is one constant while they move another way.
+
+    Where another joint has a velocity and stands still, the columns are exchanged rather than
+    idle: no joint is then returned.
+
+    Args:
+        part: the first samples of a log.
+
+    Returns:
+        The joints, counted from 0; None where no joint moves.
+    """
+    is_complete = np.asarray(np.isfinite(np.hstack([part.q, part.v])).all(axis=1))
+    complete = part[is_complete]
+    if complete.num_samples < 2:
+        return None
+    q, v, t = complete.q, complete.v, complete.t - complete.t[0]
+    travel = np.ptp(q, axis=0)
+    if not (travel > _TRAVEL).any():
+        return None
+    path = np.abs(np.trapezoid(v, t, axis=0))
+    is_exchanged = (travel == 0.0) & (path > _TRAVEL)
+    unexplained = np.ptp(q - v[0] * t[:, None], axis=0)
+    is_idle = (np.ptp(v, axis=0) < _SMALLEST_SPEED) & (np.minimum(travel, unexplained) > _TRAVEL)
+    if is_exchanged.any():
+        return np.empty(0, np.intp)
+    return np.flatnonzero(is_idle)
+
+
+def time_unit(part: Recording, has_velocities: bool) -> str:
+    """The unit in which a log counts its time, a key of TIME_UNITS; '' for s, or in doubt.
+
+    Args:
+        part: the first samples of the log, read as if in s.
+        has_velocities: whether the log holds them: they must agree with the positions.
+    """
+    if part.num_samples < 2:
+        return ""
+    steps = np.diff(part.t)
+    step = float(np.median(steps))
+    if step < _SMALLEST_COUNT:
+        return ""
+    units = [u for u, factor in TIME_UNITS.items() if _LEAST_STEP <= step * factor <= _LARGEST_STEP]
+    if has_velocities and part.num_joints:
+        units = [unit for unit in units if _agrees(part, steps * TIME_UNITS[unit])]
+    return units[0] if len(units) == 1 else ""
+
+
+def _agrees(part: Recording, steps: NDArray[Any]) -> bool:
+    """Whether the velocities, over such steps, lead along the positions."""
+    speed = 0.5 * np.abs(part.v[1:] + part.v[:-1])
+    length = float(np.nansum(speed * steps[:, None]))
+    path = float(np.nansum(np.abs(np.diff(part.q, axis=0))))
+    return max(path, length) < _TRAVEL or path / _ALIKE < length < _ALIKE * path

@@ -1,0 +1,140 @@
+"""Samples whose stamps do not increase: repeats and unset stamps are left out and counted.
+
+Two publishers, relays and replays write a message twice; a clock that is not set stamps 0. A sample
+that differs from another one of the same stamp is refused.
+"""
+
+import numpy as np
+
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.recordings.recording import Recording, concatenated, place_of
+from wrenchsight.models.recordings.resampling import COARSE_CLOCK, LONGEST_BRIDGE, time_error
+
+_HISTORY = 512  # samples before a repeat among which its first copy is looked for
+
+
+class StampFilter:
+    """Leaves out samples of successive chunks.
+
+    Attributes:
+        num_repeated: samples that repeat another one.
+        num_unset: samples whose stamp is 0 in a log whose others are far from it.
+    """
+
+    def __init__(self) -> None:
+        self.num_repeated = 0
+        self.num_unset = 0
+        self._history: Recording | None = None
+        self._pending: Recording | None = None  # samples at 0, before any other
+
+    def notices(self) -> tuple[str, ...]:
+        """What was left out, one sentence each."""
+        sentences = []
+        if self.num_repeated:
+            sentences.append(
+                f"samples left out because they repeat another one with its stamp: "
+                f"{self.num_repeated}"
+            )
+        if self.num_unset:
+            sentences.append(f"samples left out because their stamp is not set: {self.num_unset}")
+        return tuple(sentences)
+
+    def kept(self, chunk: Recording) -> Recording:
+        """The samples of the next chunk whose time increases.
+
+        Raises:
+            InputError: time runs backwards, or two samples of one stamp differ.
+        """
+        if self._pending is not None:
+            chunk, self._pending = concatenated([self._pending, chunk]), None
+        if self._history is None and (chunk.t == 0.0).all():
+            self._pending = chunk
+            return chunk[:0]
+        is_unset = self._unset(chunk.t)
+        if is_unset.any():
+            self.num_unset += int(is_unset.sum())
+            chunk = chunk[~is_unset]
+        if not chunk.num_samples:
+            return chunk
+        history = self._history
+        is_later = history is None or bool(chunk.t[0] > history.t[-1])
+        if is_later and (np.diff(chunk.t) > 0.0).all():
+            self._history = chunk[-_HISTORY:]
+            return chunk
+        part = chunk if history is None else concatenated([history, chunk])
+        begin = 0 if history is None else history.num_samples
+        is_kept = np.ones(part.num_samples, bool)
+        latest = np.maximum.accumulate(part.t)
+        late = 1 + np.flatnonzero(part.t[1:] <= latest[:-1])
+        late = late[late >= begin]
+        if len(late):
+            signals = _signals(part)
+            for k in late.tolist():
+                if not self._is_repeat(part, signals, is_kept, k):
+                    raise _stamp_error(part, signals, k)
+                is_kept[k] = False
+                self.num_repeated += 1
+            chunk = part[is_kept & (np.arange(part.num_samples) >= begin)]
+        self._history = part[is_kept][-_HISTORY:]
+        return chunk
+
+    def rest(self) -> Recording | None:
+        """The samples of a log that ends before its clock runs; None for any other log.
+
+        Raises:
+            InputError: there are several.
+        """
+        if self._pending is not None and self._pending.num_samples > 1:
+            raise time_error(self._pending, 1)
+        return self._pending
+
+    def _unset(self, t: Array) -> Flags:
+        """(T,) stamps that a clock wrote before it was set."""
+        is_zero = np.asarray(t == 0.0)
+        if not is_zero.any():
+            return is_zero
+        others = t[~is_zero]
+        is_far = len(others) > 0 and others[0] > LONGEST_BRIDGE
+        if self._history is not None and self._history.t[-1] > LONGEST_BRIDGE:
+            is_far = True
+        if is_far:
+            return is_zero
+        # A clock that starts late: of several samples at 0 the last one begins the log.
+        is_coarse = np.mean(np.diff(others) == 0.0) > COARSE_CLOCK if len(others) > 1 else True
+        leading = int(np.argmin(is_zero)) if not is_coarse else 0
+        is_first = np.arange(len(t)) < leading - 1
+        return is_first if self._history is None else np.zeros(len(t), bool)
+
+    @staticmethod
+    def _is_repeat(part: Recording, signals: Array, is_kept: Flags, k: int) -> bool:
+        begin = max(0, k - _HISTORY)
+        same_stamp = begin + np.flatnonzero((part.t[begin:k] == part.t[k]) & is_kept[begin:k])
+        return any(np.array_equal(signals[i], signals[k], equal_nan=True) for i in same_stamp)
+
+
+def _signals(part: Recording) -> Array:
+    """(T, m) all numbers of the samples but their stamps."""
+    parts = [
+        part.q,
+        part.v,
+        part.current,
+        *(x.reshape(len(part.t), -1) for x in part.extra.values()),
+    ]
+    if part.tau_J is not None:
+        parts.append(part.tau_J)
+    return np.concatenate(parts, axis=1)
+
+
+def _stamp_error(part: Recording, signals: Array, k: int) -> InputError:
+    i = k - 1
+    num_equal = int((np.diff(part.t) == 0.0).sum())
+    if part.t[i] != part.t[k] or num_equal > max(2, COARSE_CLOCK * part.num_samples):
+        return time_error(part, k)
+    difference = float(np.nanmax(np.abs(signals[k] - signals[i]), initial=0.0))
+    problem = (
+        f"has the stamp {part.t[k]:.9g} s of {place_of(part, i)}, but other numbers (by up to "
+        f"{difference:.3g}): two sources write into this log"
+    )
+    remedy = "record one of them, or leave out the other one's rows"
+    return InputError(part.source, f"{place_of(part, k)}, column t", problem, remedy)

@@ -1,0 +1,81 @@
+"""Angles that jump by a turn where they leave a range of one turn are continued beyond it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.robot.robot import Robot
+
+_TURN = 2.0 * np.pi
+_REACH = 0.5 * np.pi  # rad, by which a jump may differ from a turn where no limit is known
+_MARGIN = 0.1  # rad beyond what twice the velocity limit allows
+
+
+class Unwrapper:
+    """Continues the angles of successive chunks.
+
+    A jump between two samples counts as a turn where it differs from one by no more than the joint
+    can move in between. Joints that slide are left as they are.
+
+    Args:
+        robot: its velocity limits; None: not known.
+        is_stated: whether the user says that the angles are wrapped: every jump of more than half
+            a turn is then one.
+
+    Attributes:
+        turns: (n,) jumps found so far; None before the first chunk.
+    """
+
+    def __init__(self, robot: Robot | None, is_stated: bool = False) -> None:
+        self._robot = robot
+        self._is_stated = is_stated
+        self._last: tuple[float, Array] | None = None  # time and raw angles of the last sample
+        self._offset: Array | None = None
+        self.turns: Array | None = None
+
+    def unwrapped(self, chunk: Recording) -> Recording:
+        """The next chunk with continuous angles."""
+        n = chunk.num_joints
+        if not n or not chunk.num_samples:
+            return chunk
+        if self._offset is None or self.turns is None:
+            self._offset, self.turns = np.zeros(n), np.zeros(n, np.int64)
+        if not np.isfinite(chunk.q).all():  # samples that lack a position end a stretch
+            self._last = None
+            return replace(chunk, q=chunk.q + self._offset) if self._offset.any() else chunk
+        t, q = chunk.t, chunk.q
+        if self._last is not None:
+            t, q = np.append(self._last[0], t), np.vstack([self._last[1], q])
+        jump = np.diff(q, axis=0)
+        turns = np.rint(jump / _TURN)
+        is_wrap = (np.abs(jump) > np.pi) & (np.abs(jump - _TURN * turns) <= self._reach(np.diff(t)))
+        if self._robot is not None and hasattr(self._robot, "chain"):
+            is_wrap &= ~np.asarray(self._robot.chain.prismatic, bool)
+        turns = np.where(is_wrap, turns, 0.0)
+        offset = self._offset - _TURN * np.cumsum(turns, axis=0)
+        if self._last is None:
+            offset = np.vstack([self._offset, offset])
+        self._last = float(chunk.t[-1]), chunk.q[-1]
+        self._offset = offset[-1]
+        self.turns = self.turns + is_wrap.sum(axis=0)
+        return replace(chunk, q=chunk.q + offset) if offset.any() else chunk
+
+    def _reach(self, steps: Array) -> Array:
+        """(T - 1, n) by how much a jump may differ from a turn."""
+        if self._is_stated:
+            return np.full((len(steps), 1), np.pi)
+        if self._robot is None or not hasattr(self._robot, "velocity_limit"):
+            return np.full((len(steps), 1), _REACH)
+        limit = np.minimum(self._robot.velocity_limit, 20.0)
+        return np.minimum(2.0 * limit * steps[:, None] + _MARGIN, _REACH)
+
+    def notice(self) -> tuple[str, ...]:
+        """What was found, as one sentence."""
+        if self.turns is None or not self.turns.any():
+            return ()
+        counts = ", ".join(
+            f"joint {j + 1} {count} times" for j, count in enumerate(self.turns) if count
+        )
+        return (f"angles that jump by a turn are continued: {counts}",)
