@@ -44,8 +44,11 @@ REDUCTIONS: Final = {
 """What the article claims most, by experiment and key: shown whether it agrees or not."""
 NOT_PRINTED: Final = ("similarity_pct", "found_against_initial")
 """In the keys of rows beside which the article prints no number of the same quantity."""
-_LOOPS: Final = {"sensor": ("sensor in the loop", ""), "estimate": ("no sensor", "_without_sensor")}
-_PARTS: Final = {"steady": "steady feed", "ends": "starts and stops", "turns": "turns"}
+_BANDS: Final = {
+    "sensor in the loop: steady feed": "band_of_valid.steady",
+    "no sensor: steady feed": "band_of_valid_without_sensor.steady",
+    "no sensor: turns": "band_of_valid_without_sensor.turns",
+}
 
 
 def arm_table(record: CampaignRecord) -> str:
@@ -141,22 +144,14 @@ def machining_rows() -> list[MachiningRow]:
             percent=False,
         ),
     ]
-    for readings, band in (("", "band"), (", valid readings", "band_of_valid")):
-        for words, suffix in _LOOPS.values():
-            rows += [
-                MachiningRow(
-                    f"Inside the band{readings}, {words}: {part_words} [%]",
-                    f"{band}{suffix}.{part}.{{k}}",
-                    names=True,
-                )
-                for part, part_words in _PARTS.items()
-                if not (readings and part == "ends")  # few worlds have a valid reading there
-            ]
-    for loop, (words, _) in _LOOPS.items():
-        rows += [
-            MachiningRow(f"Valid, {words}: {part_words} [%]", f"{{feed}}.valid_share.{loop}.{part}")
-            for part, part_words in _PARTS.items()
-        ]
+    rows += [
+        MachiningRow(f"Inside the band, valid readings, {words} [%]", f"{key}.{{k}}", names=True)
+        for words, key in _BANDS.items()
+    ]
+    rows += [
+        MachiningRow(f"Valid, no sensor: {words} [%]", f"{{feed}}.valid_share.estimate.{part}")
+        for words, part in (("steady feed", "steady"), ("turns", "turns"))
+    ]
     return rows
 
 

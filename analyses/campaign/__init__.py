@@ -3,6 +3,4 @@
 Order: campaign_options (command line), world_run (one world), workers (processes or a cluster),
 campaign_store (what worlds measured, on disk), distributions and influences (the spread, and which
 draws move it), campaign_report (page), campaign (all of it).
-`--fit`: figures_config (printed figures), posterior (parameters that agree with them),
-figures_report, figures_fit (all of it).
 """

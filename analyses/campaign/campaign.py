@@ -80,7 +80,7 @@ def run_campaign(
     finished world is stored in a file of its own, which survives a kill.
 
     Args:
-        settings: experiments, worlds and workers; `fit` and `narrow` are `fit_figures`'s.
+        settings: experiments, worlds and workers.
         out: folder of the campaign; made if absent.
         report: called with the progress when a world has come to its end.
 
@@ -130,7 +130,7 @@ def run_campaign(
 
 
 def _check_settings(settings: CampaignSettings) -> None:
-    check_ranges(settings.source.ranges, settings.source.even)
+    check_ranges(settings.source.ranges)
     if settings.world is None:
         return
     if settings.world >= settings.worlds:
@@ -209,8 +209,6 @@ class _Campaign:
         numbers: Sequence[int] = (
             range(self._settings.worlds) if single_world is None else [single_world]
         )
-        if self._settings.numbers is not None:
-            numbers = self._settings.numbers
         tasks = []
         for number in numbers:
             experiments = names if single_world is not None else self.record.missing(number, names)

@@ -18,6 +18,4 @@ class CampaignOptions:
     # of experiments at several feeds (machining), the fastest alone
     jobs: int | None = None  # worlds side by side; as many as cores
     cluster: str | None = None  # run on the workers of this Dask scheduler
-    fit: str | None = None  # find the arms that give these printed figures; `article` is bundled
-    narrow: str | None = None  # with --fit: draw from the ranges that an earlier fit there found
     fresh: bool = False  # begin anew where the folder holds a campaign

@@ -38,7 +38,6 @@ class CampaignSettings(CampaignOptions):
     """The settings of a campaign."""
 
     source: WorldSource = field(default_factory=WorldSource)  # of worlds
-    numbers: tuple[int, ...] | None = None  # of the worlds that are run; None: all
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from wrenchsight.models.files.input_error import InputError
 
 if TYPE_CHECKING:
     from wrenchsight.analyses.campaign.campaign import CampaignResult
-    from wrenchsight.analyses.campaign.figures_fit import FiguresFit
 
 ORDER = 15
 
@@ -27,8 +26,6 @@ SETTINGS = (
     Option("fastest_feed"),
     Option("jobs", least=1),
     Option("cluster", metavar="ADDRESS"),
-    Option("fit", metavar="FIGURES.yaml"),
-    Option("narrow", metavar="DIR"),
     Option("fresh"),
 )
 
@@ -41,48 +38,18 @@ def command(options: CampaignOptions, out: Out = Path("out/campaign")) -> None:
     the same command again after an interruption, or to add worlds or experiments.
     """
     from wrenchsight.analyses.campaign.campaign import COMMAND, run_campaign
-    from wrenchsight.analyses.campaign.figures_config import bundled_worlds, load_figures
-    from wrenchsight.analyses.campaign.figures_fit import fit_figures
     from wrenchsight.analyses.campaign.world_run import CampaignSettings
     from wrenchsight.analyses.output.progress import ProgressDisplay
+    from wrenchsight.models.truth.worlds import bundled_worlds
 
-    fit = options.fit
-    if (fit is None) == (not options.experiments) or (options.narrow is not None and fit is None):
-        problem = "name experiments, or give --fit FIGURES.yaml (with --narrow, if at all)"
-        raise InputError("campaign", "", problem)
-    if fit is not None:
-        if options.world is not None or options.fastest_feed:
-            raise InputError("--fit", "", "goes with neither --world nor --fastest-feed")
-        figures = load_figures(fit, options.narrow)
-        with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as display:
-            fitted = fit_figures(figures, options, out, display)
-        _print_fit(fitted)
-        return
+    if not options.experiments:
+        raise InputError("campaign", "", "names no experiment", "see `wrenchsight study --list`")
     settings = CampaignSettings(**vars(options), source=bundled_worlds())
     with ProgressDisplay(new_console(stderr=True), (COMMAND,)) as display:
         result = run_campaign(settings, out, display)
     _print(result)
     if result.failures:
         raise typer.Exit(1)
-
-
-def _print_fit(fit: "FiguresFit") -> None:
-    table = new_table("", "printed", "nearest arm", "median", "5-95 %", "moved by")
-    for row in fit.rows:
-        moved = row.moved_by[0] if row.moved_by else None
-        by = "" if moved is None else f"{moved.parameter} {moved.rank_correlation:+.2f}"
-        numbers = (f"{x:.3g}" for x in (row.printed, row.best, row.median))
-        table.add_row(plain_text(row.name), *numbers, f"{row.p05:.3g} to {row.p95:.3g}", by)
-    ranges = "; ".join(
-        f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in fit.ranges.items()
-    )
-    show(
-        table,
-        f"parameters (5 to 95 %): {ranges}",
-        f"arms: {fit.arms}; inside 5 to 95 %: {100 * fit.fitted_inside:.0f} % of the rows, of "
-        f"those held out {100 * fit.held_out_inside:.0f} %",
-        f"written to {fit.out / 'posterior'}",
-    )
 
 
 def _print(result: "CampaignResult") -> None:

@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from wrenchsight.models.files.configuration import load_configuration
 from wrenchsight.models.files.input_error import InputError
 from wrenchsight.models.robot.robot import Robot
 from wrenchsight.models.robot.truth_config import (
@@ -25,6 +26,7 @@ from wrenchsight.models.robot.truth_config import (
     SimulatedTruthConfig,
 )
 
+ARTICLE_ROBOT: Final = "sts_sre4_600"
 MOST_JOINTS: Final = 7
 _SEEDS: Final = 2**24  # experiments add to their seeds and double them
 
@@ -133,7 +135,7 @@ class Hand(NamedTuple):
 
 @dataclass
 class ArmPosterior:
-    """Arms that agree with printed figures, equally likely, as `campaign --fit` finds them."""
+    """Arms that agree with an article's printed figures, equally likely (docs/worlds.md)."""
 
     robot: str = ""  # whose truth they are drawn about
     # By the names of WorldRanges, what each arm has of it: as many numbers as there are arms
@@ -151,20 +153,17 @@ class WorldSource:
 
     Attributes:
         ranges: of each parameter.
-        posterior: arms to draw from instead, for the parameters that they state; with `alike` one
-            after another; None: none.
-        about: truth to scale, of whatever robot; None: that of the robot's file.
-        only: parameters that are drawn, all others stay as in the truth; None: all.
-        alike: whether all worlds have seed, individual and day 0: only parameters differ.
-        even: whether draws are even over each range, wherever the truth's value lies in it.
+        posterior: arms to draw from instead, for the parameters that they state; None: none.
     """
 
     ranges: WorldRanges = field(default_factory=WorldRanges)
     posterior: ArmPosterior | None = None
-    about: SimulatedTruthConfig | None = None
-    only: tuple[str, ...] | None = None
-    alike: bool = False
-    even: bool = False
+
+
+def bundled_worlds() -> WorldSource:
+    """The worlds of a campaign: arms on which the article's method gives the article's figures."""
+    path = Robot.load(ARTICLE_ROBOT).source.parent / "worlds.yaml"
+    return WorldSource(posterior=load_configuration(path, ArmPosterior))
 
 
 @dataclass(frozen=True)
@@ -179,7 +178,6 @@ class World:
         factors: of each range of `WorldRanges`, one number, or MOST_JOINTS of them (PER_JOINT).
         of_robot: numbers that replace some of `factors` for one robot alone.
         posterior_of: the name of that robot.
-        about: truth that replaces that of the robot's file; None: none.
     """
 
     number: int
@@ -189,7 +187,6 @@ class World:
     factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
     of_robot: dict[str, tuple[float, ...]] = field(default_factory=dict)
     posterior_of: str = ""
-    about: SimulatedTruthConfig | None = None
 
     def parameters(self) -> dict[str, float]:
         """All drawn numbers by name, for a table; `torque_constant_1` is of joint 1."""
@@ -210,7 +207,7 @@ class World:
         if robot.num_joints > MOST_JOINTS:
             problem = f"{robot.num_joints} joints; a world is drawn for up to {MOST_JOINTS}"
             raise InputError(robot.source, "", problem)
-        about = robot.config.simulated_truth if self.about is None else self.about
+        about = robot.config.simulated_truth
         world = self
         if self.posterior_of and robot.name == self.posterior_of:
             world = replace(self, factors=self.factors | self.of_robot)
@@ -348,35 +345,26 @@ def draw_world(seed: int, number: int, source: WorldSource | WorldRanges | None 
     if not isinstance(source, WorldSource):
         source = WorldSource(WorldRanges() if source is None else source)
     ranges = source.ranges
-    check_ranges(ranges, source.even)
+    check_ranges(ranges)
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, number])))
     noise_seed, individual, day = generator.integers(_SEEDS, size=3).tolist()
     factors = {}
     for parameter in dataclasses.fields(ranges):
         shares = generator.random(MOST_JOINTS if parameter.name in PER_JOINT else 1)
         low, high = getattr(ranges, parameter.name)
-        middle = 0.5 * (low + high) if parameter.name in ABSOLUTE or source.even else 1.0
+        middle = 0.5 * (low + high) if parameter.name in ABSOLUTE else 1.0
         factors[parameter.name] = tuple(_between(low, middle, high, float(u)) for u in shares)
-    if source.only is not None:
-        factors = {name: factors[name] for name in factors if name in source.only}
-    if source.alike:
-        noise_seed = individual = day = 0
-    world = World(number, noise_seed, individual, day, factors, about=source.about)
+    world = World(number, noise_seed, individual, day, factors)
     if source.posterior is None or source.posterior.num_arms == 0:
         return world
-    drawn = int(generator.integers(source.posterior.num_arms))
-    arm = number % source.posterior.num_arms if source.alike else drawn
+    arm = int(generator.integers(source.posterior.num_arms))
     arms = source.posterior.arms
     of_robot: dict[str, tuple[float, ...]] = {name: (values[arm],) for name, values in arms.items()}
     return replace(world, of_robot=of_robot, posterior_of=source.posterior.robot)
 
 
-def check_ranges(ranges: WorldRanges, even: bool = False) -> None:
+def check_ranges(ranges: WorldRanges) -> None:
     """Checks ranges.
-
-    Args:
-        ranges: to check.
-        even: see `WorldSource`; then a range of factors need not hold 1.
 
     Raises:
         InputError: see `draw_world`.
@@ -386,7 +374,7 @@ def check_ranges(ranges: WorldRanges, even: bool = False) -> None:
         key = f"ranges.{parameter.name}"
         if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low <= high):
             raise InputError("world", key, f"{low}, {high}; expected 0 <= low <= high")
-        if not even and parameter.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
+        if parameter.name not in ABSOLUTE and not 0.0 < low <= 1.0 <= high:
             raise InputError(
                 "world", key, f"{low}, {high}; expected 0 < low <= 1 <= high, a range of factors"
             )

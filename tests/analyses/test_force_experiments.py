@@ -5,7 +5,6 @@ the runs. That the article's figures come out is what the studies themselves sho
 """
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +14,6 @@ from wrenchsight.analyses.experiments.friction import experiment as friction
 from wrenchsight.analyses.experiments.repeat_cycle import experiment as repeat_cycle
 from wrenchsight.analyses.experiments.repeat_cycle_push import experiment as repeat_cycle_push
 from wrenchsight.analyses.experiments.setups.path_runs import (
-    article_cycles,
-    article_method,
     path_study,
     repeated_cycles,
 )
@@ -32,7 +29,6 @@ from wrenchsight.analyses.study.experiment import ExperimentContext
 from wrenchsight.analyses.study.outcome import look_up
 from wrenchsight.analyses.study.registry import REGISTRY
 from wrenchsight.analyses.study.stored_result import write_result
-from wrenchsight.models.estimation.wrench import WrenchReconstructionConfig
 from wrenchsight.models.identification.repetition_error import RepetitionError
 
 MODULES = {
@@ -105,32 +101,6 @@ def test_every_row_of_the_comparison_is_a_finite_metric(result):
     metrics = plain_metrics(experiment_result.metrics)
     for row in experiment_result.comparison:
         assert np.isfinite(look_up(metrics, row.key)), row.key
-
-
-def test_the_articles_method_alone_reads_the_same(result, tmp_path, monkeypatch):
-    """What a search over arms repeats is what the experiments show."""
-    name, experiment_result, _ = result
-    context = ExperimentContext(out=tmp_path, data=tmp_path, quick=True)
-    if name.startswith("repeat-cycle"):
-        monkeypatch.setattr(article_cycles, "ONE_WAY_QUICK", 0.8)
-        method_metrics = article_cycles.method_by_repetition(context, MODULES[name].SCENARIO)
-    else:
-        monkeypatch.setattr(article_method, "ONE_WAY_QUICK", 0.8)
-        monkeypatch.setattr(article_method, "article_models", known_models)
-        method_metrics = article_method.run(context).metrics[name]
-    for key, value in method_metrics.items():
-        expected = experiment_result.metrics[key]
-        if isinstance(value, dict):
-            assert {f"rmse_{axis}_n" for axis in "xyz"} < set(value)
-            expected = {one: expected[one] for one in value}
-        # Of cycles the force is solved for without what keeps the other finite at a singularity.
-        assert value == pytest.approx(expected, rel=1e-3 if name.startswith("repeat") else 1e-12)
-
-
-def known_models(robot, seed, quick):
-    inverse = WrenchReconstructionConfig("inverse")
-    model = known_arm(robot, seed).estimator("coulomb-viscous", 1.0, 20.0, inverse).model
-    return SimpleNamespace(model=model, validation=[SimpleNamespace(rmse=np.zeros(6))]), model
 
 
 def test_reductions_are_those_of_the_articles_two_variants(result):

@@ -88,17 +88,20 @@ def test_a_cell_is_the_median_and_the_range_over_worlds(tables):
 
 def test_worlds_with_few_readings_inside_are_named_with_their_share(tables):
     share = [0.99, 0.849, 0.95, 0.3, 0.85]
-    table = tables.machining_table(machining({"band_of_valid.turns.2": share}))
-    label = "Inside the band, valid readings, sensor in the loop: turns [%]"
+    table = tables.machining_table(machining({"band_of_valid_without_sensor.turns.2": share}))
+    label = "Inside the band, valid readings, no sensor: turns [%]"
     assert cells(table, label)[2] == "85 (41 to 98); 85 in world 1, 30 in world 3"
 
 
 def test_a_world_without_a_valid_reading_does_not_count(tables):
-    figures = {"T15.valid_share.sensor.turns": [0.5, 0.0], "band_of_valid.turns.0": [1.0, None]}
+    figures = {
+        "T15.valid_share.estimate.turns": [0.5, 0.0],
+        "band_of_valid_without_sensor.turns.0": [1.0, None],
+    }
     table = tables.machining_table(machining(figures))
-    label = "Inside the band, valid readings, sensor in the loop: turns [%]"
+    label = "Inside the band, valid readings, no sensor: turns [%]"
     assert cells(table, label)[0] == "100 (100 to 100)"
-    assert cells(table, "Valid, sensor in the loop: turns [%]")[0] == "25 (2 to 48)"
+    assert cells(table, "Valid, no sensor: turns [%]")[0] == "25 (2 to 48)"
 
 
 def test_figures_of_the_article_are_told_with_their_range_and_those_outside_named(tables):
