@@ -1,4 +1,6 @@
-"""Experiment `air-pass`: how far the correction learnt on an air pass repeats, on a real arm.
+"""Supports docs/machining.md, "the correction removes 10 to 45 % of a joint's torque error".
+
+Experiment `air-pass`: how far the correction learnt on an air pass repeats, on a real arm.
 
 A UR10e runs the same motion without a load and with one of 2.805 kg. The observer's output on the
 first pass is the model's error, and the learnt correction. Subtracted on the second (eq. 4 on the

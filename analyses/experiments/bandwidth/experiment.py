@@ -1,4 +1,6 @@
-"""Experiment `bandwidth`: response of the observer to force and noise, by gain (section 4.8).
+"""Supports docs/concepts.md, "the true `tau_ext` behind the first-order low-pass K_0 / (s + K_0)".
+
+Experiment `bandwidth`: response of the observer to force and noise, by gain (section 4.8).
 
 A continuous-time arm is held by a joint controller while a wrench acts at E; observers with
 several gains watch it in one diagram. First sines of many frequencies act at once, without noise:

@@ -5,12 +5,10 @@
                   inverse of J^T
     article       Coulomb-viscous friction with a network near zero speed, momentum observer, eq. 22
     kalman        the model of `ours`, Kalman observer
-    network       recurrent network of q and v, behind a low-pass of the observer's pole
     ours          presliding friction, momentum observer, force_only
 
 All models are fitted on the same three runs, and all readings are causal. A method that states no
-covariance has none here. `plain` and `network` read a force alone, by least squares; `network`
-weights with the covariance of its error.
+covariance has none here. `plain` reads a force alone, by least squares.
 """
 
 from collections.abc import Callable
@@ -19,13 +17,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
-from wrenchsight.analyses.experiments.setups.torque_networks.recurrent_network import Motion
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import TIME_STEP
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.three_run_networks import (
-    three_run_predictors,
-)
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import (
     FITTED,
     identify_ur10e,
@@ -50,7 +43,6 @@ LAWS: Final = {
     "ours": "presliding",
 }
 """Friction law by method, as `identify --friction`."""
-TRAINED_QUICK: Final = 0.05  # share of the network's training
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,24 +112,17 @@ class Ur10eArm:
     Attributes:
         robot: with E at the flange.
         models: by method of LAWS.
-        predictors: the recurrent network's.
         fitted: the three runs.
     """
 
-    def __init__(
-        self, data: Path | None, seed: int, quick: bool, progress: Callable[[float, str], None]
-    ) -> None:
+    def __init__(self, data: Path | None, progress: Callable[[float, str], None]) -> None:
         self.data, self.robot = data, Robot.load("ur10e")
         self.fitted = tuple(self.read(name.removesuffix(".csv")) for name in FITTED)
         self.models = {}
         for k, (method, law) in enumerate(LAWS.items()):
-            progress(0.2 * k, f"UR10e, friction law {law}")
+            progress(k / len(LAWS), f"UR10e, friction law {law}")
             config = IdentificationConfig(friction=law)
             self.models[method] = identify_ur10e(data, self.robot, config).model
-        progress(0.6, "UR10e, recurrent network")
-        share = TRAINED_QUICK if quick else 1.0
-        self.predictors = three_run_predictors(data, self.robot, seed, share)
-        self._predicted: dict[str, Array] = {}
 
     def read(self, name: str) -> Recording:
         """A log by its name, wherever it lies."""
@@ -157,7 +142,6 @@ class Ur10eArm:
                     time_step=log.time_step, torque_samples="trapezoidal"
                 ),
             ),
-            "network": lambda log: self._network(log, robot),
             "ours": lambda log: by_estimator(log, robot, self.models["ours"]),
         }
 
@@ -177,24 +161,6 @@ class Ur10eArm:
         return Reading(
             _of_force(np.einsum("kaj,kj->ka", np.linalg.pinv(_turned(J)), tau)), None, tau
         )
-
-    def _network(self, log: CurrentLog, robot: Robot) -> Reading:
-        """Reads a log with the network on causal samples; it was trained on low-passed ones."""
-        if log.name not in self._predicted:
-            every = np.ones(len(log.t), bool)
-            motion = Motion(log.q, log.v, np.zeros_like(log.q), every, log.time_step)
-            self._predicted[log.name] = self.predictors.torque_alone(motion)
-        residual = self._predicted[log.name] - robot.joint_torque(log.current)
-        pole = np.exp(-MomentumObserverConfig().K_0[0] * log.time_step)
-        tau = lfilter([1.0 - pole], [1.0, -pole], residual, axis=0, zi=pole * residual[:1])[0]
-        J = np.asarray(robot.chain.jacobian(log.q))[:, 3:]
-        S = self.predictors.covariance["network"]
-        weighted = J @ np.linalg.inv(S)
-        Sigma_F = np.linalg.pinv(weighted @ _turned(J), hermitian=True)
-        covariance = np.zeros((len(J), 6, 6))
-        covariance[:, 3:, 3:] = Sigma_F
-        force = np.einsum("kab,kbj,kj->ka", Sigma_F, weighted, tau)
-        return Reading(_of_force(force), covariance, tau)
 
 
 def by_estimator(

@@ -7,7 +7,6 @@ learns this arm's friction from the runs' motion in the air.
     plain_tools   Coulomb-viscous friction of the air, momentum observer, damped inverse of J^T
     article       the same with eq. 22; .6 s in the air are too short for the article's network
     kalman        the air's presliding friction, Kalman observer, force_only
-    network       of another UR10e's three runs; non-causal, filtered both ways
     ours          `identify --refresh MODEL --other-specimen`, `estimate --tool --contact-axis`
 """
 
@@ -20,7 +19,6 @@ import numpy as np
 from wrenchsight.analyses.experiments.benchmark.arm import CurrentLog, Reading, Ur10eArm
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, reader_of
 from wrenchsight.analyses.experiments.benchmark.scores import spread
-from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_pieces import contact_pieces
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.contact_reading import (
     OBSERVER_GAIN,
     RESOLUTION,
@@ -99,7 +97,6 @@ class ContactTask:
             "kalman": lambda run: _estimated(
                 run, kalman[run.run.name.controller], KalmanObserverConfig(), "force_only"
             ),
-            "network": self._network,
             "ours": self._ours,
         }
         scores = {}
@@ -153,21 +150,6 @@ class ContactTask:
     def _ours(self, run: PreparedRun) -> ForceReading:
         file = self.files[self._runs.index(run)]
         return command_reading(run, file, self._refits[run.run.name.controller])
-
-    def _network(self, run: PreparedRun) -> ForceReading:
-        """Truth and error, where the motion is known."""
-        predictors = self._arm.predictors
-        refit, t = self._refits[run.run.name.controller], block_mean(run.run.t)
-        error: Array = np.full(len(t), np.nan)
-        for piece in contact_pieces(run.run, run.robot, refit, predictors.covariance["model"]):
-            rows = np.flatnonzero(piece.rows)
-            if not len(rows):
-                continue
-            torque = predictors.error("network", piece.log)[rows]
-            force = np.einsum("kj,kj->k", piece.gain[rows, 0], torque)
-            inside = (t >= piece.log.t[rows[0]]) & (t <= piece.log.t[rows[-1]])
-            error[inside] = np.interp(t[inside], piece.log.t[rows], force)
-        return ForceReading(run.truth + error)
 
     def _scored(self, read: ReadRun) -> dict[str, Any]:
         judged: dict[str, list[Judgement]] = {kind: [] for kind in KINDS}

@@ -1,4 +1,6 @@
-"""Experiment `benchmark`: force estimation without a sensor, task by task, every method alike.
+"""Supports README, "a [benchmark](docs/benchmark.md) of five methods".
+
+Experiment `benchmark`: force estimation without a sensor, task by task, every method alike.
 
     torque      motor torque of motion that no method was fitted on
     load        force of a known payload on a moving arm
@@ -77,7 +79,7 @@ def _measured(
         entered["link"] = touched.of
     if not {"torque", "load", "contact", "detection"} & set(tasks):
         return entered
-    arm = Ur10eArm(context.data, context.seed, context.quick, context.part(0.05, 0.3))
+    arm = Ur10eArm(context.data, context.part(0.05, 0.3))
     if "torque" in tasks:
         context.progress(0.3, "torque of held-out motion")
         torque = TorqueTask(arm)
@@ -114,10 +116,10 @@ def _enter(entrant: Entrant, task: str, enter: Enter, metrics: dict[str, Any]) -
 
 NOTES = (
     "Torque of held-out motion, RMSE, median of logs: <torque.ours.rmse_nm:.2f> N m (ours), "
-    "<torque.network.rmse_nm:.2f> (recurrent network), <torque.article.rmse_nm:.2f> (article), "
+    "<torque.article.rmse_nm:.2f> (article), "
     "<torque.plain_tools.rmse_nm:.2f> (plain tools), <torque.plain.rmse_nm:.2f> (target currents).",
     "Force of a known load, RMSE, median of pieces of 5 s: <load.ours.rmse_n:.1f> N (ours), "
-    "<load.kalman.rmse_n:.1f> (Kalman), <load.network.rmse_n:.1f> (recurrent network), "
+    "<load.kalman.rmse_n:.1f> (Kalman), "
     "<load.article.rmse_n:.1f> (article), <load.plain_tools.rmse_n:.1f> (plain tools), "
     "<load.plain.rmse_n:.1f> (target currents).",
     "Contact force, RMSE in slides and at rest, mean of runs: <contact.ours.slide_rmse_n_mean:.1f> "

@@ -23,7 +23,7 @@ from wrenchsight.analyses.methods.identify.torque_fit import rms
 from wrenchsight.models.numerics.arrays import Array, Flags
 from wrenchsight.models.signals.bands import SIGMA_95
 
-MARGIN: Final = 1.0  # s left out at a log's ends, as in `observers`
+MARGIN: Final = 1.0  # s left out at a log's ends
 PIECE: Final = 5.0  # s, of which each has a score
 
 
@@ -78,7 +78,7 @@ class LoadTask:
             pieces += log_pieces
             logs[name] = {
                 **spread("rmse_n", log_pieces),
-                "whole_rmse_n": rms(error[whole]),  # per axis, as `observers` has it
+                "whole_rmse_n": rms(error[whole]),  # per axis
             }
             if reading.covariance is not None:
                 inside.append(_inside(reading, error)[judged])

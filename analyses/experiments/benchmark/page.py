@@ -10,7 +10,6 @@ LABELS: Final = {
     "plain_tools": "plain tools",
     "article": "article",
     "kalman": "Kalman",
-    "network": "network",
     "ours": "ours",
 }
 

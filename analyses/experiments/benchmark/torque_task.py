@@ -12,7 +12,7 @@ import numpy as np
 from wrenchsight.analyses.experiments.benchmark.arm import LAWS, Ur10eArm
 from wrenchsight.analyses.experiments.benchmark.entrants import Entrant, motor_torque
 from wrenchsight.analyses.experiments.benchmark.scores import spread
-from wrenchsight.analyses.experiments.setups.torque_networks.torque_predictors import torque_log
+from wrenchsight.analyses.experiments.benchmark.torque_log import torque_log
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.log_scenes import TIME_STEP
 from wrenchsight.analyses.experiments.setups.ur10e_recordings.ur10e_logs import FREE_LOGS
 from wrenchsight.analyses.methods.identify.torque_fit import rms
@@ -37,7 +37,7 @@ class TorqueTask:
 
     def built_in(self) -> dict[str, dict[str, Any]]:
         """Scores by method."""
-        errors: dict[str, dict[str, Array]] = {"plain": self._plain(), "network": {}}
+        errors: dict[str, dict[str, Array]] = {"plain": self._plain()}
         for method in LAWS:
             model = self._arm.models[method]
             logs = {
@@ -45,10 +45,8 @@ class TorqueTask:
                 for name, recording in self._recordings.items()
             }
             errors[method] = {
-                name: (log.model - log.motion.torque)[log.motion.used] for name, log in logs.items()
+                name: (log.predicted - log.torque)[log.used] for name, log in logs.items()
             }
-        for name, log in self._logs.items():
-            errors["network"][name] = self._arm.predictors.error("network", log)[log.motion.used]
         return {method: _metrics(by_log) for method, by_log in errors.items()}
 
     def of(self, entrant: Entrant) -> dict[str, Any] | None:
@@ -61,10 +59,10 @@ class TorqueTask:
         made = entrant.made("torque", arm.robot, arm.models["ours"], arm.fitted, TIME_STEP)
         errors = {}
         for name, log in self._logs.items():
-            predicted = motor_torque(made, log.motion.q, log.motion.v)
+            predicted = motor_torque(made, log.q, log.v)
             if predicted is None:
                 return None
-            errors[name] = (predicted - log.motion.torque)[log.motion.used]
+            errors[name] = (predicted - log.torque)[log.used]
         return _metrics(errors)
 
     def _plain(self) -> dict[str, Array]:
@@ -74,7 +72,7 @@ class TorqueTask:
             uniform = resampled(recording, TIME_STEP)
             target = robot.joint_torque(uniform.extra["current_desired"])
             log = torque_log(uniform, robot, self._arm.models["ours"], -target)
-            errors[name] = -log.motion.torque[log.motion.used]
+            errors[name] = -log.torque[log.used]
         return errors
 
 

@@ -1,4 +1,6 @@
-"""Experiment `combined`: optimised path and better friction together (section 4.7, Figs. 20, 21).
+"""Supports README, "Semi-parametric friction and optimised path together, pushed by hand".
+
+Experiment `combined`: optimised path and better friction together (section 4.7, Figs. 20, 21).
 
 The arm goes from one end of its path to the other in 100 s while a hand pushes, alike in every run.
 The article's first experiment (initial path, Coulomb-viscous friction) is compared with its second

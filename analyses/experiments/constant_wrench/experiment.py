@@ -1,4 +1,6 @@
-"""Experiment `constant-wrench`: force error by conditioning of the configurations (section 4.3).
+"""Supports README, "Constant wrench on the initial and on the optimised path".
+
+Experiment `constant-wrench`: force error by conditioning of the configurations (section 4.3).
 
 A constant wrench acts at E while the arm moves along a straight path, forward and back. Each joint
 torque that the wrench needs is read with a random error in proportion to it, and eq. 22 makes a

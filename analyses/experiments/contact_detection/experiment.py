@@ -1,4 +1,6 @@
-"""Experiment `contact-detection`: contacts found, contacts missed, false alarms at a stated rate.
+"""Supports docs/external-torque.md, "The 152 touches by the odds of the likeliest link".
+
+Experiment `contact-detection`: contacts found, contacts missed, false alarms at a stated rate.
 
 The model and the noise of its statistic come from the UR10e's three fitted runs. Judged are:
 

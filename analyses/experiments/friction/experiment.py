@@ -1,4 +1,6 @@
-"""Experiment `friction`: forces read where joints reverse (section 4.6, Fig. 19).
+"""Supports README, "Forces at the reversal of joints, by friction law".
+
+Experiment `friction`: forces read where joints reverse (section 4.6, Fig. 19).
 
 The arm goes along the initial path in 100 s while a hand pushes. By symmetry three joints reverse
 at the path's middle, near 50 s: friction there changes its sign, and with it any error of

@@ -1,4 +1,6 @@
-"""Experiment `friction-laws`: errors of the friction laws near zero velocity and on held-out runs.
+"""Supports docs/concepts.md, "A law with memory (presliding) also knows how far a joint has moved".
+
+Experiment `friction-laws`: errors of the friction laws near zero velocity and on held-out runs.
 
 Each law is fitted, with the inertias, on the same logs, and compared on data that it was not fitted
 on: torque over held-out runs, and friction near zero velocity.

@@ -1,4 +1,7 @@
-"""Experiment `grinding`: a blade under a varying force, the normal force read (section 5.2)."""
+"""Supports README, "Grinding a blade without a force sensor".
+
+Experiment `grinding`: a blade under a varying force, the normal force read (section 5.2).
+"""
 
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import MachiningTask
 from wrenchsight.analyses.experiments.setups.machining_runs.machining_study import study_machining

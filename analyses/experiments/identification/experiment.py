@@ -1,4 +1,6 @@
-"""Experiment `identification`: the article's section 4.1 on the simulated arm.
+"""Supports README, "Dynamic model of the simulated arm".
+
+Experiment `identification`: the article's section 4.1 on the simulated arm.
 
 The true robot, with friction that no model here contains, follows two excitations
 (`simulated_identification`); what its drives and encoders report are logs like a real arm's.

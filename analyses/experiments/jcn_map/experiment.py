@@ -1,4 +1,6 @@
-"""Experiment `jcn-map`: the condition number over the workspace (section 4.2, Fig. 7).
+"""Supports README, "`redundancy` and `jcn-map` choose postures".
+
+Experiment `jcn-map`: the condition number over the workspace (section 4.2, Fig. 7).
 
 As many random configurations as the article draws; and a slice, which states where a table belongs.
 """

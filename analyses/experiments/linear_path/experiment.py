@@ -1,4 +1,6 @@
-"""Experiment `linear-path`: placement of a straight path by condition number (section 4.3, Fig. 8).
+"""Supports README, "chooses the placement and posture in which the arm senses the forces".
+
+Experiment `linear-path`: placement of a straight path by condition number (section 4.3, Fig. 8).
 
 One metre is to be placed in a box before the robot. The search starts from the article's own guess,
 and again from random seeds without any guess; the article's PSO-GA runs on the same cost. A second

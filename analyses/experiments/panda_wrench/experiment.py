@@ -1,4 +1,6 @@
-"""Experiment `panda-wrench`: wrench from a real arm's joint torques, against a real sensor.
+"""Supports README, "Wrench from a real Panda's joint torques".
+
+Experiment `panda-wrench`: wrench from a real arm's joint torques, against a real sensor.
 
 A Franka Emika Panda holds a pad at ten configurations, the same load is laid on it, and a
 force/torque sensor beneath measures it. The logs hold the controller's external torque and the

@@ -1,4 +1,7 @@
-"""Experiment `polishing`: a plate under a held force, the tangential force read (section 5.1)."""
+"""Supports docs/worlds.md, "In polishing nothing vibrates".
+
+Experiment `polishing`: a plate under a held force, the tangential force read (section 5.1).
+"""
 
 from wrenchsight.analyses.experiments.setups.machining_runs.machining import MachiningTask
 from wrenchsight.analyses.experiments.setups.machining_runs.machining_study import study_machining

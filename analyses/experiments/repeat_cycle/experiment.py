@@ -1,4 +1,6 @@
-"""Experiment `repeat-cycle`: the force that repeated motion reads where nothing touches the arm.
+"""Supports docs/worlds.md, "`repeat-cycle`, Y [%]".
+
+Experiment `repeat-cycle`: the force that repeated motion reads where nothing touches the arm.
 
 The arm goes twice along a path and back (section 4.5, Figs. 15 and 16). The torques of the first
 cycle are tau_d of eq. 4 in the second one: the model's error cancels. The remainder, noise and

@@ -1,4 +1,6 @@
-"""Experiment `repeat-cycle-push`: a hand pushes while the arm repeats its cycle (Fig. 17).
+"""Supports docs/worlds.md, "7.6 N up to 1.8 Hz in `repeat-cycle-push`".
+
+Experiment `repeat-cycle-push`: a hand pushes while the arm repeats its cycle (Fig. 17).
 
 As `repeat-cycle`, but in the second cycle a hand pushes at the tool, alike on every path; readings
 are compared with a force/torque sensor that has noise of its own, low-passed at 18 Hz as in the

@@ -2,5 +2,4 @@
 
 In: a robot or a folder of recordings. Out: runs, models and readings. Simulated: simulated_arm,
 path_runs, machining_runs. Real: ur10e_recordings, lara8_recordings, panda_recordings.
-torque_networks serves both.
 """

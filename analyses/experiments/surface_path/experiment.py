@@ -1,4 +1,6 @@
-"""Experiment `surface-path`: conditioning gained by the free angle about the normal (section 4.4).
+"""Supports README, "`redundancy` and `jcn-map` choose postures".
+
+Experiment `surface-path`: conditioning gained by the free angle about the normal (section 4.4).
 
 The bundled path on a blade, as `redundancy` uses it: at a constant angle, by the local method that
 the article uses, and the optimum (Figs. 11-13).

@@ -1,4 +1,6 @@
-"""Experiment `ur10e-contact`: a real UR10e in contact, its motor currents against a force sensor.
+"""Supports README, "Contact force of a real UR10e from its motor currents".
+
+Experiment `ur10e-contact`: a real UR10e in contact, its motor currents against a force sensor.
 
 The arm presses a roller on a workpiece that stands on a force/torque sensor, holds still, rolls
 along it and holds still again, at several forces and speeds, with two force controllers. It is

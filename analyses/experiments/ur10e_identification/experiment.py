@@ -1,4 +1,6 @@
-"""Experiment `ur10e-identification`: torque of a real arm, predicted by an identified model.
+"""Supports README, "Dynamic model of a real UR10e".
+
+Experiment `ur10e-identification`: torque of a real arm, predicted by an identified model.
 
 Fitted on three unloaded excitation runs of a UR10e, checked on two others: another excitation
 (14harm50sec), and a point-to-point motion with long rests (ptp_10_points), where the wrist's

@@ -1,4 +1,6 @@
-"""Experiment `ur10e-payload`: error of the force that a known payload exerts on a real arm.
+"""Supports README, "The Bayesian reading has the smallest error and is biased towards zero".
+
+Experiment `ur10e-payload`: error of the force that a known payload exerts on a real arm.
 
 A UR10e carries a payload of 2.805 kg that its model does not include. The payload exerts
 F = m (g - a_E) on the flange: some 27 N downwards, and the force of its acceleration. The model

@@ -1,4 +1,6 @@
-"""Experiment `ur10e-trust`: coverage of the stated uncertainty on logs of other days.
+"""Supports README, "Coverage of the stated uncertainty on logs of other days".
+
+Experiment `ur10e-trust`: coverage of the stated uncertainty on logs of other days.
 
 The model is fitted on the three unloaded runs. Every other contact-free log of the same arm, from
 seven weeks before to a week after, and two logs with a known load are read sample by sample as a

@@ -116,10 +116,10 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_jobs(experiments, tmp_p
 def test_real_experiments_give_the_same_bytes_whatever_the_jobs(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
     monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
-    names = ("jcn-map", "metrics-compare")
+    names = ("jcn-map", "linear-path")
     for jobs in (1, 2):
         run_study(names, tmp_path / str(jobs), tmp_path, quick=True, jobs=jobs)
-    for name in ("metrics.json", "jcn-map/result.json", "metrics-compare/result.json"):
+    for name in ("metrics.json", "jcn-map/result.json", "linear-path/result.json"):
         one, two = ((tmp_path / jobs / name).read_bytes() for jobs in ("1", "2"))
         assert one == two, name
     assert set(_read(tmp_path / "1" / "metrics.json")) == set(names)

@@ -204,31 +204,14 @@ def _identify_arm(
     return models, (other.recording, slow[-1]), tuple(passes)
 
 
-def article_models(
-    robot: Robot, seed: int = 0, quick: bool = False
-) -> tuple[IdentificationResult, IdentifiedModel]:
-    """The article's two models alone, as in `identify_arm`: Coulomb-viscous, and semi-parametric.
-
-    Args:
-        robot: with its simulated truth.
-        quick: shorter logs, fewer postures.
-    """
-    config = replace(CONFIG, cross_validate=False)  # which estimates the observer's error
-    result, _ = identify_simulated_arm(robot, seed, quick, config, contact_noise=False)
-    fast, slow = _reversals(robot, seed, quick, held_out=False)
-    return result, _with_networks(robot, result, [*fast, *slow], seed)
-
-
-def _reversals(
-    robot: Robot, seed: int, quick: bool, held_out: bool = True
-) -> tuple[list[Recording], list[Recording]]:
+def _reversals(robot: Robot, seed: int, quick: bool) -> tuple[list[Recording], list[Recording]]:
     """Logs of fast passes, and of slow ones; of these the last is held out of every fit."""
     postures = np.asarray(robot.home) + np.asarray(POSTURES)
     fast = reversal_recordings(robot, postures[:1], seed=seed)
     slow_postures = postures[-2:] if quick else postures[1:]
     slow = reversal_recordings(
         robot,
-        slow_postures if held_out else slow_postures[:-1],
+        slow_postures,
         SLOW_SPEEDS[1:] if quick else SLOW_SPEEDS,
         seed + 100,
         SLOW_PERIOD,

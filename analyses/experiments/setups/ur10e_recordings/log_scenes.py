@@ -25,7 +25,6 @@ class Scene:
         truth: (N, 3) N, in axes of W at E of `robot`.
         robot, model: that read it.
         resolution: (n,) rad, of the encoders.
-        torque_samples: as the observers' configurations.
     """
 
     recording: Recording
@@ -33,7 +32,6 @@ class Scene:
     robot: Robot
     model: IdentifiedModel
     resolution: Array
-    torque_samples: str = "trapezoidal"
 
 
 def loaded_scene(recording: Recording, mass: float, robot: Robot, model: IdentifiedModel) -> Scene:

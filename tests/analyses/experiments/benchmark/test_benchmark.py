@@ -17,7 +17,7 @@ EXAMPLES = Path(__file__).parents[4] / "examples"
 POSES = tuple(f"panda_ati_gamma/data_pos_{k}.csv" for k in range(1, NUM_POSES + 1))
 TOUCHES = ("link_contact/panda_link2_f2.csv", "link_contact/panda_link5_c5.csv")
 UR10E = ("ur10e/ur10e.urdf", "ur10e_more/collision_wrist.csv", "ur10e_contact/runs.csv")
-BUILT_IN = {"plain", "plain_tools", "article", "kalman", "network", "ours"}
+BUILT_IN = {"plain", "plain_tools", "article", "kalman", "ours"}
 
 _THEIRS = """
 import numpy as np
@@ -122,7 +122,7 @@ def test_without_any_recordings_it_says_so_and_measures_nothing(
 
 @pytest.mark.slow
 def test_the_example_gets_its_column_beside_the_others(data_holding, run_experiment, monkeypatch):
-    """All tasks, shortened: the network has learnt nothing, every fourth contact run."""
+    """All tasks, shortened: every fourth contact run."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     data = data_holding(*UR10E, *POSES, *TOUCHES)
     methods = (MethodEntry("my_estimator", "my_estimator", "make"),)

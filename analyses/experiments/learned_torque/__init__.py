@@ -1,1 +1,0 @@
-"""The experiment `learned-torque`: `arms` fits and reads the logs, `experiment` judges them."""
