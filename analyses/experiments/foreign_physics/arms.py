@@ -1,0 +1,140 @@
+"""The arms of the experiment, and draws of the true one behind an arm's file.
+
+A draw differs from the file as arms differ from theirs: masses by 15 %, centres of mass by up to
+35 mm, rotors by 13 %, friction by a quarter about levels that are usual for the arm. Friction is
+what MuJoCo has, Coulomb and viscous. Noise of the currents is .05 to .08 A.
+"""
+
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from wrenchsight.analyses.methods.robot.robot_draft import draft_robot
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+
+MASS_SPREAD = 0.15
+LARGEST_CENTRE_SHIFT = 0.035  # m
+ROTOR_SPREAD = 0.13
+FRICTION_SPREAD = 0.25
+CURRENT_NOISE = (0.05, 0.08)  # A
+# Of an arm whose file states no rotors, relative to the largest inertia about a joint at home
+ROTOR_SHARE = 0.05
+BUNDLED = ("ur10e", "panda")
+STRANGER = "z1"
+"""An arm without a robot.yaml of ours: drafted from its URDF in the example-robot-data package."""
+ARMS = (*BUNDLED, STRANGER)
+_STRANGER_URDF = "cmeel.prefix/share/example-robot-data/robots/z1_description/urdf/z1.urdf"
+
+
+@dataclass(frozen=True, eq=False)
+class TrueArm:
+    """A true arm, and the robot that its user has.
+
+    Attributes:
+        robot: as its files state it; all that controller and estimator know.
+        robot_file: a bundled name, or the path of the robot.yaml.
+        chain: the true inertias and rotors.
+        usual_rotors: (n,) kg m^2, about which the true ones are drawn.
+        coulomb: (n,) N m.
+        viscous: (n,) N m s/rad.
+        current_noise_sd: (n,) A.
+        seed: of the draw.
+    """
+
+    robot: Robot
+    robot_file: str
+    chain: SerialChain
+    usual_rotors: Array
+    coulomb: Array
+    viscous: Array
+    current_noise_sd: Array
+    seed: int
+
+
+def robot_file(arm: str, folder: Path) -> str:
+    """What names an arm for the commands: a bundled name, or a robot.yaml that is drafted.
+
+    Args:
+        arm: one of ARMS.
+        folder: for the draft.
+
+    Raises:
+        ImportError: the package that has the URDF is not installed.
+    """
+    if arm in BUNDLED:
+        return arm
+    path = folder / f"{arm}.yaml"
+    if not path.exists():
+        draft_robot(stranger_urdf(), path)
+    return str(path)
+
+
+def stranger_urdf() -> Path:
+    """The URDF of STRANGER.
+
+    Raises:
+        ImportError: the package that has it is not installed.
+    """
+    return Path(str(metadata.distribution("example-robot-data").locate_file(_STRANGER_URDF)))
+
+
+def draw_arm(file: str, seed: int) -> TrueArm:
+    """Draws the true arm behind a robot's file.
+
+    Args:
+        file: a bundled robot's name, or the path of a robot.yaml.
+        seed: of the draw; the same gives the same arm.
+    """
+    robot = Robot.load(file)
+    n = robot.num_joints
+    rng = np.random.default_rng([seed, 0])
+    inertial = robot.chain.inertial_parameters.copy()
+    for i in range(n):
+        factor = rng.uniform(1.0 - MASS_SPREAD, 1.0 + MASS_SPREAD)
+        way = rng.standard_normal(3)
+        shift = LARGEST_CENTRE_SHIFT * rng.uniform() * way / np.linalg.norm(way)
+        inertial[i] = _moved(factor * inertial[i], shift)
+    usual_rotors = robot.reflected_inertia
+    if not usual_rotors.any():
+        usual_rotors = np.full(n, ROTOR_SHARE * _largest_inertia(robot))
+    rotors = usual_rotors * rng.uniform(1.0 - ROTOR_SPREAD, 1.0 + ROTOR_SPREAD, n)
+
+    def about(level: Array) -> Array:
+        return np.asarray(level * rng.uniform(1.0 - FRICTION_SPREAD, 1.0 + FRICTION_SPREAD, n))
+
+    return TrueArm(
+        robot=robot,
+        robot_file=file,
+        chain=robot.chain.with_inertial_parameters(inertial, rotors),
+        usual_rotors=usual_rotors,
+        coulomb=about(robot.truth.coulomb),
+        viscous=about(robot.truth.viscous),
+        current_noise_sd=rng.uniform(*CURRENT_NOISE, n),
+        seed=seed,
+    )
+
+
+def _moved(parameters: Array, shift: Array) -> Array:
+    """A link's parameters (10,) with its centre of mass moved by `shift` (3,) in m."""
+    m, h = parameters[0], parameters[1:4]
+    moved = h + m * shift
+
+    def about_origin(moment: Array) -> Array:
+        return np.asarray((moment @ moment * np.eye(3) - np.outer(moment, moment)) / m)
+
+    change = about_origin(moved) - about_origin(h)
+    upper = change[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]  # xx, xy, yy, xz, yz, zz
+    return np.concatenate([[m], moved, parameters[4:] + upper])
+
+
+def _largest_inertia(robot: Robot) -> float:
+    """Largest inertia about a joint at home, kg m^2."""
+    n = robot.num_joints
+    still = np.zeros((n, n))
+    home = np.tile(robot.home, (n, 1))
+    columns = robot.chain.inverse_dynamics(home, still, np.eye(n))
+    return float(np.max(np.diag(columns - robot.chain.gravity_torque(robot.home))))

@@ -1,0 +1,143 @@
+"""Motions of the experiment, on the controller's grid (`models.robot.mjcf.TIME_STEP`)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.robot.mjcf import TIME_STEP
+from wrenchsight.models.robot.robot import Robot
+
+REACH = 0.35  # rad, of joints about home
+_MARGIN = 0.1  # rad, from the joints' limits
+_VIA_STEP = 0.02  # s, between the postures that a path is made of
+
+
+class Motion(NamedTuple):
+    """q, v, vdot (N, n) on the controller's grid, rad and s (m)."""
+
+    q: Array
+    v: Array
+    vdot: Array
+
+
+def grid(duration: float) -> Array:
+    """The controller's instants, s."""
+    return np.asarray(TIME_STEP * np.arange(round(duration / TIME_STEP)))
+
+
+def smooth_step(x: Array) -> tuple[Array, Array, Array]:
+    """A quintic from 0 to 1 for x from 0 to 1, with its first and second derivative by x."""
+    x = np.clip(x, 0.0, 1.0)
+    s = x**3 * (10.0 + x * (6.0 * x - 15.0))
+    return s, 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+
+
+def wave(robot: Robot, duration: float, seed: int, reach: float = REACH) -> Motion:
+    """All joints on sines of two incommensurate periods about home, from rest and to it."""
+    rng = np.random.default_rng([seed, 2])
+    n, t = robot.num_joints, grid(duration)
+    low, high = _room(robot, reach)
+    amplitude = np.minimum(robot.home - low, high - robot.home)
+    slow, fast = rng.uniform(0.09, 0.14, n), rng.uniform(0.2, 0.3, n)  # Hz
+    phase = rng.uniform(0.0, 2.0 * np.pi, (2, n))
+
+    def part(share: float, frequency: Array, phase: Array) -> Motion:
+        omega = 2.0 * np.pi * frequency
+        angle = omega * t[:, None] + phase
+        size = share * amplitude
+        return Motion(
+            size * np.sin(angle), size * omega * np.cos(angle), -size * omega**2 * np.sin(angle)
+        )
+
+    one, two = part(0.65, slow, phase[0]), part(0.35, fast, phase[1])
+    x, v, a = (one[k] + two[k] for k in range(3))
+    begin = smooth_step(t / 1.5)
+    end = smooth_step((t[-1] - t) / 1.0)
+    w = begin[0] * end[0]
+    w1 = begin[1] / 1.5 * end[0] - begin[0] * end[1]
+    w2 = begin[2] / 1.5**2 * end[0] - 2.0 * begin[1] / 1.5 * end[1] + begin[0] * end[2]
+    w, w1, w2 = w[:, None], w1[:, None], w2[:, None]
+    return Motion(robot.home + w * x, w1 * x + w * v, w2 * x + 2.0 * w1 * v + w * a)
+
+
+def slow_reversals(robot: Robot, duration: float, seed: int) -> Motion:
+    """Each joint to and fro at some .1 rad/s, each with its own period."""
+    rng = np.random.default_rng([seed, 3])
+    t = grid(duration)[:, None]
+    low, high = _room(robot, 0.12)
+    amplitude = np.minimum(robot.home - low, high - robot.home)
+    omega = 2.0 * np.pi / rng.uniform(6.0, 10.0, robot.num_joints)
+    return Motion(
+        robot.home + 0.5 * amplitude * (1.0 - np.cos(omega * t)),
+        0.5 * amplitude * omega * np.sin(omega * t),
+        0.5 * amplitude * omega**2 * np.cos(omega * t),
+    )
+
+
+def pick_and_place(robot: Robot, duration: float, seed: int, dwell: float = 1.2) -> Motion:
+    """From posture to posture about home, with a rest at each."""
+    rng = np.random.default_rng([seed, 4])
+    n, t = robot.num_joints, grid(duration)
+    low, high = _room(robot, 0.6)
+    q = np.tile(robot.home, (len(t), 1))
+    v, vdot = np.zeros((2, len(t), n))
+    here, begin = np.array(robot.home), dwell
+    while begin + dwell < duration:
+        there = rng.uniform(low, high)
+        takes = float(max(1.0, 1.9 * np.max(np.abs(there - here)) / 0.9))  # s, up to .9 rad/s
+        if begin + takes + dwell > duration:
+            break
+        s, s1, s2 = smooth_step((t - begin) / takes)
+        moves = t >= begin
+        way = there - here
+        q[moves] = here + s[moves, None] * way
+        v[moves] = s1[moves, None] * way / takes
+        vdot[moves] = s2[moves, None] * way / takes**2
+        here, begin = there, begin + takes + dwell
+    return Motion(q, v, vdot)
+
+
+def still(robot: Robot, duration: float) -> Motion:
+    """The arm at home."""
+    N = len(grid(duration))
+    none = np.zeros((N, robot.num_joints))
+    return Motion(np.tile(robot.home, (N, 1)), none, none)
+
+
+def along_points(robot: Robot, p_home: Array, duration: float) -> Motion:
+    """E along points beside its place at home, with its orientation kept.
+
+    Args:
+        p_home: function values (K, 3) in m at instants _VIA_STEP apart, relative to E at home, in
+            axes of W; the first is where the motion starts.
+        duration: s.
+    """
+    R_home, p_start = robot.chain.pose(robot.home)
+    q = np.array(robot.home)
+    vias = np.empty((len(p_home), robot.num_joints))
+    for k, p in enumerate(p_home):
+        for _ in range(50 if k == 0 else 3):
+            R_WE, p_WE = robot.chain.pose(q)
+            turn = 0.5 * np.cross(R_WE.T, R_home.T).sum(axis=0)
+            error = np.concatenate([turn, p_start + p - p_WE])
+            J = robot.chain.jacobian(q)
+            step = J.T @ np.linalg.solve(J @ J.T + 1e-8 * np.eye(6), error)
+            q = q + step
+        vias[k] = q
+    spline = CubicSpline(_VIA_STEP * np.arange(len(vias)), vias, bc_type="clamped")
+    t = grid(duration)
+    return Motion(spline(t), spline(t, 1), spline(t, 2))
+
+
+def via_instants(duration: float) -> Array:
+    """Instants of the points of `along_points`, s."""
+    return np.asarray(_VIA_STEP * np.arange(int(np.ceil(duration / _VIA_STEP)) + 1))
+
+
+def _room(robot: Robot, reach: float) -> tuple[Array, Array]:
+    """Least and largest position, `reach` about home and within the limits."""
+    low = np.maximum(robot.home - reach, np.minimum(robot.position_lower + _MARGIN, robot.home))
+    high = np.minimum(robot.home + reach, np.maximum(robot.position_upper - _MARGIN, robot.home))
+    return low, high

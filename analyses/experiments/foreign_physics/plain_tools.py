@@ -1,0 +1,85 @@
+"""What anyone has without this project: least squares, a first-order observer, pinv(J^T).
+
+Least squares of inertial parameters, rotors, Coulomb (sign of the velocity) and viscous friction on
+the identification logs, low-passed at CUTOFF both ways; the momentum observer of the same gain as
+that of `estimate`; eq. 22 of the article. Only the chain's regressor and its kinematics are ours.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from scipy.signal import butter, filtfilt
+
+from wrenchsight.models.numerics.arrays import Array
+from wrenchsight.models.recordings.recording import Recording
+from wrenchsight.models.rigid_body.serial_chain import SerialChain
+from wrenchsight.models.robot.robot import Robot
+
+CUTOFF = 7.5  # Hz
+DECIMATION = 4
+K_0 = 20.0  # 1/s, the default of `estimate`
+SLOW = 0.02  # rad/s, below which the sign of the velocity is not used for the fit
+
+
+@dataclass(frozen=True, eq=False)
+class PlainModel:
+    """A model by least squares.
+
+    Attributes:
+        robot: whose.
+        chain: with the fitted inertias.
+        coulomb, viscous: (n,) N m, N m s/rad.
+    """
+
+    robot: Robot
+    chain: SerialChain
+    coulomb: Array
+    viscous: Array
+
+    @classmethod
+    def fit(cls, robot: Robot, logs: list[Recording]) -> Self:
+        """Fits all parameters to contact-free logs of constant step."""
+        n = robot.num_joints
+        rows, torques = [], []
+        for log in logs:
+            b, a = butter(4, CUTOFF, fs=1.0 / log.time_step)
+            q, v, tau = (filtfilt(b, a, x, axis=0) for x in (log.q, log.v, _torque(robot, log)))
+            vdot = np.gradient(v, log.time_step, axis=0)
+            part = slice(20, -20, DECIMATION)
+            A = robot.chain.regressor(q[part], v[part], vdot[part]).reshape(-1, n, 10 * n)
+            joint = np.eye(n)
+            columns = (vdot[part], np.sign(v[part]), v[part])
+            drives = [column[:, :, None] * joint for column in columns]
+            moves = (np.abs(v[part]) > SLOW).reshape(-1)
+            all_columns = np.concatenate([A, *drives], axis=2).reshape(-1, 13 * n)
+            rows.append(all_columns[moves])
+            torques.append(tau[part].reshape(-1)[moves])
+        system, y = np.concatenate(rows), np.concatenate(torques)
+        size = np.linalg.norm(system, axis=0)
+        size[size == 0.0] = 1.0
+        x = np.linalg.lstsq(system / size, y, rcond=1e-8)[0] / size
+        inertial, rest = x[: 10 * n].reshape(n, 10), x[10 * n :].reshape(3, n)
+        chain = robot.chain.with_inertial_parameters(inertial, rest[0])
+        return cls(robot, chain, rest[1], rest[2])
+
+    def read(self, log: Recording, gravity: Array | None = None) -> Array:
+        """(N, 3) N, force on E of each sample; gravity (3,) of the log, None: of the fit."""
+        chain = self.chain if gravity is None else replace(self.chain, gravity=gravity)
+        momentum, CTv, G = chain.momentum_terms(log.q, log.v)
+        tau_f = self.coulomb * np.sign(log.v) + self.viscous * log.v
+        drive = _torque(self.robot, log) - tau_f + CTv - G
+        step = log.time_step
+        tau_ext = np.zeros_like(momentum)
+        total = momentum[0].copy()
+        for k in range(1, len(momentum)):
+            total += step * (drive[k - 1] + tau_ext[k - 1])
+            tau_ext[k] = K_0 * (momentum[k] - total)
+        J = self.chain.jacobian(log.q)
+        return np.asarray(np.einsum("kij,kj->ki", np.linalg.pinv(J.transpose(0, 2, 1)), tau_ext))[
+            :, 3:
+        ]
+
+
+def _torque(robot: Robot, log: Recording) -> Array:
+    return robot.joint_torque(log.current)

@@ -1,0 +1,171 @@
+"""A log read by `estimate` with its defaults, and held against the truth.
+
+The stated band is that of a causal reading, its observer's lag included: it is held against the
+force of the same instant, not against a delayed one. In a log whose force steps, samples within
+EDGE_SECONDS after an edge are left out of the band's figures: no band of a useful width holds them.
+A reported contact is false where no true force lies within it, or CONTACT_SLACK around it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+
+from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
+from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog
+from wrenchsight.analyses.experiments.foreign_physics.plain_tools import PlainModel
+from wrenchsight.analyses.methods.estimate.estimate_config import EstimateConfig
+from wrenchsight.analyses.methods.estimate.estimation import estimate_log
+from wrenchsight.models.files.input_error import InputError
+from wrenchsight.models.identification.identified_model import IdentifiedModel
+from wrenchsight.models.numerics.arrays import Array, Flags
+from wrenchsight.models.recordings.recording_writer import write_recording
+from wrenchsight.models.rigid_body.spatial_vectors import WRENCH_AXES
+from wrenchsight.models.signals.bands import SIGMA_95
+
+EDGE_SECONDS = 0.25
+EDGE_SHARE = 0.5  # of the largest force, by which it changes in a sample at an edge
+SETTLED_SECONDS = 0.5  # at a log's start, left out
+CONTACT_SLACK = 0.3  # s
+TOUCH_SHARE = 0.02  # of the log's largest force: something touches
+CONTACT_SHARE = 0.3  # of it: a true contact that may not be missed
+LEAST_CONTACT = 0.2  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What `estimate` made of a log; N samples, force first.
+
+    Attributes:
+        refusal: the line with which the log was refused; empty: it was read.
+        wrench, sd: (N, 6) N and N m.
+        valid: (N,).
+        contacts: begin and end of each reported contact, s.
+        sentences: notices, contacts and warnings for the user.
+    """
+
+    refusal: str
+    wrench: Array
+    sd: Array
+    valid: Flags
+    contacts: tuple[tuple[float, float], ...]
+    sentences: tuple[str, ...]
+
+
+def read_log(
+    arm: TrueArm,
+    model: IdentifiedModel,
+    log: WorldLog,
+    folder: Path,
+    model_is_of_other_mount: bool = False,
+) -> Reading:
+    """Reads a log as the command does, and leaves its files in the folder.
+
+    Args:
+        arm: whose robot.yaml is used.
+        model: of the arm.
+        log: to read.
+        folder: for log.parquet, model.yaml and estimate/.
+        model_is_of_other_mount: whether gravity was another one at the identification, which the
+            user states with --other-robot.
+    """
+    path, model_path = folder / "log.parquet", folder / "model.yaml"
+    write_recording(log.recording, path)
+    if not model_path.exists():
+        model.save(model_path)
+    N = log.recording.num_samples
+    try:
+        config = EstimateConfig(other_robot=model_is_of_other_mount)
+        result = estimate_log(path, arm.robot_file, model_path, folder / "estimate", config=config)
+    except InputError as error:
+        nothing = np.full((N, 6), np.nan)
+        return Reading(str(error), nothing, nothing, np.zeros(N, bool), (), ())
+    table = pyarrow.csv.read_csv(result.table)
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    if len(columns["t"]) != N:
+        raise RuntimeError(f"{log.recording.source}: {len(columns['t'])} rows for {N} samples")
+    contacts = result.metrics()["contact"]["contacts"]
+    return Reading(
+        refusal="",
+        wrench=np.column_stack([columns[axis] for axis in WRENCH_AXES]),
+        sd=np.column_stack([columns[f"sd_{axis}"] for axis in WRENCH_AXES]),
+        valid=columns["valid"] > 0,
+        contacts=tuple((contact["begin_s"], contact["end_s"]) for contact in contacts),
+        sentences=(*result.notices, *result.contacts, *result.warnings),
+    )
+
+
+def figures(
+    log: WorldLog, reading: Reading, plain: PlainModel | None = None, gravity: Array | None = None
+) -> dict[str, Any]:
+    """The figures of a log; lists are of fx fy fz mx my mz, those in newtons of fx fy fz.
+
+    A log that was refused has no valid sample, and misses all its contacts.
+
+    Args:
+        log: with its truth.
+        reading: of it.
+        plain: whose figures stand beside.
+        gravity: (3,) m/s^2 in W, for `plain`; None: as at the identification.
+    """
+    t = log.recording.t
+    truth = np.roll(log.wrench, 3, axis=1)  # force first
+    judged = t - t[0] >= SETTLED_SECONDS
+    counted = judged & reading.valid & ~after_edges(truth)
+    error = reading.wrench - truth
+    ratio = np.abs(error[counted]) / reading.sd[counted]
+    has_samples = bool(counted.any())
+    none = np.full(6, np.nan)
+    touched = _intervals(t, _is_above(truth, TOUCH_SHARE))
+    touches = _intervals(t, _is_above(truth, CONTACT_SHARE))
+    false = [c for c in reading.contacts if not any(_meet(c, touch) for touch in touched)]
+    missed = [touch for touch in touches if not any(_meet(c, touch) for c in reading.contacts)]
+    result = {
+        "inside_95_pct": 100.0 * np.mean(ratio <= SIGMA_95, axis=0) if has_samples else none,
+        "beyond_3sd_pct": 100.0 * np.mean(ratio > 3.0, axis=0) if has_samples else none,
+        "share_valid_pct": 100.0 * float(np.mean(reading.valid[judged])),
+        "sd_n": np.mean(reading.sd[counted, :3], axis=0) if has_samples else none[:3],
+        "false_contacts": len(false),
+        "seconds": float(t[-1] - t[0]),
+        "missed": len(missed),
+        "true_contacts": len(touches),
+        "refused": float(bool(reading.refusal)),
+        "ours": {"rmse_n": np.sqrt(np.mean(error[judged, :3] ** 2, axis=0))},
+    }
+    if plain is not None:
+        plain_error = plain.read(log.recording, gravity) - truth[:, :3]
+        result["plain"] = {"rmse_n": np.sqrt(np.mean(plain_error[judged] ** 2, axis=0))}
+    return result
+
+
+def after_edges(truth: Array) -> Flags:
+    """(N,) whether a force (N, 6) stepped within the last EDGE_SECONDS, at 100 Hz."""
+    force = truth[:, :3]
+    largest = np.linalg.norm(force, axis=1).max()
+    change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
+    is_edge = (change > EDGE_SHARE * largest) & (largest > 0.0)
+    return np.convolve(is_edge, np.ones(round(EDGE_SECONDS / 0.01)))[: len(force)] > 0.0
+
+
+def _is_above(truth: Array, share: float) -> Flags:
+    """(N,) whether the force is above a share of the log's largest."""
+    size = np.linalg.norm(truth[:, :3], axis=1)
+    return np.asarray((size > share * size.max()) & (size > 0.0))
+
+
+def _intervals(t: Array, is_on: Flags) -> list[tuple[float, float]]:
+    """Begin and end of the stretches, joined over short gaps; without those below LEAST_CONTACT."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_on, [False]]).astype(int)))
+    joined: list[tuple[float, float]] = []
+    for begin, end in edges.reshape(-1, 2):
+        span = float(t[begin]), float(t[end - 1])
+        if joined and span[0] - joined[-1][1] < CONTACT_SLACK:
+            span = joined.pop()[0], span[1]
+        joined.append(span)
+    return [span for span in joined if span[1] - span[0] >= LEAST_CONTACT]
+
+
+def _meet(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return one[0] <= other[1] + CONTACT_SLACK and other[0] <= one[1] + CONTACT_SLACK
