@@ -11,17 +11,15 @@ from typing import Final
 import numpy as np
 
 from wrenchsight.analyses.experiments.foreign_physics.motions import (
-    Motion,
     along_points,
     grid,
     pick_and_place,
     slow_reversals,
     smooth_step,
-    still,
     via_instants,
     wave,
 )
-from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import Scene, Tool
+from wrenchsight.analyses.experiments.foreign_physics.scenes import Scene, Tool
 from wrenchsight.models.numerics.arrays import Array
 from wrenchsight.models.robot.robot import Robot
 
@@ -226,5 +224,3 @@ CASES: Final[dict[str, Case]] = {
     "tilted": constant,
 }
 """By name; `tilted` is `constant` on a base that is tilted, which robot.yaml says."""
-
-__all__ = ["CASES", "Case", "Motion", "scale", "still"]

@@ -12,11 +12,8 @@ import numpy as np
 
 from wrenchsight.analyses.experiments.foreign_physics.arms import TrueArm
 from wrenchsight.analyses.experiments.foreign_physics.motions import Motion
-from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import (
-    Scene,
-    WorldLog,
-    simulate,
-)
+from wrenchsight.analyses.experiments.foreign_physics.mujoco_world import WorldLog, simulate
+from wrenchsight.analyses.experiments.foreign_physics.scenes import Scene
 from wrenchsight.analyses.methods.excite.excitation import excite_robot
 from wrenchsight.analyses.methods.excite.excitation_config import ExcitationConfig
 from wrenchsight.analyses.methods.identify.identification import identify

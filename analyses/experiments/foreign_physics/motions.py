@@ -99,13 +99,6 @@ def pick_and_place(robot: Robot, duration: float, seed: int, dwell: float = 1.2)
     return Motion(q, v, vdot)
 
 
-def still(robot: Robot, duration: float) -> Motion:
-    """The arm at home."""
-    N = len(grid(duration))
-    none = np.zeros((N, robot.num_joints))
-    return Motion(np.tile(robot.home, (N, 1)), none, none)
-
-
 def along_points(robot: Robot, p_home: Array, duration: float) -> Motion:
     """E along points beside its place at home, with its orientation kept.
 

@@ -61,9 +61,7 @@ def test_two_arms_of_one_log_are_chosen_by_their_prefix() -> None:
 
 def test_joints_without_names_need_a_stated_order() -> None:
     numbers = [str(j) for j in range(1, 7)]
-    with pytest.raises(
-        InputError, match=r"/js: the messages name no.*joints-in-robot-order"
-    ):
+    with pytest.raises(InputError, match=r"/js: the messages name no.*joints-in-robot-order"):
         matched_joints(numbers, _UR, _LOG, source="/js")
     match = matched_joints(numbers, _UR, _LOG, log_words("joints-in-robot-order"))
     assert match is not None
